@@ -1,0 +1,290 @@
+"""Every number that a run depends on, as frozen dataclasses; strict YAML in and out.
+
+An unknown key, a wrong type or a value out of range raises ``RequestError``. Units are in the names.
+"""
+
+import dataclasses
+import json
+import re
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import yaml
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic.dataclasses import dataclass
+
+from mjx_fit.errors import RequestError
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Probability = Annotated[float, Field(gt=0, lt=1)]
+Count = Annotated[int, Field(ge=1)]
+
+_STRICT = ConfigDict(extra="forbid", strict=True)
+
+
+@dataclass(frozen=True, config=_STRICT)
+class SceneConfig:
+    """Geometry and contact.
+
+    Attributes:
+        clearance_m: Gap between peg and hole on each side.
+        plate_half_width_m: Half the side of the square hole box. A detector error of 2.83 cm, a spiral of 1.5 cm
+            and half a peg (2.24 cm) must stay inside it.
+        hole_depth_m: Depth of the hole down to its floor.
+        peg_length_m: Length of the peg behind the sensor.
+        friction: Coulomb coefficient between peg and box: two dry, smooth plastics or machined metals.
+        contact_time_s: MuJoCo's solref time constant.
+        contact_width_m: MuJoCo's solimp width: a quarter of the default clearance at most.
+        max_contacts: Contact slots of one world in MJX.
+    """
+
+    clearance_m: Annotated[float, Field(ge=0.0001, le=0.005)] = 0.001
+    plate_half_width_m: Annotated[float, Field(ge=0.08, le=0.2)] = 0.08
+    hole_depth_m: Annotated[float, Field(ge=0.03, le=0.08)] = 0.035
+    peg_length_m: Annotated[float, Field(ge=0.05, le=0.15)] = 0.07
+    friction: Annotated[float, Field(ge=0, le=2)] = 0.3
+    contact_time_s: Annotated[float, Field(ge=0.004, le=0.05)] = 0.006
+    contact_width_m: Annotated[float, Field(gt=0, le=0.001)] = 0.00025
+    max_contacts: Annotated[int, Field(ge=4, le=64)] = 8
+
+
+@dataclass(frozen=True, config=_STRICT)
+class ControlConfig:
+    """Operational-space control: critically damped, 500 Hz torque.
+
+    Attributes:
+        kp_position: Stiffness over inertia, 1/s², of the tip's position.
+        kp_orientation: The same for its orientation.
+        kp_posture: The same for the joints, in the null space of the task.
+    """
+
+    kp_position: Positive = 600.0
+    kp_orientation: Positive = 600.0
+    kp_posture: NonNegative = 10.0
+
+
+@dataclass(frozen=True, config=_STRICT)
+class SpiralConfig:
+    """Algorithm 4 of the paper.
+
+    Attributes:
+        radius_m: r_max, radius at the end of the spiral.
+        turns: n_rot, revolutions in one attempt.
+        push_m: δz, how far below the tip the goal lies.
+        wiggle_m: σ, standard deviation of the wiggle per axis.
+    """
+
+    radius_m: Positive = 0.015
+    turns: Positive = 2.0
+    push_m: Positive = 0.004
+    wiggle_m: NonNegative = 0.00125
+
+
+@dataclass(frozen=True, config=_STRICT)
+class RandomConfig:
+    """The random policy of data collection: sweeps between random way-points, pressed on the plate.
+
+    Attributes:
+        reach_m: Way-points are uniform in a square of this half width around the estimate.
+        actions_per_sweep: Actions from one way-point to the next.
+        push_m: How far below the tip the goal lies.
+        wiggle_m: Standard deviation of the wiggle per axis.
+    """
+
+    reach_m: Positive = 0.025
+    actions_per_sweep: Count = 12
+    push_m: Positive = 0.004
+    wiggle_m: NonNegative = 0.00125
+
+
+@dataclass(frozen=True, config=_STRICT)
+class DetectorConfig:
+    """The simulated hole detector.
+
+    Attributes:
+        kind: ``square``: uniform per axis; ``disc``: direction uniform and radius uniform.
+        half_width_m: Largest error per axis (square) or largest radius (disc).
+        prior_std_m: Standard deviation per axis that the belief starts with: Σ0 = σ_init I, σ_init = 1 cm².
+    """
+
+    kind: Literal["square", "disc"] = "square"
+    half_width_m: Annotated[float, Field(ge=0, le=0.02)] = 0.02
+    prior_std_m: Positive = 0.01
+
+
+@dataclass(frozen=True, config=_STRICT)
+class WristConfig:
+    """Noise of the force/torque sensor: Robotiq FT 300-S, 1 σ per sample.
+
+    Attributes:
+        force_noise_n: Fx, Fy, Fz.
+        torque_xy_noise_nm: Tx, Ty.
+        torque_z_noise_nm: Tz.
+        tare_samples: Samples that are averaged when the sensor is tared.
+    """
+
+    force_noise_n: NonNegative = 0.1
+    torque_xy_noise_nm: NonNegative = 0.005
+    torque_z_noise_nm: NonNegative = 0.003
+    tare_samples: Count = 50
+
+
+@dataclass(frozen=True, config=_STRICT)
+class TaskConfig:
+    """The high-level task.
+
+    Attributes:
+        n_holes: Holes, and pegs, in one assembly.
+        max_attempts: Attempts at one peg before a human helps.
+        attempt_actions: J, actions in one attempt.
+        insertion_depth_m: Inserted: the tip is at least this far below the plate's top.
+        success_probability: α of the outcome model, for cross, rectangle and square: the success rate of a
+            matched attempt, as ``evaluate attempt`` measures it.
+    """
+
+    n_holes: Annotated[int, Field(ge=1, le=8)] = 5
+    max_attempts: Count = 30
+    attempt_actions: Annotated[int, Field(ge=1, le=400)] = 100
+    insertion_depth_m: Annotated[float, Field(gt=0, le=0.025)] = 0.01
+    success_probability: tuple[Probability, Probability, Probability] = (0.2, 0.2, 0.2)
+
+
+@dataclass(frozen=True, config=_STRICT)
+class SensorConfig:
+    """The learned sensors: encoders e1 and e2, heads h_pos and h_match.
+
+    Attributes:
+        width: Size of the outputs of e1 and e2, and of a token.
+        conv_channels: Channels of the five layers of the wrench encoder.
+        layers: Transformer layers.
+        heads: Attention heads.
+        feedforward: Width inside the transformer's feed-forward part.
+        dropout: Rate in the transformer while training.
+        positional: Whether tokens carry their place in time.
+        causal: Whether attention looks at the past only.
+    """
+
+    width: Annotated[int, Field(ge=4, multiple_of=4)] = 64
+    conv_channels: tuple[Count, Count, Count, Count, Count] = (16, 32, 64, 64, 64)
+    layers: Count = 4
+    heads: Count = 4
+    feedforward: Count = 128
+    dropout: Annotated[float, Field(ge=0, lt=1)] = 0.0
+    positional: bool = False
+    causal: bool = False
+
+
+@dataclass(frozen=True, config=_STRICT)
+class TrainConfig:
+    """Training of the differentiable filters.
+
+    Attributes:
+        epochs: Passes over the training episodes, one window from each per pass.
+        batch_size: Windows in one step.
+        learning_rate: Adam's.
+        adam_b2: Adam's β2.
+        min_window: Shortest window, actions.
+        max_window: Longest window, actions; windows are padded to this.
+        validation_fraction: Share of the episodes kept for validation.
+    """
+
+    epochs: Count = 5000
+    batch_size: Count = 128
+    learning_rate: Positive = 1e-4
+    adam_b2: Probability = 0.99
+    min_window: Count = 20
+    max_window: Count = 100
+    validation_fraction: Probability = 0.1
+
+
+@dataclass(frozen=True, config=_STRICT)
+class Config:
+    """Everything."""
+
+    scene: SceneConfig = SceneConfig()
+    control: ControlConfig = ControlConfig()
+    spiral: SpiralConfig = SpiralConfig()
+    random: RandomConfig = RandomConfig()
+    detector: DetectorConfig = DetectorConfig()
+    wrist: WristConfig = WristConfig()
+    task: TaskConfig = TaskConfig()
+    sensor: SensorConfig = SensorConfig()
+    train: TrainConfig = TrainConfig()
+
+
+class _Loader(yaml.SafeLoader):
+    """YAML 1.1 takes ``1e-4`` for a string; every researcher means a number."""
+
+
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float", re.compile(r"^[-+]?[0-9]+[eE][-+]?[0-9]+$"), list("-+0123456789")
+)
+
+
+def load(path: Path | None = None, overrides: list[str] | tuple[str, ...] = ()) -> Config:
+    """The configuration of a run.
+
+    Args:
+        path: YAML file with the values that differ from the defaults, or None.
+        overrides: ``section.key=value`` strings, applied after the file.
+
+    Raises:
+        RequestError: The file cannot be read, or a key or value is not allowed.
+    """
+    tree: dict[str, Any] = {}
+    if path is not None:
+        try:
+            loaded = yaml.load(Path(path).read_text(), _Loader)
+        except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+            raise RequestError(f"config: {path} cannot be read: {' '.join(str(error).split())}") from None
+        if not isinstance(loaded, dict | None):
+            raise RequestError(f"config: {path} must hold sections such as 'scene:', not a {type(loaded).__name__}")
+        tree = loaded or {}
+    for override in overrides:
+        _set(tree, override)
+    return from_tree(tree)
+
+
+def from_tree(tree: dict[str, Any]) -> Config:
+    """The configuration that differs from the defaults in the values of a nested dict.
+
+    Raises:
+        RequestError: A key or value is not allowed.
+    """
+    try:
+        return TypeAdapter(Config).validate_json(json.dumps(tree))
+    except ValidationError as error:
+        first = error.errors()[0]
+        field = ".".join(str(part) for part in first["loc"])
+        if first["type"] == "unexpected_keyword_argument":
+            raise RequestError(f"config: {field}: unknown key; allowed here: {_allowed(first['loc'])}") from None
+        raise RequestError(f"config: {field}: {first['input']!r} is not allowed: {first['msg']}") from None
+
+
+def to_tree(config: Config) -> dict[str, Any]:
+    """The whole configuration as nested dicts and lists, ready for YAML or JSON."""
+    return json.loads(json.dumps(dataclasses.asdict(config)))
+
+
+def to_yaml(config: Config) -> str:
+    """The whole configuration as YAML; ``load`` reads it back unchanged."""
+    return yaml.safe_dump(to_tree(config), sort_keys=False)
+
+
+def _set(tree: dict[str, Any], override: str) -> None:
+    path, separator, text = override.partition("=")
+    keys = path.strip().split(".")
+    if not separator or len(keys) != 2 or not all(keys):
+        raise RequestError(f"--set: {override!r} is not allowed: write section.key=value, e.g. scene.clearance_m=0.002")
+    section = tree.setdefault(keys[0], {})
+    if not isinstance(section, dict):
+        raise RequestError(f"config: {keys[0]}: {section!r} is not allowed: it must be a section")
+    section[keys[1]] = yaml.load(text, _Loader)
+
+
+def _allowed(loc: tuple[int | str, ...]) -> str:
+    node: Any = Config
+    for part in loc[:-1]:
+        node = next(field.type for field in dataclasses.fields(node) if field.name == part)
+    return ", ".join(field.name for field in dataclasses.fields(node))

@@ -1,0 +1,152 @@
+"""The nouns of the library, as pytree dataclasses.
+
+SI units throughout. Quaternions are w x y z. ``*batch`` is any number of leading axes; inside one episode time
+comes first: ``J`` actions of ``SUBSTEPS`` simulation steps each. Shape and type indices follow
+``mjx_fit.shapes.SHAPES``.
+"""
+
+from dataclasses import dataclass
+
+import jax
+from jaxtyping import Array, Bool, Float, Int, Key
+
+SUBSTEPS = 50
+"""Simulation steps (500 Hz) in one action (10 Hz): the samples of one wrench window."""
+
+
+def pytree(cls):
+    """A frozen dataclass whose fields are the children of a JAX pytree."""
+    return jax.tree_util.register_dataclass(dataclass(frozen=True)(cls))
+
+
+@pytree
+class Attempt:
+    """What a world is asked to do: which peg goes to which hole, and where it believes the hole to be.
+
+    Attributes:
+        peg_type: Index of the peg's shape.
+        hole_type: Index of the hole's shape.
+        hole_pos_world: True centre of the hole on the table plane, m.
+        estimate_world: Estimate of that centre, over which the attempt starts, m.
+        policy: Index into ``mjx_fit.policies.POLICIES``.
+        key: Source of the policy's randomness; it never depends on the batch.
+    """
+
+    peg_type: Int[Array, "*batch"]
+    hole_type: Int[Array, "*batch"]
+    hole_pos_world: Float[Array, "*batch 2"]
+    estimate_world: Float[Array, "*batch 2"]
+    policy: Int[Array, "*batch"]
+    key: Key[Array, "*batch"]
+
+
+@pytree
+class Trace:
+    """What the robot felt and did, one row per action.
+
+    Attributes:
+        wrench_sensor: Clean force (N) and torque (N·m) at the wrist in the sensor's frame, 500 Hz. Gravity and
+            inertia of what hangs behind the sensor are in it; subtract ``Interaction.tare_sensor``.
+        tip_pos_world: Centre of the peg's lower face at the end of the action, m.
+        tip_quat_world: Its orientation.
+        tip_linvel_world: Its linear velocity, m/s.
+        tip_angvel_world: Its angular velocity, rad/s.
+        contact: Whether the peg touched the box at any step of the action.
+        action_world: Desired change of the tip's position, as the policy gave it, m.
+    """
+
+    wrench_sensor: Float[Array, "*batch J 50 6"]
+    tip_pos_world: Float[Array, "*batch J 3"]
+    tip_quat_world: Float[Array, "*batch J 4"]
+    tip_linvel_world: Float[Array, "*batch J 3"]
+    tip_angvel_world: Float[Array, "*batch J 3"]
+    contact: Bool[Array, "*batch J"]
+    action_world: Float[Array, "*batch J 3"]
+
+
+@pytree
+class Interaction:
+    """One attempt, done: its trace, the request, and how it ended.
+
+    Attributes:
+        trace: Rows from ``length`` on are padding: zeros.
+        length: Number of actions that were performed.
+        inserted: Whether the tip ended at least ``task.insertion_depth_m`` below the plate's top.
+        peg_type: As in the request.
+        hole_type: As in the request.
+        hole_pos_world: As in the request, m.
+        estimate_world: As in the request, m: this interaction's own μ0.
+        tare_sensor: Clean reading at rest in free space just before the attempt, N and N·m.
+        valid: False where the simulation turned non-finite; the rest of such a row means nothing.
+    """
+
+    trace: Trace
+    length: Int[Array, "*batch"]
+    inserted: Bool[Array, "*batch"]
+    peg_type: Int[Array, "*batch"]
+    hole_type: Int[Array, "*batch"]
+    hole_pos_world: Float[Array, "*batch 2"]
+    estimate_world: Float[Array, "*batch 2"]
+    tare_sensor: Float[Array, "*batch 6"]
+    valid: Bool[Array, "*batch"]
+
+
+@pytree
+class Reading:
+    """A trace as the sensors are shown it: tared, noisy, relative to the estimate, a fixed number of rows.
+
+    Nothing in it depends on the true position or type of the hole except through what was felt.
+
+    Attributes:
+        wrench_sensor: Tared and noisy wrench, N and N·m.
+        tip_pos_estimate: Tip position relative to the estimate (x, y) and to the plate's top (z), m.
+        tip_quat_world: Orientation of the tip.
+        tip_linvel_world: m/s.
+        tip_angvel_world: rad/s.
+        contact: Contact bit, as a float 0 or 1.
+        action_world: m.
+        mask: True where the row is real, False where it is padding.
+        peg_type: Index of the peg's shape, which the robot knows.
+    """
+
+    wrench_sensor: Float[Array, "*batch L 50 6"]
+    tip_pos_estimate: Float[Array, "*batch L 3"]
+    tip_quat_world: Float[Array, "*batch L 4"]
+    tip_linvel_world: Float[Array, "*batch L 3"]
+    tip_angvel_world: Float[Array, "*batch L 3"]
+    contact: Float[Array, "*batch L"]
+    action_world: Float[Array, "*batch L 3"]
+    mask: Bool[Array, "*batch L"]
+    peg_type: Int[Array, "*batch"]
+
+
+@pytree
+class Belief:
+    """What is believed about one hole.
+
+    Attributes:
+        pos_mean_world: Mean μ of the hole's position, m.
+        pos_cov: Covariance Σ of the hole's position, m².
+        type_logp: Log probability ξ of each shape; its exponentials add up to one.
+    """
+
+    pos_mean_world: Float[Array, "*batch 2"]
+    pos_cov: Float[Array, "*batch 2 2"]
+    type_logp: Float[Array, "*batch C"]
+
+
+@pytree
+class Observation:
+    """What the virtual sensors make of a reading, in the form in which the filters take it.
+
+    Attributes:
+        innovation: h_pos: estimate of the true position minus the estimate that the attempt started from, m.
+        pos_noise_cov: R: covariance of the innovation's error, m².
+        match_logits: h_match: logits of (mismatch, match).
+        match_model_logp: log H(o_match | c, c_peg) for the peg in hand: rows are hole types c, columns o_match.
+    """
+
+    innovation: Float[Array, "*batch 2"]
+    pos_noise_cov: Float[Array, "*batch 2 2"]
+    match_logits: Float[Array, "*batch 2"]
+    match_model_logp: Float[Array, "*batch C 2"]
