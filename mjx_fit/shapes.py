@@ -1,7 +1,7 @@
 """The catalogue of pegs and holes: a shape is a set of boxes, its hole the complement in a square plate.
 
-A box is ``(centre, half)``, both (3,) in metres. Pegs are given in the frame of the tip, which lies in the centre
-of the lower face with z into the peg; hole boxes in the frame of the plate's upper face with z up.
+A box is ``(centre, half)``, both (3,) in metres. Pegs are given in the frame of the body ``peg``, whose origin is the
+sensor's face and whose z points along the tool to the tip; hole boxes in the frame of the plate's upper face, z up.
 """
 
 from dataclasses import dataclass
@@ -60,7 +60,7 @@ def plate_top_m(scene: SceneConfig) -> float:
 
 
 def peg_boxes(shape: Shape, scene: SceneConfig) -> Boxes:
-    """The boxes of a peg, one for each rectangle, in the frame of its tip."""
+    """The boxes of a peg, one for each rectangle, in the frame of the body ``peg``."""
     low = [[-a, -b, 0.0] for a, b in shape.rectangles]
     high = [[a, b, scene.peg_length_m] for a, b in shape.rectangles]
     return Boxes.between(low, high)

@@ -6,15 +6,19 @@ comes first: ``J`` actions of ``SUBSTEPS`` simulation steps each. Shape and type
 """
 
 from dataclasses import dataclass
+from typing import TypeVar, dataclass_transform
 
 import jax
 from jaxtyping import Array, Bool, Float, Int, Key
+
+T = TypeVar("T")
 
 SUBSTEPS = 50
 """Simulation steps (500 Hz) in one action (10 Hz): the samples of one wrench window."""
 
 
-def pytree(cls):
+@dataclass_transform(frozen_default=True)
+def pytree(cls: type[T]) -> type[T]:
     """A frozen dataclass whose fields are the children of a JAX pytree."""
     return jax.tree_util.register_dataclass(dataclass(frozen=True)(cls))
 

@@ -1,0 +1,97 @@
+"""Operational-space control: pure arrays in, joint torques out. Knows no simulator.
+
+Task-space impedance decoupled by the task-space inertia Λ (Khatib, "A unified approach for motion and force
+control of robot manipulators", 1987), in the form of VICES (Martín-Martín et al., 2019):
+
+    Λ = (J M⁻¹ Jᵀ)⁻¹
+    a = kp e - 2 √kp v                        desired task acceleration, critically damped
+    q̈₀ = kp₀ (q₀ - q) - 2 √kp₀ q̇              posture, in the null space
+    τ = Jᵀ Λ (a - J q̈₀) + M q̈₀ + h            h: Coriolis and gravity
+
+which is the usual sum of Jᵀ Λ a and the posture torque M q̈₀ projected by I - Jᵀ Λ J M⁻¹.
+"""
+
+import jax.numpy as jnp
+import numpy as np
+from jax.scipy.linalg import cho_factor, cho_solve
+from jaxtyping import Array, Float
+
+from mjx_fit.config import ControlConfig
+from mjx_fit.kinematics import POSTURE, STRAIGHT_DOWN, jacobian, rotation_error
+from mjx_fit.types import pytree
+
+TORQUE_LIMIT_NM = np.array([87, 87, 87, 87, 12, 12, 12], np.float32)
+
+# Keeps the Cholesky factors finite at a singular posture; inertias are 1e-2 kg m2 and up, inverse inertias
+# 1e-1 1/kg and up, so the damping moves a torque by less than one part in a thousand.
+_DAMPING_MASS = 1e-5
+_DAMPING_TASK = 1e-4
+
+
+@pytree
+class ArmState:
+    """What the controller needs to know of the arm.
+
+    Attributes:
+        qpos: Joint angles, rad.
+        qvel: Joint velocities, rad/s.
+        mass_matrix: Joint-space inertia M, kg·m².
+        bias: Coriolis and gravity torques h, N·m.
+        tip_pos_world: m.
+        tip_frame_world: Orientation of the tip as a rotation matrix.
+        joint_anchor_world: A point on each joint's axis, m.
+        joint_axis_world: Direction of each joint's axis.
+    """
+
+    qpos: Float[Array, "7"]
+    qvel: Float[Array, "7"]
+    mass_matrix: Float[Array, "7 7"]
+    bias: Float[Array, "7"]
+    tip_pos_world: Float[Array, "3"]
+    tip_frame_world: Float[Array, "3 3"]
+    joint_anchor_world: Float[Array, "7 3"]
+    joint_axis_world: Float[Array, "7 3"]
+
+
+def tip_velocity(arm: ArmState) -> Float[Array, "6"]:
+    """Linear (m/s) over angular (rad/s) velocity of the tip in the world frame."""
+    return jacobian(arm.joint_anchor_world, arm.joint_axis_world, arm.tip_pos_world) @ arm.qvel
+
+
+def tip_quaternion(arm: ArmState) -> Float[Array, "4"]:
+    """Orientation of the tip, w x y z, with x not negative: near straight down, where x is near one, this is
+    Shepperd's method for the branch in which x is largest."""
+    m = arm.tip_frame_world
+    x = 0.5 * jnp.sqrt(jnp.maximum(1 + m[0, 0] - m[1, 1] - m[2, 2], 1e-6))
+    wyz = jnp.stack([m[2, 1] - m[1, 2], m[0, 1] + m[1, 0], m[0, 2] + m[2, 0]]) / (4 * x)
+    return jnp.stack([wyz[0], x, wyz[1], wyz[2]])
+
+
+def torque(arm: ArmState, goal_pos_world: Float[Array, "3"], gains: ControlConfig) -> Float[Array, "7"]:
+    """Joint torques that pull the tip to a goal, straight down.
+
+    Args:
+        arm: State of the arm.
+        goal_pos_world: Where the tip should be, m.
+        gains: Stiffnesses.
+
+    Returns:
+        Torques within ``TORQUE_LIMIT_NM``, N·m.
+    """
+    jac = jacobian(arm.joint_anchor_world, arm.joint_axis_world, arm.tip_pos_world)
+    error = jnp.concatenate(
+        [goal_pos_world - arm.tip_pos_world, rotation_error(arm.tip_frame_world, STRAIGHT_DOWN)]
+    )
+    stiffness = jnp.repeat(jnp.array([gains.kp_position, gains.kp_orientation]), 3)
+    task_acc = stiffness * error - 2 * jnp.sqrt(stiffness) * (jac @ arm.qvel)
+
+    # The posture turns with the first joint, so that it never pulls the arm to the middle of the workspace.
+    bearing = jnp.arctan2(arm.tip_pos_world[1], arm.tip_pos_world[0])
+    posture = jnp.asarray(POSTURE).at[0].add(bearing).at[6].add(bearing)
+    posture_acc = gains.kp_posture * (posture - arm.qpos) - 2 * jnp.sqrt(gains.kp_posture) * arm.qvel
+
+    mass = arm.mass_matrix + _DAMPING_MASS * jnp.eye(7)
+    inverse_inertia = jac @ cho_solve(cho_factor(mass), jac.T) + _DAMPING_TASK * jnp.eye(6)
+    force = cho_solve(cho_factor(inverse_inertia), task_acc - jac @ posture_acc)
+    unlimited = jac.T @ force + arm.mass_matrix @ posture_acc + arm.bias
+    return jnp.clip(unlimited, -TORQUE_LIMIT_NM, TORQUE_LIMIT_NM)

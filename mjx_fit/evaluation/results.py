@@ -1,0 +1,191 @@
+"""The result file of an experiment: what was asked, on what it ran, what was counted, and every trial."""
+
+import dataclasses
+import json
+import math
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import TypeAdapter, ValidationError
+from typing_extensions import TypedDict  # pydantic needs this one before Python 3.12
+
+from mjx_fit.errors import RequestError
+from mjx_fit.evaluation.statistics import Interval, Row, bootstrap_mean, wilson
+
+ATTEMPT_METHOD = "spiral"
+"""The method in the rows of the attempt experiment: it has but one, Algorithm 4."""
+
+
+class AssemblyTrial(TypedDict):
+    """One trial of the assembly experiment; lists run over the pegs in the order in which they were grasped.
+
+    A peg that a human inserted (``human``) has as many attempts as were allowed.
+    """
+
+    trial: int
+    method: str
+    pegs: list[str]
+    attempts: list[int]
+    human: list[bool]
+
+
+class AttemptTrial(TypedDict):
+    """One attempt: ``pair`` is the shapes of peg and hole, ``length`` counts actions, ``error_m`` is the
+    distance of the detector's estimate from the hole, ``peak_force_n`` the largest contact force.
+    """  # noqa: D205
+
+    trial: int
+    pair: tuple[str, str]
+    matched: bool
+    inserted: bool
+    length: int
+    peak_force_n: float | None
+    error_m: float
+
+
+TRIALS: dict[str, type] = {"assembly": AssemblyTrial, "attempt": AttemptTrial}
+
+
+@dataclass(frozen=True)
+class Result:
+    """A result file.
+
+    Attributes:
+        experiment: ``attempt``, ``position``, ``insertion`` or ``assembly``.
+        config: The resolved configuration (``config.to_tree``).
+        seed: Root seed.
+        engine: Engine that simulated.
+        device: Device it ran on.
+        versions: Version of each library that matters.
+        summary: What was counted.
+        trials: What it was counted from; rows as in ``TRIALS``.
+    """
+
+    experiment: str
+    config: dict[str, Any]
+    seed: int
+    engine: str
+    device: str
+    versions: dict[str, str]
+    summary: list[Row]
+    trials: list[dict[str, Any]]
+
+
+def write(path: Path, result: Result) -> None:
+    """Writes a result file: whole or not at all, and the same bytes for the same result."""
+    lines = []
+    for field in dataclasses.fields(result):
+        value = _plain(getattr(result, field.name))
+        if field.name in ("summary", "trials"):  # a row on a line, for people and for diff
+            text = "[" + ",".join(f"\n  {json.dumps(row)}" for row in value) + "\n ]"
+        else:
+            text = json.dumps(value, indent=1).replace("\n", "\n ")
+        lines.append(f' "{field.name}": {text}')
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f"{path.name}.{os.getpid()}.tmp")
+    with temporary.open("w", encoding="utf-8") as file:
+        file.write("{\n" + ",\n".join(lines) + "\n}\n")
+        file.flush()
+        os.fsync(file.fileno())
+    temporary.replace(path)
+
+
+def read(path: Path) -> Result:
+    """Reads a result file.
+
+    Raises:
+        RequestError: There is no such file, or it is not a result file.
+    """
+    try:
+        tree = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise RequestError(f"result: {path} cannot be read: {error.strerror}") from None
+    except ValueError:
+        raise RequestError(f"result: {path} is not JSON") from None
+    try:
+        result = TypeAdapter(Result).validate_python(tree)
+        if result.experiment in TRIALS:
+            TypeAdapter(dict[str, list[TRIALS[result.experiment]]]).validate_python({"trials": result.trials})
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"])
+        what = f"the key {where} is missing" if first["type"] == "missing" else f"{where}: {first['msg']}"
+        raise RequestError(f"result: {path} is not a result file: {what}") from None
+    return result
+
+
+def by_method(trials: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
+    """The trials of each method, methods in the order in which they first appear."""
+    methods: dict[str, list[dict[str, Any]]] = {}
+    for trial in trials:
+        methods.setdefault(trial["method"], []).append(trial)
+    return methods
+
+
+def summarise_assembly(trials: list[dict[str, Any]]) -> list[Row]:
+    """Attempts and interventions of each method.
+
+    ``attempts`` is the mean number of attempts that the first n pegs took together, for n = 1, 2, ... and
+    for all; its n counts trials. ``intervention_rate`` is the share of all pegs that a human inserted; its n
+    counts pegs. The pegs of one trial depend on each other, so both carry a bootstrap over trials. Where no
+    peg or every peg was given to a human, a bootstrap knows no spread: then the interval is Wilson's for that
+    many *trials*, which also bounds the rate of pegs, however the pegs of a trial depend on each other.
+
+    Args:
+        trials: Rows as in ``AssemblyTrial``.
+    """
+    rows = []
+    for method, own in by_method(trials).items():
+        clusters = [trial["trial"] for trial in own]
+        total = np.cumsum([trial["attempts"] for trial in own], axis=1)
+        groups = {**{str(n + 1): n for n in range(total.shape[1])}, "all": -1}
+        rows += [
+            Row.of(method, "attempts", group, bootstrap_mean(total[:, n], clusters), len(own))
+            for group, n in groups.items()
+        ]
+        human = np.array([trial["human"] for trial in own])
+        rows.append(Row.of(method, "intervention_rate", "all", _intervention(human, clusters), human.size))
+    return rows
+
+
+def summarise_attempt(trials: list[dict[str, Any]]) -> list[Row]:
+    """Success rate of matched attempts, of mismatched ones, and of the matched attempts of each shape.
+
+    Args:
+        trials: Rows as in ``AttemptTrial``.
+    """
+    groups: dict[str, list[bool]] = {"matched": [], "mismatched": []}
+    for shape in sorted({trial["pair"][0] for trial in trials if trial["matched"]}):
+        groups[shape] = []
+    for trial in trials:
+        groups["matched" if trial["matched"] else "mismatched"].append(trial["inserted"])
+        if trial["matched"]:
+            groups[trial["pair"][0]].append(trial["inserted"])
+    return [
+        Row.of(ATTEMPT_METHOD, "success_rate", group, wilson(sum(map(bool, seen)), len(seen)), len(seen))
+        for group, seen in groups.items()
+        if seen
+    ]
+
+
+def _intervention(human: np.ndarray, clusters: list[int]) -> Interval:
+    if human.all() or not human.any():
+        n_trials = len(set(clusters))
+        return wilson(n_trials if human.any() else 0, n_trials)
+    return bootstrap_mean(human.ravel(), np.repeat(clusters, human.shape[1]).tolist())
+
+
+def _plain(value: Any) -> Any:
+    """The value as JSON has it: NumPy's numbers as Python's, and null for what is not a number."""
+    if isinstance(value, Row):
+        return _plain(value.to_json())
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, np.ndarray | np.generic):
+        return _plain(value.tolist())
+    return None if isinstance(value, float) and not math.isfinite(value) else value

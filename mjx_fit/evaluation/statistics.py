@@ -1,0 +1,104 @@
+"""Intervals of what an experiment counted: Wilson for rates of independent trials, bootstrap for means."""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.stats import binomtest
+
+LEVEL = 0.95
+RESAMPLES = 2000
+
+
+class Interval(NamedTuple):
+    """An estimate and its 95 % interval; ``low`` and ``high`` are NaN where the data cannot tell."""
+
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of a result's summary.
+
+    Attributes:
+        method: Which method was measured.
+        metric: What was measured; the unit is in the name where there is one.
+        group: Which part of the trials it was measured on.
+        value: The estimate.
+        low: Lower end of its 95 % interval, or None where one cluster alone cannot tell.
+        high: Upper end.
+        n: Number of things that were counted.
+    """
+
+    method: str
+    metric: str
+    group: str
+    value: float
+    low: float | None
+    high: float | None
+    n: int
+
+    @staticmethod
+    def of(method: str, metric: str, group: str, interval: Interval, n: int) -> "Row":
+        """The row of an interval."""
+        low, high = (None if math.isnan(end) else float(end) for end in (interval.low, interval.high))
+        return Row(method, metric, group, float(interval.value), low, high, n)
+
+    def to_json(self) -> dict[str, Any]:
+        """The row as it stands in a result file."""
+        return dataclasses.asdict(self)
+
+
+def wilson(successes: int, n: int) -> Interval:
+    """Rate of ``successes`` in ``n`` independent trials, n >= 1, with its Wilson interval."""
+    ends = binomtest(successes, n).proportion_ci(LEVEL, method="wilson")
+    return Interval(successes / n, float(ends.low), float(ends.high))
+
+
+def bootstrap_mean(
+    values: Float[np.ndarray, " n"] | Bool[np.ndarray, " n"], clusters: Sequence[int], seed: int = 0
+) -> Interval:
+    """Mean of ``values`` and the percentile interval of ``bootstrap_means``."""
+    mean, low, high = bootstrap_means(np.asarray(values)[:, None], clusters, seed)
+    return Interval(float(mean[0]), float(low[0]), float(high[0]))
+
+
+def bootstrap_means(
+    values: Float[np.ndarray, "n k"] | Bool[np.ndarray, "n k"],
+    clusters: Sequence[int] | Int[np.ndarray, " n"],
+    seed: int = 0,
+) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
+    """Column means with percentile intervals of a bootstrap that draws whole clusters.
+
+    Observations of one cluster (the pegs of one trial) depend on each other; clusters do not. All columns see
+    the same draws.
+
+    Args:
+        values: Observations, one row each.
+        clusters: Which cluster each row belongs to.
+        seed: Root of the draws.
+
+    Returns:
+        Mean, low and high; low and high are NaN when there is only one cluster.
+    """
+    names, index = np.unique(clusters, return_inverse=True)
+    sums = np.zeros((len(names), values.shape[1]))
+    np.add.at(sums, index, values)
+    sizes = np.bincount(index)
+    mean = sums.sum(0) / sizes.sum()
+    if len(names) < 2:
+        return mean, np.full_like(mean, np.nan), np.full_like(mean, np.nan)
+    # How often each cluster is drawn is all that a mean depends on: two products instead of a gather.
+    times = np.random.default_rng(seed).multinomial(
+        len(names), np.full(len(names), 1 / len(names)), RESAMPLES
+    )
+    means = (times @ sums) / (times @ sizes)[:, None]
+    low, high = np.quantile(means, [(1 - LEVEL) / 2, (1 + LEVEL) / 2], axis=0)
+    # Equal observations differ from their mean by rounding only.
+    return mean, np.minimum(low, mean), np.maximum(high, mean)

@@ -1,0 +1,66 @@
+"""The updates of a belief after a failed attempt: lines 10 and 11 of Algorithm 1.
+
+``Full`` is ``update_position`` and ``update_type`` with the observation; ``Failure + Position`` is
+``update_position`` with it and ``update_type`` without; ``Failure only`` is ``update_type`` without, alone.
+"""
+
+from dataclasses import replace
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from mjx_fit.filters import histogram, kalman
+from mjx_fit.types import Belief, Observation
+
+
+def initial_belief(estimate: Float[Array, "*batch 2"], prior_std_m: float, n_types: int) -> Belief:
+    """What is believed after the detector and before any contact: N(estimate, σ² I) and ξ_c = 1/C.
+
+    Args:
+        estimate: What the detector says, m.
+        prior_std_m: σ, m.
+        n_types: C.
+    """
+    batch, dtype = estimate.shape[:-1], estimate.dtype
+    return Belief(
+        pos_mean_world=estimate,
+        pos_cov=jnp.broadcast_to(prior_std_m**2 * jnp.eye(2, dtype=dtype), (*batch, 2, 2)),
+        type_logp=jnp.full((*batch, n_types), -jnp.log(n_types), dtype),
+    )
+
+
+def update_position(belief: Belief, observation: Observation) -> Belief:
+    """Algorithm 2. The attempt must have started from ``belief.pos_mean_world``.
+
+    The innovation is measured from where the attempt started; a policy that starts elsewhere (a sampled
+    estimate) has to add start - mean to it first.
+    """
+    mean, cov = kalman.update(
+        belief.pos_mean_world, belief.pos_cov, observation.innovation, observation.pos_noise_cov
+    )
+    return replace(belief, pos_mean_world=mean, pos_cov=cov)
+
+
+def update_type(
+    belief: Belief,
+    observation: Observation | None,
+    peg_type: Int[Array, "*batch"],
+    success_probability: Float[Array, "*#batch C"],
+    *,
+    hard: bool,
+) -> Belief:
+    """Algorithm 3, after an attempt that failed.
+
+    Args:
+        belief: Before.
+        observation: What the virtual sensors say, or None to learn from the failure alone.
+        peg_type: Type of the peg in hand.
+        success_probability: α_c of the outcome model, per type; zeros to learn from the observation alone.
+        hard: Take h_match's arg max instead of averaging over its probabilities.
+    """
+    likelihood_logp = histogram.failure_logp(peg_type, success_probability)
+    if observation is not None:
+        likelihood_logp += histogram.match_logp(
+            observation.match_logits, observation.match_model_logp, hard=hard
+        )
+    return replace(belief, type_logp=histogram.update(belief.type_logp, likelihood_logp))

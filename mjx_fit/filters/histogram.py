@@ -1,0 +1,53 @@
+"""Histogram filter for the type of a hole: Algorithm 3 of the paper, in log space.
+
+Pure functions of arrays with any number of leading batch axes; C is the number of types.
+"""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+
+def update(
+    type_logp: Float[Array, "*batch C"], likelihood_logp: Float[Array, "*batch C"]
+) -> Float[Array, "*batch C"]:
+    """Bayes' rule: ln ξ'_c = ln ξ_c + ln L_c - ln Σ_c' ξ_c' L_c'.
+
+    Args:
+        type_logp: ln ξ.
+        likelihood_logp: ln L_c, the log likelihood of all that was seen under type c: for Algorithm 3 the sum
+            of ``match_logp`` (H) and ``failure_logp`` (T).
+    """
+    return jax.nn.log_softmax(type_logp + likelihood_logp, axis=-1)
+
+
+def match_logp(
+    match_logits: Float[Array, "*batch 2"], match_model_logp: Float[Array, "*batch C 2"], *, hard: bool
+) -> Float[Array, "*batch C"]:
+    """Log of the observation model, H(o_match | c, c_peg), at what the virtual sensor says.
+
+    Args:
+        match_logits: h_match: logits of (mismatch, match).
+        match_model_logp: ln H(o | c, c_peg), columns o.
+        hard: H at o = arg max h_match, as Algorithm 3 has it; otherwise the expectation
+            Σ_o p(o) H(o | c, c_peg), which can be differentiated.
+    """
+    if hard:
+        o_match = jnp.argmax(match_logits, axis=-1)[..., None, None]
+        o_match = jnp.broadcast_to(o_match, (*match_model_logp.shape[:-1], 1))
+        return jnp.take_along_axis(match_model_logp, o_match, axis=-1)[..., 0]
+    o_logp = jax.nn.log_softmax(match_logits, axis=-1)[..., None, :]
+    return jax.nn.logsumexp(o_logp + match_model_logp, axis=-1)
+
+
+def failure_logp(
+    peg_type: Int[Array, "*batch"], success_probability: Float[Array, "*#batch C"]
+) -> Float[Array, "*batch C"]:
+    """Log of the outcome model for a failed attempt, T(β = 0 | c, c_peg) = 1 - α_c 1[c = c_peg].
+
+    Args:
+        peg_type: c_peg.
+        success_probability: α_c in [0, 1): the chance that a matched attempt at a hole of type c succeeds.
+    """
+    matches = jax.nn.one_hot(peg_type, success_probability.shape[-1], dtype=success_probability.dtype)
+    return jnp.log1p(-success_probability * matches)

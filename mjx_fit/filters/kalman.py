@@ -1,0 +1,81 @@
+"""Kalman filter for the position of a hole that does not move: Algorithm 2 of the paper.
+
+Pure functions of arrays with any number of leading batch axes. A batch member with a covariance that is not
+positive definite gives NaN for itself alone.
+"""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+CM_PER_M = 100.0
+
+# The default precision of an accelerator (TF32 and the like) has ten bits: too few for the Joseph form.
+_PRECISION = jax.lax.Precision.HIGHEST
+
+
+def update(
+    mean: Float[Array, "*batch 2"],
+    cov: Float[Array, "*batch 2 2"],
+    innovation: Float[Array, "*batch 2"],
+    noise_cov: Float[Array, "*batch 2 2"],
+) -> tuple[Float[Array, "*batch 2"], Float[Array, "*batch 2 2"]]:
+    """Condition N(μ, Σ) on an observation o of the state itself (H = I), given as the innovation o - μ.
+
+    K = Σ (Σ + R)⁻¹,  μ' = μ + K (o - μ),  Σ' = (I - K) Σ (I - K)ᵀ + K R Kᵀ
+
+    The last is Joseph's form of Algorithm 2's (I - K) Σ: equal on paper, but a sum of two positive
+    semi-definite matrices, so that rounding to float32 cannot make it indefinite.
+
+    Args:
+        mean: μ, m.
+        cov: Σ, m², positive definite.
+        innovation: o - μ, m.
+        noise_cov: R, m², positive semi-definite and finite.
+
+    Returns:
+        μ' (m) and Σ' (m²), symmetric to the last bit.
+    """
+    chol = jnp.linalg.cholesky(_symmetric(cov + noise_cov))
+    # Σ and Σ + R are symmetric, so the solution X of (Σ + R) X = Σ is Kᵀ.
+    gain = _transpose(jax.scipy.linalg.cho_solve((chol, True), jnp.broadcast_to(cov, chol.shape)))
+    residual = jnp.eye(mean.shape[-1], dtype=mean.dtype) - gain
+    new_mean = mean + jnp.einsum("...ij,...j->...i", gain, innovation, precision=_PRECISION)
+    return new_mean, _symmetric(_sandwich(residual, cov) + _sandwich(gain, noise_cov))
+
+
+def gaussian_nll_terms(
+    target: Float[Array, "*batch 2"], mean: Float[Array, "*batch 2"], cov: Float[Array, "*batch 2 2"]
+) -> tuple[Float[Array, "*batch"], Float[Array, "*batch"]]:
+    """½ ln|Σ| and ½ (p - μ)ᵀ Σ⁻¹ (p - μ): the first two terms of the paper's loss.
+
+    Arguments are in m and m². The density is taken per cm², so that numbers are readable: Σ = (1 cm)² I gives
+    a determinant term of 0 (in m it would be -9.21). The constant ln 2π is left out, as in the paper.
+    """
+    chol = jnp.linalg.cholesky(_symmetric(cov) * CM_PER_M**2)
+    error = jnp.broadcast_to((target - mean) * CM_PER_M, chol.shape[:-1])
+    whitened = jax.scipy.linalg.solve_triangular(chol, error[..., None], lower=True)[..., 0]
+    half_logdet = jnp.log(jnp.diagonal(chol, axis1=-2, axis2=-1)).sum(-1)
+    return half_logdet, 0.5 * jnp.square(whitened).sum(-1)
+
+
+def gaussian_nll(
+    target: Float[Array, "*batch 2"], mean: Float[Array, "*batch 2"], cov: Float[Array, "*batch 2 2"]
+) -> Float[Array, "*batch"]:
+    """Negative log likelihood in nats, per cm² and without ln 2π: the sum of ``gaussian_nll_terms``."""
+    half_logdet, half_mahalanobis = gaussian_nll_terms(target, mean, cov)
+    return half_logdet + half_mahalanobis
+
+
+def _transpose(matrix: Float[Array, "*batch n n"]) -> Float[Array, "*batch n n"]:
+    return jnp.swapaxes(matrix, -1, -2)
+
+
+def _symmetric(matrix: Float[Array, "*batch n n"]) -> Float[Array, "*batch n n"]:
+    return (matrix + _transpose(matrix)) / 2
+
+
+def _sandwich(
+    left: Float[Array, "*batch n n"], middle: Float[Array, "*batch n n"]
+) -> Float[Array, "*batch n n"]:
+    return jnp.einsum("...ij,...jk,...lk->...il", left, middle, left, precision=_PRECISION)

@@ -1,0 +1,84 @@
+"""From paths to a report: finds what can be shown, draws all of it, then writes."""
+
+import re
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+from mjx_fit.errors import RequestError
+from mjx_fit.evaluation import results
+from mjx_fit.report import sections
+from mjx_fit.report.page import page
+from mjx_fit.report.sections import Section
+
+_Maker = Callable[[str], Section]
+
+
+def build(inputs: list[Path], out: Path) -> Path:
+    """Writes ``index.html`` and ``figures/*.svg``.
+
+    Args:
+        inputs: Result files; folders of a training run (``metrics.jsonl``) or a data set (``manifest.json``);
+            folders that hold these, themselves or one level down.
+        out: Folder of the report.
+
+    Returns:
+        The page.
+
+    Raises:
+        RequestError: An input does not exist, is damaged, or holds nothing to show. Nothing is written.
+    """
+    if out.exists() and not out.is_dir():
+        raise RequestError(f"report: --out {out} is a file; it must be a folder")
+    found: dict[Path, tuple[str, _Maker]] = {}
+    for path in inputs:
+        if not path.exists():
+            raise RequestError(f"report: {path} does not exist")
+        here = _find(path)
+        if not here:
+            raise RequestError(f"report: {path} holds no result file, training run or data set")
+        found |= here
+    slugs = _unique([name for name, _ in found.values()])
+    made = [make(slug) for slug, (_, make) in zip(slugs, found.values(), strict=True)]
+    (out / "figures").mkdir(parents=True, exist_ok=True)
+    for section in made:
+        for picture in section.pictures:
+            (out / "figures" / f"{picture.name}.svg").write_text(picture.svg, encoding="utf-8")
+    index = out / "index.html"
+    index.write_text(page(made), encoding="utf-8")
+    return index
+
+
+def _find(path: Path, depth: int = 1) -> dict[Path, tuple[str, _Maker]]:
+    """What can be shown at a path: for each source its name and what makes its section."""
+    if path.is_file():
+        return {path.resolve(): (path.stem, lambda slug: sections.of_result(slug, results.read(path)))}
+    found: dict[Path, tuple[str, _Maker]] = {}
+    name = path.resolve().name
+    if (path / "manifest.json").is_file():
+        found[path.resolve() / "manifest.json"] = (name, partial(sections.of_dataset, folder=path))
+    if (path / "metrics.jsonl").is_file():
+        found[path.resolve() / "metrics.jsonl"] = (name, partial(sections.of_run, folder=path))
+    for entry in sorted(path.iterdir()):
+        if entry.suffix == ".json" and entry.is_file() and _is_result(entry):
+            found |= _find(entry)
+        elif entry.is_dir() and depth:
+            found |= _find(entry, depth - 1)
+    return found
+
+
+def _is_result(path: Path) -> bool:
+    """Whether a JSON file means to be a result file: a damaged one must be reported, not passed over."""
+    return '"experiment"' in path.read_text(encoding="utf-8", errors="replace")
+
+
+def _unique(names: list[str]) -> list[str]:
+    """The names as slugs, a number behind those that come again."""
+    slugs: list[str] = []
+    for name in names:
+        base = re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-") or "input"
+        slug, number = base, 2
+        while slug in slugs:
+            slug, number = f"{base}-{number}", number + 1
+        slugs.append(slug)
+    return slugs

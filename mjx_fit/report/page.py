@@ -1,0 +1,97 @@
+"""One HTML page that needs nothing but itself."""
+
+from collections.abc import Sequence
+from html import escape
+from itertools import groupby
+
+from mjx_fit.evaluation.statistics import Row
+from mjx_fit.report.paper import PAPER
+from mjx_fit.report.sections import Section
+from mjx_fit.report.style import Picture
+
+_CSS = """
+body{margin:0;font:16px/1.5 system-ui,sans-serif;color:#1b1b1b;background:#fff}
+main{max-width:1120px;margin:0 auto;padding:1rem}
+h1{font-size:1.7rem;margin:.5rem 0}
+h2{font-size:1.3rem;margin:2.5rem 0 .5rem;border-top:2px solid #ddd;padding-top:1rem;overflow-wrap:anywhere}
+nav ul,dl{margin:.5rem 0;padding:0}
+nav li{display:inline-block;margin-right:1.2rem}
+dl{display:grid;grid-template-columns:max-content 1fr;gap:.1rem 1rem;font-size:.9rem}
+dt{color:#555}
+dd{margin:0;overflow-wrap:anywhere}
+.pictures{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,24rem),1fr));gap:1.5rem;align-items:start}
+figure{margin:0;max-width:34rem}
+figure svg{display:block;width:100%;height:auto}
+figcaption{font-size:.9rem;color:#444}
+.table{overflow-x:auto;margin:1rem 0}
+table{border-collapse:collapse;font-size:.9rem;font-variant-numeric:tabular-nums}
+th,td{padding:.2rem .7rem .2rem 0;text-align:left;vertical-align:top}
+th.metric{padding-top:.8rem}
+th.number,td.number{text-align:right}
+tbody+tbody{border-top:1px solid #e4e4e4}
+th.name{font-weight:normal;overflow-wrap:anywhere;min-width:4.5rem}
+td span{white-space:nowrap}
+pre{overflow-x:auto;background:#f6f6f6;padding:.8rem;font-size:.8rem}
+summary{cursor:pointer}
+@media (max-width:600px){th,td{padding-right:.5rem}table{font-size:.82rem}}
+"""
+
+
+def page(sections: Sequence[Section]) -> str:
+    """The whole report as HTML."""
+    links = "".join(f'<li><a href="#{one.slug}">{escape(one.title)}</a></li>' for one in sections)
+    body = "\n".join(_section(one) for one in sections)
+    return (
+        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f"<title>mjx_fit report</title>\n<style>{_CSS}</style>\n</head>\n<body>\n<main>\n"
+        f"<h1>mjx_fit report</h1>\n<nav><ul>{links}</ul></nav>\n{body}\n</main>\n</body>\n</html>\n"
+    )
+
+
+def _section(section: Section) -> str:
+    facts = "".join(f"<dt>{escape(name)}</dt><dd>{escape(value)}</dd>" for name, value in section.facts)
+    parts = [f'<section>\n<h2 id="{section.slug}">{escape(section.title)}</h2>', f"<dl>{facts}</dl>"]
+    if section.rows:
+        parts.append(_table(section.rows))
+    if section.pictures:
+        parts.append('<div class="pictures">' + "\n".join(map(_figure, section.pictures)) + "</div>")
+    if section.config:
+        parts.append(
+            f"<details><summary>Configuration</summary><pre>{escape(section.config)}</pre></details>"
+        )
+    return "\n".join([*parts, "</section>"])
+
+
+def _figure(picture: Picture) -> str:
+    svg = picture.svg[picture.svg.index("<svg") :]
+    svg = svg.replace("<svg", f'<svg role="img" aria-label="{escape(picture.caption)}"', 1)
+    return f"<figure>\n{svg}<figcaption>{escape(picture.caption)}</figcaption>\n</figure>"
+
+
+def _table(rows: Sequence[Row]) -> str:
+    head = (
+        "<thead><tr><th>method</th><th>group</th><th>value [95 % interval]</th>"
+        '<th class="number">n</th><th class="number">paper</th></tr></thead>'
+    )
+    bodies = []
+    by_metric = sorted(rows, key=lambda row: row.metric)
+    for metric, of_metric in groupby(by_metric, key=lambda row: row.metric):
+        bodies.append(f'<tbody><tr><th class="metric" colspan="5">{escape(metric)}</th></tr></tbody>')
+        for method, of_method in groupby(of_metric, key=lambda row: row.method):
+            first, *rest = [_cells(row) for row in of_method]
+            name = escape(method).replace("_", "_<wbr>")
+            lines = [f'<th class="name" rowspan="{len(rest) + 1}">{name}</th>{first}', *rest]
+            bodies.append("<tbody>" + "".join(f"<tr>{line}</tr>" for line in lines) + "</tbody>")
+    return f'<div class="table"><table>{head}{"".join(bodies)}</table></div>'
+
+
+def _cells(row: Row) -> str:
+    digits = 3 if row.metric.endswith("rate") else 2
+    interval = "?" if row.low is None or row.high is None else f"{row.low:.{digits}f}, {row.high:.{digits}f}"
+    paper = PAPER.get((row.method, row.metric, row.group))
+    beside = "" if paper is None else f"{paper:.{digits}f}"
+    return (
+        f"<td>{escape(row.group)}</td><td>{row.value:.{digits}f} <span>[{interval}]</span></td>"
+        f'<td class="number">{row.n}</td><td class="number">{beside}</td>'
+    )

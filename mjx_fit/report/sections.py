@@ -1,0 +1,171 @@
+"""What a report says about one input: facts, rows and pictures."""
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from matplotlib.figure import Figure
+
+from mjx_fit.dataset import store
+from mjx_fit.errors import RequestError
+from mjx_fit.evaluation.results import Result
+from mjx_fit.evaluation.statistics import Row
+from mjx_fit.report import figures, run_figures
+from mjx_fit.report.style import Picture, picture
+
+_Drawing = tuple[str, str, Callable[[], Figure]]
+
+
+@dataclass(frozen=True)
+class Section:
+    """One input, ready for the page.
+
+    Attributes:
+        slug: Short name, unique in a report, fit for a file name and an id.
+        title: Heading.
+        facts: What it was made with: (name, value).
+        config: Resolved configuration as text; empty where it is not known.
+        rows: Summary of a result; empty for a data set or a run.
+        pictures: Figures in order.
+    """
+
+    slug: str
+    title: str
+    facts: tuple[tuple[str, str], ...]
+    config: str
+    rows: tuple[Row, ...]
+    pictures: tuple[Picture, ...]
+
+
+def of_result(slug: str, result: Result) -> Section:
+    """The section of a result file; an experiment without figures of its own has its table."""
+    facts = _provenance(vars(result))
+    drawings: list[_Drawing] = []
+    if result.trials and result.experiment == "assembly":
+        drawings = _assembly(result)
+    elif result.trials and result.experiment == "attempt":
+        drawings = _attempt(result)
+    config = yaml.safe_dump(result.config, sort_keys=False)
+    title = f"Experiment: {result.experiment}" + (f" ({slug})" if slug != result.experiment else "")
+    return Section(slug, title, facts, config, tuple(result.summary), _pictures(slug, drawings))
+
+
+def of_run(slug: str, folder: Path) -> Section:
+    """The section of a training run."""
+    metrics = run_figures.read_metrics(folder / "metrics.jsonl")
+    caption = (
+        "How well the updated belief explains the true state of the hole, epoch by epoch, against the belief "
+        "before the attempt; lower is better."
+    )
+    pictures = _pictures(slug, [("training", caption, lambda: run_figures.training_curve(metrics))])
+    facts = (("epochs", str(len(metrics))), *_provenance(_json_of(folder / "run.json")))
+    return Section(slug, f"Training: {folder.resolve().name}", facts, _config_of(folder), (), pictures)
+
+
+def of_dataset(slug: str, folder: Path) -> Section:
+    """The section of a data set.
+
+    Raises:
+        RequestError: There is no valid interaction in it.
+    """
+    data = store.load(folder)
+    valid = np.asarray(data.valid)
+    if not valid.any():
+        raise RequestError(f"report: {folder} holds no valid interaction; nothing can be shown")
+    drawings: list[_Drawing] = [
+        (
+            "lengths",
+            "Interactions end at insertion or at the last action, so short ones are insertions.",
+            lambda: run_figures.interaction_lengths(data),
+        ),
+        (
+            "visited",
+            "Where the tip was, relative to the true centre of the hole (cross), at the end of every action.",
+            lambda: run_figures.visited_positions(data),
+        ),
+    ]
+    facts = (
+        ("interactions", str(valid.size)),
+        ("inserted", str(int((np.asarray(data.inserted) & valid).sum()))),
+        ("not finite, left out", str(int((~valid).sum()))),
+        *_provenance(_json_of(folder / "manifest.json")),
+    )
+    pictures = _pictures(slug, drawings)
+    return Section(slug, f"Data set: {folder.resolve().name}", facts, _config_of(folder), (), pictures)
+
+
+def _assembly(result: Result) -> list[_Drawing]:
+    most = max(max(trial["attempts"]) for trial in result.trials)
+    cap = max(result.config.get("task", {}).get("max_attempts", most), most)
+    return [
+        (
+            "success",
+            "Share of all pegs that the robot inserted within that many attempts at the peg; bands are 95 % "
+            "intervals by bootstrap over trials.",
+            lambda: figures.success_curve(result.trials, cap),
+        ),
+        (
+            "interventions",
+            f"Share of all pegs that a human had to insert after {cap} attempts, with 95 % intervals.",
+            lambda: figures.intervention_rate(result.summary),
+        ),
+        (
+            "attempts",
+            "Attempts that the first n pegs took together, as in the paper: areas are shares of the trials, "
+            f"vertical lines the methods' means; a peg given to a human counts {cap}.",
+            lambda: figures.attempts_histogram(result.trials),
+        ),
+    ]
+
+
+def _attempt(result: Result) -> list[_Drawing]:
+    kind = result.config.get("detector", {}).get("kind", "unknown")
+    drawings: list[_Drawing] = [
+        (
+            "success",
+            f"Success of single attempts by pair, detector “{kind}”, with Wilson 95 % intervals; the paper's "
+            "rate is of matched pairs.",
+            lambda: figures.attempt_success(result.summary),
+        )
+    ]
+    matched = [trial for trial in result.trials if trial["matched"]]
+    if matched:
+        caption = (
+            "Success of matched attempts by the error of the estimate over which they start, with Wilson "
+            f"95 % intervals in bins of {figures.ERROR_BIN_MM:g} mm."
+        )
+        drawings.append(("error", caption, lambda: figures.success_by_error(matched)))
+    return drawings
+
+
+def _pictures(slug: str, drawings: list[_Drawing]) -> tuple[Picture, ...]:
+    return tuple(picture(f"{slug}-{name}", caption, draw) for name, caption, draw in drawings)
+
+
+def _provenance(tree: dict[str, Any]) -> tuple[tuple[str, str], ...]:
+    """Seed, engine, device and versions, as far as they were written down."""
+    facts = []
+    for name in ("seed", "engine", "device", "versions"):
+        value = tree.get(name)
+        if isinstance(value, dict):
+            value = ", ".join(f"{library} {version}" for library, version in value.items())
+        if value is not None:
+            facts.append((name, str(value)))
+    return tuple(facts)
+
+
+def _json_of(path: Path) -> dict[str, Any]:
+    try:
+        tree = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}  # facts beside the figures: a run of another making may lack them
+    return tree if isinstance(tree, dict) else {}
+
+
+def _config_of(folder: Path) -> str:
+    path = folder / "config.yaml"
+    return path.read_text(encoding="utf-8", errors="replace") if path.is_file() else ""

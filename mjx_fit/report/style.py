@@ -1,0 +1,133 @@
+"""How every figure looks, and how a figure becomes SVG that can stand in a page beside others."""
+
+import io
+import re
+import textwrap
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+RC: Any = {  # matplotlib has a type of its own for the keys
+    "figure.figsize": (5.2, 3.6),  # inches: narrow, so that the text is still legible on a phone
+    "figure.constrained_layout.use": True,
+    "figure.dpi": 150,
+    "font.size": 11,
+    "legend.fontsize": 10,
+    "xtick.labelsize": 10,
+    "ytick.labelsize": 10,
+    "axes.titlesize": 10,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#e4e4e4",
+    "legend.frameon": False,
+    "errorbar.capsize": 3,
+    "svg.fonttype": "none",  # text stays text: small, searchable, escaped
+    "svg.hashsalt": "mjx_fit",
+    "text.parse_math": False,  # a method's name may hold a dollar sign
+}
+
+# Okabe and Ito's palette, which colour-blind people can tell apart.
+_COLOURS = {
+    "full": "#0072B2",
+    "failure_position": "#E69F00",
+    "failure_only": "#D55E00",
+    "frame_by_frame": "#009E73",
+    "no_update": "#CC79A7",
+    "sample": "#56B4E9",
+    "oracle": "#4d4d4d",
+    "spiral": "#0072B2",
+}
+# Tol's muted palette, for methods that we do not know.
+_OTHERS = ("#882255", "#117733", "#999933", "#332288", "#AA4499", "#44AA99", "#DDCC77", "#661100")
+_MARKERS = "osD^vPX<>"
+
+PAPER_COLOUR = "#111111"
+MATCHED_COLOUR, MISMATCHED_COLOUR = "#0072B2", "#D55E00"
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure, ready for the page.
+
+    Attributes:
+        name: File name without suffix; unique in a report.
+        caption: One sentence.
+        svg: The figure as an SVG document.
+    """
+
+    name: str
+    caption: str
+    svg: str
+
+
+def picture(name: str, caption: str, draw: Callable[[], Figure]) -> Picture:
+    """Draws a figure in the common style; the same data give the same bytes."""
+    with matplotlib.rc_context(RC):
+        buffer = io.StringIO()
+        nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
+        draw().savefig(buffer, format="svg", metadata=nothing)
+    return Picture(name, caption, _unique_ids(buffer.getvalue(), name))
+
+
+def axes(height_in: float | None = None) -> tuple[Figure, Axes]:
+    """An empty figure with one set of axes."""
+    figure = Figure()
+    if height_in is not None:
+        figure.set_figheight(height_in)
+    return figure, figure.subplots()
+
+
+def colours(methods: Sequence[str]) -> dict[str, str]:
+    """A colour for each method: ours have fixed ones, others take turns in alphabetical order."""
+    others = sorted(set(methods) - set(_COLOURS))
+    chosen = {name: _OTHERS[i % len(_OTHERS)] for i, name in enumerate(others)}
+    return {name: _COLOURS.get(name) or chosen[name] for name in methods}
+
+
+def markers(methods: Sequence[str]) -> dict[str, str]:
+    """A marker for each method, so that colour is not all that tells them apart."""
+    return {name: _MARKERS[i % len(_MARKERS)] for i, name in enumerate(methods)}
+
+
+def label(name: str) -> str:
+    """A name as a person reads it, in at most two short lines."""
+    words = name.replace("_", " ").strip() or name
+    lines = textwrap.wrap(words, 20, max_lines=2, placeholder="…")
+    return "\n".join(lines)
+
+
+def legend(figure: Figure, handles: Sequence[Any]) -> None:
+    """A legend above the axes, where it covers nothing."""
+    n_columns = 2 if any(len(handle.get_label()) > 16 for handle in handles) else 3
+    figure.legend(handles=list(handles), loc="outside upper left", ncols=min(n_columns, len(handles)))
+
+
+def method_handles(methods: Sequence[str]) -> list[Line2D]:
+    """Legend entries of the methods' lines."""
+    colour, marker = colours(methods), markers(methods)
+    return [
+        Line2D([], [], color=colour[name], marker=marker[name], markersize=5, label=label(name))
+        for name in methods
+    ]
+
+
+def spread(value: Any, low: Any, high: Any) -> np.ndarray:
+    """Interval ends as the (2, n) distances below and above that matplotlib takes; none where unknown."""
+    value, low, high = (np.asarray(x, float) for x in (value, low, high))
+    return np.nan_to_num(np.maximum([value - low, high - value], 0))
+
+
+def _unique_ids(svg: str, name: str) -> str:
+    """Prefixes every id: matplotlib calls each figure's parts alike, and the page holds many figures."""
+    prefix = re.sub(r"[^A-Za-z0-9_-]", "-", name)
+    svg = re.sub(r'\bid="([^"]+)"', rf'id="{prefix}.\1"', svg)
+    svg = re.sub(r'href="#([^"]+)"', rf'href="#{prefix}.\1"', svg)
+    return re.sub(r"url\(#([^)]+)\)", rf"url(#{prefix}.\1)", svg)

@@ -1,0 +1,145 @@
+"""From models/*.xml and shapes to compiled MuJoCo models with everything addressed by name.
+
+The simulation scene holds one arm and one hole box on a mocap body, so that the hole's position is state. All
+nine peg-hole pairs compile to models of the same layout, which differ in the places and sizes of boxes only: a
+batch may mix them. A shape that needs fewer boxes than the layout has keeps the spare ones buried in its own
+material, where nothing can touch them.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+
+from mjx_fit import resources
+from mjx_fit.config import SceneConfig
+from mjx_fit.shapes import SHAPES, Boxes, hole_boxes, peg_boxes, plate_top_m
+
+JOINTS = tuple(f"joint{i}" for i in range(1, 8))
+HOLE_WORKSPACE_M = ((0.35, 0.65), (-0.3, 0.3))
+"""Where hole centres lie: x and y, m."""
+
+_PEG_BIT, _HOLE_BIT = 1, 2
+_SPARE_HALF_M = 0.001
+
+
+@dataclass(frozen=True)
+class Scene:
+    """The compiled models of the simulation scene.
+
+    Attributes:
+        models: One model for each pair; ``models[peg_type * len(SHAPES) + hole_type]``.
+        config: What they were made from.
+    """
+
+    models: tuple[mujoco.MjModel, ...]
+    config: SceneConfig
+
+    @property
+    def plate_top_m(self) -> float:
+        return plate_top_m(self.config)
+
+
+def pair_index(peg_type, hole_type):
+    """Index of a pair's model in ``Scene.models``; works on ints and on arrays."""
+    return peg_type * len(SHAPES) + hole_type
+
+
+def simulation_scene(config: SceneConfig) -> Scene:
+    """The scene that is simulated: one arm, one peg, one hole box, all nine pairs."""
+    n_peg = max(len(peg_boxes(shape, config).centre) for shape in SHAPES)
+    n_hole = max(len(hole_boxes(shape, config).centre) for shape in SHAPES)
+    models = []
+    for peg, hole in product(SHAPES, SHAPES):
+        spec = _arm_on_table(config)
+        _add_peg(spec, config, _padded(peg_boxes(peg, config), n_peg))
+        boxes = _padded(hole_boxes(hole, config), n_hole)
+        _add_hole(spec, config, boxes, "hole", (0.5, 0.0), mocap=True)
+        models.append(spec.compile())
+    return Scene(tuple(models), config)
+
+
+def picture_scene(
+    config: SceneConfig, peg_type: int, hole_types: Sequence[int], hole_pos_world: Float[np.ndarray, "n 2"]
+) -> mujoco.MjModel:
+    """The scene of a whole assembly, for pictures: one arm and n hole boxes named ``hole0``, ``hole1`` ..."""
+    spec = _arm_on_table(config)
+    _add_peg(spec, config, peg_boxes(SHAPES[peg_type], config))
+    for i, (kind, position) in enumerate(zip(hole_types, hole_pos_world, strict=True)):
+        _add_hole(spec, config, hole_boxes(SHAPES[kind], config), f"hole{i}", position, mocap=False)
+    return spec.compile()
+
+
+def place_holes(rng: np.random.Generator, n_holes: int, config: SceneConfig) -> Float[np.ndarray, "n 2"]:
+    """Random places for hole boxes in the workspace, no two of which overlap.
+
+    The workspace is the one of ``HOLE_WORKSPACE_M``, 10 cm wider on both sides in y for more than six boxes.
+
+    Args:
+        rng: Source of the draws.
+        n_holes: Number of boxes, up to 8.
+        config: Gives the size of a box.
+
+    Returns:
+        Centres, m.
+    """
+    (x0, x1), (y0, y1) = HOLE_WORKSPACE_M
+    wider = 0.1 if n_holes > 6 else 0.0
+    low, high = np.array([x0, y0 - wider]), np.array([x1, y1 + wider])
+    side = 2 * config.plate_half_width_m
+    while True:
+        centres = np.empty((0, 2))
+        for _ in range(100 * n_holes):
+            candidate = rng.uniform(low, high)
+            if np.all(np.abs(centres - candidate).max(1) >= side):
+                centres = np.vstack([centres, candidate])
+            if len(centres) == n_holes:
+                return centres
+
+
+def _arm_on_table(config: SceneConfig) -> mujoco.MjSpec:
+    spec = mujoco.MjSpec.from_file(str(resources.folder("models") / "table.xml"))
+    spec.body("peg").add_site(name="tip", pos=[0, 0, config.peg_length_m], group=4)
+    # MJX sizes its contact arrays by these two; it wants them first among the numerics.
+    spec.add_numeric(name="max_contact_points", data=[config.max_contacts])
+    return spec
+
+
+def _add_peg(spec: mujoco.MjSpec, config: SceneConfig, boxes: Boxes) -> None:
+    for i, (centre, half) in enumerate(zip(boxes.centre, boxes.half, strict=True)):
+        spec.body("peg").add_geom(
+            name=f"peg_box{i}", pos=centre, size=half, material="peg", **_contact(config, _PEG_BIT, _HOLE_BIT)
+        )
+
+
+def _add_hole(spec: mujoco.MjSpec, config: SceneConfig, boxes: Boxes, name: str, position, mocap: bool) -> None:
+    body = spec.worldbody.add_body(name=name, pos=[*position, plate_top_m(config)], mocap=mocap)
+    for i, (centre, half) in enumerate(zip(boxes.centre, boxes.half, strict=True)):
+        material = "floor" if i == 0 else "plate"
+        body.add_geom(
+            name=f"{name}_box{i}", pos=centre, size=half, material=material, **_contact(config, _HOLE_BIT, _PEG_BIT)
+        )
+
+
+def _contact(config: SceneConfig, contype: int, conaffinity: int) -> dict:
+    return {
+        "type": mujoco.mjtGeom.mjGEOM_BOX,
+        "contype": contype,
+        "conaffinity": conaffinity,
+        "condim": 3,
+        "density": 0,
+        "friction": [config.friction, 0.005, 0.0001],
+        "solref": [config.contact_time_s, 1.0],
+        "solimp": [0.9, 0.95, config.contact_width_m, 0.5, 2.0],
+    }
+
+
+def _padded(boxes: Boxes, n: int) -> Boxes:
+    """Fills up to n boxes with tiny ones in the middle of the last real box."""
+    spare = n - len(boxes.centre)
+    centre = np.vstack([boxes.centre, np.repeat(boxes.centre[-1:], spare, 0)])
+    half = np.vstack([boxes.half, np.full((spare, 3), _SPARE_HALF_M)])
+    return Boxes(centre, half)

@@ -1,0 +1,131 @@
+"""Encoder e1: a trace of any length becomes one vector.
+
+Section "Model Architecture and Learning" of the paper. A five-layer convolutional network encodes the wrench
+window of each action; with the rest of the measurements of that action it makes one token; a transformer looks at
+all tokens; a maximum over time ends it.
+
+from itertools import pairwise
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from flax import nnx
+from jaxtyping import Array, Bool, Float
+
+from mjx_fit.config import SensorConfig
+from mjx_fit.errors import RequestError
+from mjx_fit.types import SUBSTEPS
+
+WRENCH_AXES = 6
+
+
+class WrenchEncoder(nnx.Module):
+    """Five convolutions over time, kernel 2 and stride 2: 50 -> 25 -> 13 -> 7 -> 4 -> 2 steps.
+
+    With a stride as long as the kernel a convolution is a reshape and a matrix product, and is written so:
+    XLA's convolutions are many times slower on a CPU. An odd number of steps gets a zero in front.
+    """
+
+    def __init__(self, channels: tuple[int, ...], rngs: nnx.Rngs):
+        """Build one layer for each entry of ``channels``."""
+        sizes = (WRENCH_AXES, *channels)
+        self.layers = nnx.List(
+            [nnx.Linear(2 * before, after, rngs=rngs) for before, after in pairwise(sizes)]
+        )
+        steps = SUBSTEPS
+        for _ in channels:
+            steps = (steps + 1) // 2
+        self.out_features = steps * channels[-1]
+
+    def __call__(self, wrench: Float[Array, "*batch 50 6"]) -> Float[Array, "*batch features"]:
+        """Encode scaled wrench windows."""
+        x = wrench
+        for layer in self.layers:
+            *batch, steps, channels = x.shape
+            if steps % 2:
+                x = jnp.pad(x, [(0, 0)] * len(batch) + [(1, 0), (0, 0)])
+            x = nnx.leaky_relu(layer(x.reshape(*batch, (steps + 1) // 2, 2 * channels)))
+        return x.reshape(*x.shape[:-2], -1)
+
+
+class DecoderBlock(nnx.Module):
+    """Self-attention and feed-forward, each behind a layer norm and beside a skip connection.
+
+    The paper's "transformer decoder" has no second sequence to attend to, so this is a decoder-only block.
+    The norm comes first (pre-norm): it trains without a warm-up of the learning rate.
+    """
+
+    def __init__(self, config: SensorConfig, rngs: nnx.Rngs):
+        """Build the layers."""
+        width = config.width
+        self.heads, self.causal = config.heads, config.causal
+        self.attention_norm = nnx.LayerNorm(width, rngs=rngs)
+        # No bias: a bias on the keys cancels in the softmax, and one on the values adds to the output's.
+        self.query_key_value = nnx.Linear(width, 3 * width, use_bias=False, rngs=rngs)
+        self.attention_out = nnx.Linear(width, width, rngs=rngs)
+        self.feedforward_norm = nnx.LayerNorm(width, rngs=rngs)
+        self.up = nnx.Linear(width, config.feedforward, rngs=rngs)
+        self.down = nnx.Linear(config.feedforward, width, rngs=rngs)
+        self.dropout = nnx.Dropout(config.dropout)
+
+    def __call__(
+        self, x: Float[Array, "batch L width"], mask: Bool[Array, "batch L"], rngs: nnx.Rngs | None
+    ) -> Float[Array, "batch L width"]:
+        """Attend to the real rows only; ``rngs`` switches dropout on."""
+        batch, length, width = x.shape
+        qkv = self.query_key_value(self.attention_norm(x))
+        query, key, value = jnp.moveaxis(qkv.reshape(batch, length, 3, self.heads, -1), 2, 0)
+        attended = jax.nn.dot_product_attention(
+            query, key, value, mask=mask[:, None, None, :], is_causal=self.causal
+        )
+        x = x + self._drop(self.attention_out(attended.reshape(batch, length, width)), rngs)
+        hidden = nnx.relu(self.up(self.feedforward_norm(x)))
+        return x + self._drop(self.down(hidden), rngs)
+
+    def _drop(self, x: Float[Array, "*batch width"], rngs: nnx.Rngs | None) -> Float[Array, "*batch width"]:
+        return self.dropout(x, deterministic=rngs is None, rngs=rngs)
+
+
+class TraceEncoder(nnx.Module):
+    """e1: wrench encoder, token, transformer, maximum over time."""
+
+    def __init__(self, config: SensorConfig, row_features: int, rngs: nnx.Rngs):
+        """Build the layers.
+
+        Args:
+            config: Sizes.
+            row_features: How many numbers an action has beside its wrench window.
+            rngs: Source of the weights.
+        """
+        if config.width % config.heads:
+            raise RequestError(
+                f"config: sensor.heads: {config.heads} is not allowed: "
+                f"it must divide sensor.width, {config.width}"
+            )
+        self.positional = config.positional
+        self.wrench_encoder = WrenchEncoder(config.conv_channels, rngs)
+        self.token = nnx.Linear(self.wrench_encoder.out_features + row_features, config.width, rngs=rngs)
+        self.blocks = nnx.List([DecoderBlock(config, rngs) for _ in range(config.layers)])
+        self.norm = nnx.LayerNorm(config.width, rngs=rngs)
+
+    def __call__(
+        self,
+        wrench: Float[Array, "batch L 50 6"],
+        rows: Float[Array, "batch L features"],
+        mask: Bool[Array, "batch L"],
+        rngs: nnx.Rngs | None,
+    ) -> Float[Array, "batch width"]:
+        """Encode scaled windows and rows; a trace without any real row is encoded as zeros."""
+        x = self.token(jnp.concatenate([self.wrench_encoder(wrench), rows], axis=-1))
+        if self.positional:
+            x = x + _sinusoids(*x.shape[1:]).astype(x.dtype)
+        for block in self.blocks:
+            x = block(x, mask, rngs)
+        peak = jnp.where(mask[..., None], self.norm(x), -jnp.inf).max(axis=1)
+        return jnp.where(mask.any(axis=1)[:, None], peak, 0)
+
+
+def _sinusoids(length: int, width: int) -> Float[np.ndarray, "L width"]:
+    """Positional encoding of Vaswani et al. (2017): sin and cos of t / 10000^(2 i / width)."""
+    angle = np.arange(length)[:, None] / 10000 ** (2 * np.arange(width // 2) / width)
+    return np.concatenate([np.sin(angle), np.cos(angle)], axis=-1)

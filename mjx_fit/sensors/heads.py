@@ -1,0 +1,63 @@
+"""Virtual sensors h_pos and h_match, and the models of their noise, R and H."""
+
+import jax
+import jax.numpy as jnp
+from flax import nnx
+from jaxtyping import Array, Float, Int
+
+MIN_STD_CM = 0.01
+"""Floor of R's standard deviations: a tenth of the clearance. Without it a sensor that fits its training set
+exactly would drive the likelihood to infinity."""
+
+H_INIT_LOGIT = 1.0
+
+
+class SkipMLP(nnx.Module):
+    """Three fully connected layers with a skip connection over each of the first two."""
+
+    def __init__(self, width: int, out_features: int, rngs: nnx.Rngs):
+        """Build the layers; ``width`` is the size of the input and of both hidden layers."""
+        self.first = nnx.Linear(width, width, rngs=rngs)
+        self.second = nnx.Linear(width, width, rngs=rngs)
+        self.last = nnx.Linear(width, out_features, rngs=rngs)
+
+    def __call__(self, x: Float[Array, "*batch width"]) -> Float[Array, "*batch out"]:
+        """Apply the layers."""
+        x = x + nnx.leaky_relu(self.first(x))
+        x = x + nnx.leaky_relu(self.second(x))
+        return self.last(x)
+
+
+class PositionNoise(nnx.Module):
+    """R, an embedding of the peg type: R = L Lᵀ with L lower triangular and a positive diagonal."""
+
+    def __init__(self, n_types: int, rngs: nnx.Rngs):
+        """Start with a standard deviation of 0.69 cm (softplus of 0) per axis."""
+        self.raw = nnx.Embed(n_types, 3, embedding_init=nnx.initializers.zeros_init(), rngs=rngs)
+
+    def __call__(self, peg_type: Int[Array, "*batch"]) -> Float[Array, "*batch 2 2"]:
+        """R for each peg, cm²."""
+        raw = self.raw(peg_type)
+        diagonal = jax.nn.softplus(raw[..., :2]) + MIN_STD_CM
+        first = jnp.stack([diagonal[..., 0], jnp.zeros_like(raw[..., 2])], axis=-1)
+        second = jnp.stack([raw[..., 2], diagonal[..., 1]], axis=-1)
+        scale_tril = jnp.stack([first, second], axis=-2)
+        return jnp.einsum("...ij,...kj->...ik", scale_tril, scale_tril, precision=jax.lax.Precision.HIGHEST)
+
+
+class MatchModel(nnx.Module):
+    """H(o_match | c, c_peg), an embedding of the peg type: a (C, 2) table of logits, softmax over o_match."""
+
+    def __init__(self, n_types: int, rngs: nnx.Rngs):
+        """Start with a sensor that is right 73 times in 100: a flat H would teach h_match nothing."""
+        self.n_types = n_types
+        self.logits = nnx.Embed(n_types, n_types * 2, embedding_init=self._init, rngs=rngs)
+
+    def __call__(self, peg_type: Int[Array, "*batch"]) -> Float[Array, "*batch C 2"]:
+        """Log H for the peg in hand: rows hole types, columns (mismatch, match)."""
+        logits = self.logits(peg_type)
+        return jax.nn.log_softmax(logits.reshape(*logits.shape[:-1], self.n_types, 2), axis=-1)
+
+    def _init(self, key, shape, dtype, out_sharding=None) -> Float[Array, "C features"]:
+        match = jnp.eye(self.n_types, dtype=dtype)
+        return H_INIT_LOGIT * jnp.stack([1 - match, match], axis=-1).reshape(shape)

@@ -1,0 +1,68 @@
+"""What an engine is, and which one ``auto`` means."""
+
+import os
+from typing import Protocol
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from mjx_fit.config import Config
+from mjx_fit.errors import RequestError
+from mjx_fit.kinematics import Chain, inverse
+from mjx_fit.scene import Scene
+from mjx_fit.types import Attempt, Interaction
+
+ENGINES = ("auto", "mjx", "native")
+
+START_HEIGHT_M = 0.002
+"""Height of the tip over the plate at which an attempt starts, at rest."""
+
+
+class Engine(Protocol):
+    """Runs a batch of attempts. Both engines give the same trace from the same scene, control and policies."""
+
+    name: str
+
+    def run(self, attempts: Attempt, actions: int) -> Interaction:
+        """Runs every attempt until its peg is inserted or its actions are used up.
+
+        Args:
+            attempts: A batch (n,) of attempts.
+            actions: J, the most actions in one attempt: also the spiral's horizon.
+
+        Returns:
+            A batch (n,) of interactions with J rows each, as NumPy arrays.
+        """
+        ...
+
+
+def resolve(name: str) -> str:
+    """The engine that a name stands for: ``auto`` is MJX on an accelerator and native on a CPU.
+
+    Raises:
+        RequestError: There is no such engine.
+    """
+    if name not in ENGINES:
+        raise RequestError(f"--engine: {name!r} is not allowed: choose from {', '.join(ENGINES)}")
+    if name != "auto":
+        return name
+    return "native" if jax.default_backend() == "cpu" else "mjx"
+
+
+def create(name: str, config: Config) -> Engine:
+    """Makes an engine, compiled for the configuration's scene.
+
+    Raises:
+        RequestError: There is no such engine.
+    """
+    from mjx_fit.simulate.mjx import MjxEngine
+    from mjx_fit.simulate.native import NativeEngine
+
+    return MjxEngine(config) if resolve(name) == "mjx" else NativeEngine(config, os.cpu_count() or 1)
+
+
+def start_qpos(chain: Chain, attempts: Attempt, scene: Scene) -> Float[Array, "n 7"]:
+    """Joint angles (rad) at which attempts start: the tip over the estimate, straight down."""
+    height = jnp.full_like(attempts.estimate_world[:, :1], scene.plate_top_m + START_HEIGHT_M)
+    return jax.vmap(inverse, (None, 0))(chain, jnp.concatenate([attempts.estimate_world, height], 1))

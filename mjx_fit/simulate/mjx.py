@@ -1,0 +1,165 @@
+"""The MJX engine: one jitted function; scan over actions, scan over substeps, vmap over worlds."""
+
+import io
+from contextlib import redirect_stdout
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+with redirect_stdout(io.StringIO()):  # it prints that Warp is missing, which would spoil --json
+    from mujoco import mjx
+
+from mjx_fit import control, policies
+from mjx_fit.config import Config
+from mjx_fit.kinematics import chain_of
+from mjx_fit.scene import Scene, pair_index, simulation_scene
+from mjx_fit.simulate.engine import start_qpos
+from mjx_fit.types import SUBSTEPS, Attempt, Interaction, Trace
+
+
+def compiler_options() -> dict[str, bool]:
+    """XLA:CPU's fusion emitters recompute the kinematic chain for every element: 200 times slower."""
+    return {"xla_cpu_use_fusion_emitters": False} if jax.default_backend() == "cpu" else {}
+
+
+class MjxEngine:
+    """Runs attempts in MJX; see ``mjx_fit.simulate.engine.Engine``."""
+
+    name = "mjx"
+
+    def __init__(self, config: Config):
+        self.scene = simulation_scene(config.scene)
+        self._models, self._axes = _stacked_models(self.scene)
+        self._chain = chain_of(self.scene.models[0])
+        self._config = config
+        self._run = jax.jit(self._rollout, static_argnames="actions", compiler_options=compiler_options())
+
+    def run(self, attempts: Attempt, actions: int) -> Interaction:
+        """See ``Engine.run``."""
+        return jax.tree.map(np.asarray, self._run(attempts, actions=actions))
+
+    def _rollout(self, attempts: Attempt, actions: int) -> Interaction:
+        pair = pair_index(attempts.peg_type, attempts.hole_type)
+        models = self._models.replace(**{name: getattr(self._models, name)[pair] for name in _GEOMETRY})
+        qpos = start_qpos(self._chain, attempts, self.scene)
+        world = partial(rollout_world, config=self._config, scene=self.scene, actions=actions)
+        # Matrix products of lower precision (TF32 on some accelerators) ruin the constraint solver.
+        with jax.default_matmul_precision("highest"):
+            return jax.vmap(world, (self._axes, 0, 0))(models, qpos, attempts)
+
+
+def rollout_world(
+    model: mjx.Model, qpos: Float[Array, "7"], attempt: Attempt, config: Config, scene: Scene, actions: int
+) -> Interaction:
+    """One attempt in one world."""
+    hole = jnp.append(attempt.hole_pos_world, scene.plate_top_m)
+    data = mjx.make_data(model).replace(qpos=qpos, mocap_pos=hole[None])
+    data, tare = _at_rest(model, data, scene)
+
+    def act(carry, step):
+        data, running = carry
+        arm = arm_state(model, data, scene)
+        action = policies.action(attempt, step, actions, arm.tip_pos_world, config)
+        after, (wrench, touched) = hold(model, data, arm.tip_pos_world + action, config, scene)
+        row = _trace_row(model, after, scene, wrench, touched.any(), action)
+        inserted = row.tip_pos_world[2] <= scene.plate_top_m - config.task.insertion_depth_m
+        finite = jnp.all(jnp.isfinite(after.qpos))
+        # A world that is done, or broken, is frozen: the others of its batch go on.
+        data = jax.tree.map(partial(jnp.where, running & finite), after, data)
+        row = jax.tree.map(lambda leaf: jnp.where(running, leaf, jnp.zeros_like(leaf)), row)
+        return (data, running & ~inserted & finite), (row, running, running & inserted, ~finite)
+
+    (data, _), (trace, ran, inserted, broke) = jax.lax.scan(act, (data, jnp.array(True)), jnp.arange(actions))
+    return Interaction(
+        trace=trace,
+        length=ran.sum(),
+        inserted=inserted.any(),
+        peg_type=attempt.peg_type,
+        hole_type=attempt.hole_type,
+        hole_pos_world=attempt.hole_pos_world,
+        estimate_world=attempt.estimate_world,
+        tare_sensor=tare,
+        valid=~broke.any(),
+    )
+
+
+def hold(
+    model: mjx.Model, data: mjx.Data, goal_pos_world: Float[Array, "3"], config: Config, scene: Scene
+) -> tuple[mjx.Data, tuple[Float[Array, "50 6"], Bool[Array, "50"]]]:
+    """Pulls the tip to a goal for one action: 50 steps of control and physics.
+
+    Needs and leaves data whose position and velocity stages are current. Returns the wrench (N, N·m) and
+    whether a contact force acted, step by step.
+    """
+
+    def substep(data, _):
+        torque = control.torque(arm_state(model, data, scene), goal_pos_world, config.control)
+        data = accelerate(model, data.replace(ctrl=torque))
+        sample = data.sensordata, jnp.any(data.qfrc_constraint != 0)
+        return observe(model, mjx.implicit(model, data)), sample
+
+    return jax.lax.scan(substep, data, length=SUBSTEPS)
+
+
+def observe(model: mjx.Model, data: mjx.Data) -> mjx.Data:
+    """The stages of ``mjx.forward`` that depend on position and velocity."""
+    return mjx.fwd_velocity(model, mjx.fwd_position(model, data))
+
+
+def accelerate(model: mjx.Model, data: mjx.Data) -> mjx.Data:
+    """The other stages of ``mjx.forward``, which need the torques; with ``observe`` before, the same result."""
+    data = mjx.fwd_acceleration(model, mjx.fwd_actuation(model, data))
+    return mjx.sensor_acc(model, mjx.solve(model, data))
+
+
+def arm_state(model: mjx.Model, data: mjx.Data, scene: Scene) -> control.ArmState:
+    """What the controller needs, from data whose position and velocity stages are current."""
+    tip = scene.models[0].site("tip").id
+    return control.ArmState(
+        qpos=data.qpos,
+        qvel=data.qvel,
+        mass_matrix=mjx.full_m(model, data),
+        bias=data.qfrc_bias,
+        tip_pos_world=data.site_xpos[tip],
+        tip_frame_world=data.site_xmat[tip],
+        joint_anchor_world=data.xanchor,
+        joint_axis_world=data.xaxis,
+    )
+
+
+def _at_rest(model: mjx.Model, data: mjx.Data, scene: Scene) -> tuple[mjx.Data, Float[Array, "6"]]:
+    """Data at rest in free space, and what the sensor reads there."""
+    data = observe(model, data)
+    data = accelerate(model, data.replace(ctrl=data.qfrc_bias))
+    return data, data.sensordata
+
+
+def _trace_row(model, data, scene, wrench, touched, action) -> Trace:
+    arm = arm_state(model, data, scene)
+    velocity = control.tip_velocity(arm)
+    return Trace(
+        wrench_sensor=wrench,
+        tip_pos_world=arm.tip_pos_world,
+        tip_quat_world=control.tip_quaternion(arm),
+        tip_linvel_world=velocity[:3],
+        tip_angvel_world=velocity[3:],
+        contact=touched,
+        action_world=action,
+    )
+
+
+_GEOMETRY = ("geom_pos", "geom_size", "geom_rbound")
+"""The model's fields in which the nine pairs differ."""
+
+
+def _stacked_models(scene: Scene) -> tuple[mjx.Model, mjx.Model]:
+    """The nine models as one, with a leading axis on the geometry, and the tree of vmap axes."""
+    model = mjx.put_model(scene.models[0])
+    stacked = {
+        name: jnp.asarray(np.stack([getattr(pair, name) for pair in scene.models]), jnp.float32)
+        for name in _GEOMETRY
+    }
+    axes = jax.tree.map(lambda _: None, model).replace(**dict.fromkeys(_GEOMETRY, 0))
+    return model.replace(**stacked), axes

@@ -1,0 +1,80 @@
+"""The loss of the differentiable filters: the paper's equation ``filter_loss``."""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from mjx_fit.dataset.windows import Sample
+from mjx_fit.filters.belief import update_position, update_type
+from mjx_fit.filters.kalman import gaussian_nll, gaussian_nll_terms
+from mjx_fit.types import Belief, Observation, pytree
+
+
+@pytree
+class Loss:
+    """The terms of the loss in nats, for each window, or averaged.
+
+    Terms that concern the type are zero for a window that contains the insertion.
+
+    Attributes:
+        total: Sum of the five terms; what is minimised.
+        pos_logdet: ½ ln|Σ1|, Σ1 in cm².
+        pos_mahalanobis: ½ (p - μ1)ᵀ Σ1⁻¹ (p - μ1).
+        type_nll: -ln ξ1 of the true type.
+        match_nll: -1[c = c_peg] ln p(c = c_peg).
+        mismatch_nll: -1[c ≠ c_peg] ln p(c ≠ c_peg).
+        nll: Of the true state under the updated belief: the first three terms.
+        prior_nll: The same under the prior belief, for comparison.
+    """
+
+    total: Float[Array, "*batch"]
+    pos_logdet: Float[Array, "*batch"]
+    pos_mahalanobis: Float[Array, "*batch"]
+    type_nll: Float[Array, "*batch"]
+    match_nll: Float[Array, "*batch"]
+    mismatch_nll: Float[Array, "*batch"]
+    nll: Float[Array, "*batch"]
+    prior_nll: Float[Array, "*batch"]
+
+
+def filter_loss(observation: Observation, sample: Sample) -> Loss:
+    """The loss of each window, any batch axes.
+
+    The type is updated with H taken softly, which can be differentiated, and with α = 0, that is T = 1: a
+    window is cut from a random interaction, and how often such a cut would succeed is not known.
+    """
+    peg_type, prior = sample.reading.peg_type, sample.prior
+    never_succeeds = jnp.zeros(prior.type_logp.shape[-1], prior.type_logp.dtype)
+    belief = update_position(prior, observation)
+    belief = update_type(belief, observation, peg_type, never_succeeds, hard=False)
+
+    pos_logdet, pos_mahalanobis = gaussian_nll_terms(
+        sample.hole_pos_world, belief.pos_mean_world, belief.pos_cov
+    )
+    type_nll = _type_nll(belief, sample)
+    is_match = sample.hole_type == peg_type
+    match_logp = jax.nn.log_softmax(observation.match_logits, axis=-1)
+    match_nll = jnp.where(sample.failed & is_match, -match_logp[..., 1], 0)
+    mismatch_nll = jnp.where(sample.failed & ~is_match, -match_logp[..., 0], 0)
+    nll = pos_logdet + pos_mahalanobis + type_nll
+    prior_pos_nll = gaussian_nll(sample.hole_pos_world, prior.pos_mean_world, prior.pos_cov)
+    return Loss(
+        total=nll + match_nll + mismatch_nll,
+        pos_logdet=pos_logdet,
+        pos_mahalanobis=pos_mahalanobis,
+        type_nll=type_nll,
+        match_nll=match_nll,
+        mismatch_nll=mismatch_nll,
+        nll=nll,
+        prior_nll=prior_pos_nll + _type_nll(prior, sample),
+    )
+
+
+def weighted_sum(losses: Loss, weight: Float[Array, "batch"]) -> Loss:
+    """Each term, summed over the windows of a batch with these weights."""
+    return jax.tree.map(lambda term: jnp.sum(term * weight), losses)
+
+
+def _type_nll(belief: Belief, sample: Sample) -> Float[Array, "*batch"]:
+    logp = jnp.take_along_axis(belief.type_logp, sample.hole_type[..., None], axis=-1)[..., 0]
+    return jnp.where(sample.failed, -logp, 0)

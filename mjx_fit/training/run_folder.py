@@ -1,0 +1,114 @@
+"""The folder of a training run: config.yaml, run.json, metrics.jsonl, checkpoints.
+
+One folder is one run: the same configuration but for the number of epochs, the same seed and the same data.
+"""
+
+import hashlib
+import json
+import os
+import platform
+from dataclasses import replace
+from importlib.metadata import version
+from pathlib import Path
+
+import jax
+import numpy as np
+
+from mjx_fit import config as config_
+from mjx_fit.config import Config
+from mjx_fit.errors import RequestError
+from mjx_fit.types import Interaction
+
+CONFIG, RUN, METRICS = "config.yaml", "run.json", "metrics.jsonl"
+PACKAGES = ("mjx-fit", "jax", "jaxlib", "flax", "optax", "orbax-checkpoint", "numpy")
+
+
+def without_epochs(config: Config) -> Config:
+    """The part of the configuration that makes it this run: a run may be continued to more epochs."""
+    return replace(config, train=replace(config.train, epochs=1))
+
+
+def fingerprint(data: Interaction) -> str:
+    """SHA-256 over all arrays of the data."""
+    digest = hashlib.sha256()
+    for leaf in jax.tree.leaves(data):
+        array = np.ascontiguousarray(leaf)
+        digest.update(f"{array.dtype}{array.shape}".encode())
+        digest.update(array.data)
+    return digest.hexdigest()
+
+
+def check(out: Path, config: Config, seed: int, data: str) -> None:
+    """Make sure that the folder is new or holds this very run; write nothing.
+
+    Raises:
+        RequestError: It is not a folder, or it holds another run or other files.
+    """
+    if out.exists() and not out.is_dir():
+        raise RequestError(f"--out: {out} is not allowed: it must be a folder")
+    if not (out / RUN).is_file():
+        foreign = sorted(path.name for path in out.iterdir() if path.stem != "config") if out.is_dir() else []
+        if foreign:
+            raise RequestError(
+                f"--out: {out} is not allowed: it holds other files ({foreign[0]}); choose a new folder"
+            )
+        return
+    there = json.loads((out / RUN).read_text())
+    differences = [
+        f"{name} is {there[name]} there and {here} here"
+        for name, here in (("seed", seed), ("data", data))
+        if there[name] != here
+    ]
+    differences += _config_differences(config_.load(out / CONFIG), config)
+    if differences:
+        raise RequestError(
+            f"--out: {out} is not allowed: it holds another run ({differences[0]}); choose a new folder"
+        )
+
+
+def write(out: Path, config: Config, seed: int, data: str) -> None:
+    """Write down what the run is; ``run.json`` last, and only once."""
+    out.mkdir(parents=True, exist_ok=True)
+    _write_atomically(out / CONFIG, config_.to_yaml(config))
+    if not (out / RUN).is_file():
+        device = jax.devices()[0]
+        run = {
+            "seed": seed,
+            "data": data,
+            "versions": {"python": platform.python_version()} | {name: version(name) for name in PACKAGES},
+            "device": f"{device.platform}: {device.device_kind}",
+        }
+        _write_atomically(out / RUN, json.dumps(run, indent=2) + "\n")
+
+
+def keep_metrics(out: Path, epochs_done: int) -> None:
+    """Cut ``metrics.jsonl`` back to the epochs that the checkpoint knows; the rest is run again."""
+    path = out / METRICS
+    lines = path.read_text().splitlines(keepends=True) if path.is_file() else []
+    # Line by line in order: the last one may have been torn by a kill.
+    _write_atomically(path, "".join(lines[:epochs_done]))
+
+
+def append_metrics(out: Path, row: dict) -> None:
+    """Add the line of one epoch."""
+    with (out / METRICS).open("a") as file:
+        file.write(json.dumps(row) + "\n")
+
+
+def _config_differences(there: Config, here: Config) -> list[str]:
+    trees = [config_.to_tree(without_epochs(config)) for config in (there, here)]
+    return [
+        f"{section}.{key} is {value} there and {trees[1][section][key]} here"
+        for section, values in trees[0].items()
+        for key, value in values.items()
+        if value != trees[1][section][key]
+    ]
+
+
+def _write_atomically(path: Path, text: str) -> None:
+    temporary = path.with_name(path.name + ".tmp")
+    with temporary.open("w") as file:
+        file.write(text)
+        file.flush()
+        os.fsync(file.fileno())
+    temporary.replace(path)

@@ -1,0 +1,125 @@
+"""The histogram filter against enumeration of the hypotheses in NumPy."""
+
+import itertools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mjx_fit.filters import histogram
+from mjx_fit.filters.belief import initial_belief, update_position, update_type
+from mjx_fit.types import Belief, Observation
+
+SEEDS = st.integers(0, 2**32 - 1)
+
+
+def draw(seed: int, n_types: int = 3):
+    """A prior ξ, the sensor's p(o), a model H (C, 2), and α, all as probabilities in float64."""
+    rng = np.random.default_rng(seed)
+    prior = rng.dirichlet(np.ones(n_types))
+    return prior, rng.dirichlet([1, 1]), rng.dirichlet([1, 1], n_types), rng.uniform(0, 0.95, n_types)
+
+
+def enumerate_posterior(prior, sensed, model, alpha, peg, hard):
+    """Σ over every (type, o_match) of the joint probability with the failure, then normalised."""
+    joint = np.zeros(len(prior))
+    for c, o in itertools.product(range(len(prior)), range(2)):
+        weight = float(o == int(np.argmax(sensed))) if hard else sensed[o]
+        failure = 1 - alpha[c] if c == peg else 1.0
+        joint[c] += prior[c] * weight * model[c, o] * failure
+    return joint / joint.sum()
+
+
+def as_inputs(prior, sensed, model) -> tuple[Belief, Observation]:
+    belief = Belief(jnp.zeros(2), jnp.eye(2), jnp.log(jnp.asarray(prior, jnp.float32)))
+    observation = Observation(
+        innovation=jnp.zeros(2),
+        pos_noise_cov=jnp.eye(2),
+        # Logits are free up to a constant: the filter has to normalise them itself.
+        match_logits=jnp.log(jnp.asarray(sensed, jnp.float32)) + 3.0,
+        match_model_logp=jnp.log(jnp.asarray(model, jnp.float32)),
+    )
+    return belief, observation
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=SEEDS, peg=st.integers(0, 2), hard=st.booleans())
+def test_update_is_bayes_by_enumeration(seed, peg, hard):
+    prior, sensed, model, alpha = draw(seed)
+    belief, observation = as_inputs(prior, sensed, model)
+    got = update_type(belief, observation, jnp.asarray(peg), jnp.asarray(alpha, jnp.float32), hard=hard)
+    want = enumerate_posterior(prior, sensed, model, alpha, peg, hard)
+    np.testing.assert_allclose(np.exp(got.type_logp), want, atol=1e-5)
+    assert np.exp(got.type_logp).sum() == pytest.approx(1, abs=1e-6)
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=SEEDS, peg=st.integers(0, 4), hard=st.booleans(), order=st.permutations(range(5)))
+def test_renaming_the_types_renames_the_posterior(seed, peg, hard, order):
+    prior, sensed, model, alpha = draw(seed, n_types=5)
+    order = np.array(order)
+
+    def posterior(prior, model, alpha, peg):
+        belief, observation = as_inputs(prior, sensed, model)
+        success = jnp.asarray(alpha, jnp.float32)
+        return np.exp(update_type(belief, observation, jnp.asarray(peg), success, hard=hard).type_logp)
+
+    renamed = posterior(prior[order], model[order], alpha[order], int(np.argmax(order == peg)))
+    np.testing.assert_allclose(renamed, posterior(prior, model, alpha, peg)[order], atol=1e-6)
+
+
+def test_hard_takes_the_column_of_the_likelier_observation():
+    model_logp = jnp.log(jnp.array([[0.9, 0.1], [0.3, 0.7], [0.5, 0.5]]))
+    hard = histogram.match_logp(jnp.array([0.2, 0.1]), model_logp, hard=True)
+    np.testing.assert_allclose(np.exp(hard), [0.9, 0.3, 0.5], rtol=1e-6)
+    soft = histogram.match_logp(jnp.array([0.0, 0.0]), model_logp, hard=False)
+    np.testing.assert_allclose(np.exp(soft), [0.5, 0.5, 0.5], rtol=1e-6)
+
+
+def test_a_certain_sensor_makes_soft_and_hard_agree():
+    _, _, model, _ = draw(7)
+    model_logp = jnp.log(jnp.asarray(model))
+    logits = jnp.array([-40.0, 40.0])
+    soft, hard = (histogram.match_logp(logits, model_logp, hard=hard) for hard in (False, True))
+    np.testing.assert_allclose(soft, hard, rtol=1e-5)
+
+
+def test_without_observation_only_the_failure_counts():
+    belief = initial_belief(jnp.zeros((4, 2)), 0.01, 3)
+    success = jnp.array([0.34, 0.2, 0.6])
+    got = update_type(belief, None, jnp.array([0, 1, 2, 2]), success, hard=True)
+    for row, peg in zip(np.exp(got.type_logp), [0, 1, 2, 2], strict=True):
+        want = np.ones(3)
+        want[peg] -= success[peg]
+        np.testing.assert_allclose(row, want / want.sum(), rtol=1e-5)
+    np.testing.assert_array_equal(got.pos_mean_world, belief.pos_mean_world)
+
+
+def test_failures_never_rule_a_type_out_and_stay_finite():
+    def step(belief, _):
+        return update_type(belief, None, jnp.asarray(0), jnp.full(3, 0.9), hard=True), None
+
+    belief, _ = jax.lax.scan(step, initial_belief(jnp.zeros(2), 0.01, 3), None, length=1000)
+    assert np.isfinite(belief.type_logp).all()
+    np.testing.assert_allclose(np.exp(belief.type_logp), [0, 0.5, 0.5], atol=1e-4)
+
+
+def test_initial_belief_and_position_update_on_a_batch():
+    belief = initial_belief(jnp.full((2, 3, 2), 0.4), 0.01, 3)
+    assert belief.pos_cov.shape == (2, 3, 2, 2)
+    np.testing.assert_allclose(belief.pos_cov[1, 2], 1e-4 * np.eye(2), rtol=1e-6)
+    np.testing.assert_allclose(np.exp(belief.type_logp).sum(-1), 1, rtol=1e-6)
+    shape = (2, 3)
+    observation = Observation(
+        innovation=jnp.full((*shape, 2), 0.01),
+        pos_noise_cov=jnp.broadcast_to(1e-4 * jnp.eye(2), (*shape, 2, 2)),
+        match_logits=jnp.zeros((*shape, 2)),
+        match_model_logp=jnp.log(jnp.full((*shape, 3, 2), 0.5)),
+    )
+    updated = update_position(belief, observation)
+    np.testing.assert_allclose(updated.pos_mean_world, 0.405, rtol=1e-5)
+    np.testing.assert_allclose(updated.pos_cov[0, 0], 0.5e-4 * np.eye(2), rtol=1e-4, atol=1e-11)
+    np.testing.assert_array_equal(updated.type_logp, belief.type_logp)
