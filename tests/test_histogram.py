@@ -23,7 +23,7 @@ def draw(seed: int, n_types: int = 3):
     return prior, rng.dirichlet([1, 1]), rng.dirichlet([1, 1], n_types), rng.uniform(0, 0.95, n_types)
 
 
-def enumerate_posterior(prior, sensed, model, alpha, peg, hard):
+def enumerate_posterior(prior, sensed, model, alpha, *, peg, hard):
     """Σ over every (type, o_match) of the joint probability with the failure, then normalised."""
     joint = np.zeros(len(prior))
     for c, o in itertools.product(range(len(prior)), range(2)):
@@ -51,7 +51,7 @@ def test_update_is_bayes_by_enumeration(seed, peg, hard):
     prior, sensed, model, alpha = draw(seed)
     belief, observation = as_inputs(prior, sensed, model)
     got = update_type(belief, observation, jnp.asarray(peg), jnp.asarray(alpha, jnp.float32), hard=hard)
-    want = enumerate_posterior(prior, sensed, model, alpha, peg, hard)
+    want = enumerate_posterior(prior, sensed, model, alpha, peg=peg, hard=hard)
     np.testing.assert_allclose(np.exp(got.type_logp), want, atol=1e-5)
     assert np.exp(got.type_logp).sum() == pytest.approx(1, abs=1e-6)
 

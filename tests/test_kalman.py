@@ -117,7 +117,7 @@ def test_likelihood_is_the_density_per_square_centimetre():
     rng = np.random.default_rng(2)
     target, mean, cov = rng.normal(0, 0.01, 2), rng.normal(0, 0.01, 2), spd(rng, 1e-4)
     logdet, mahalanobis = kalman.gaussian_nll_terms(*f32(target, mean, cov))
-    nll = -multivariate_normal(100 * mean, 1e4 * cov).logpdf(100 * target) - np.log(2 * np.pi)
+    nll = -multivariate_normal.logpdf(100 * target, 100 * mean, (1e4 * cov).tolist()) - np.log(2 * np.pi)
     assert logdet + mahalanobis == pytest.approx(nll, rel=1e-4)
     assert kalman.gaussian_nll(*f32(target, mean, cov)) == pytest.approx(nll, rel=1e-4)
     assert logdet == pytest.approx(0.5 * np.log(np.linalg.det(1e4 * cov)), rel=1e-4, abs=1e-5)

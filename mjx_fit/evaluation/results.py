@@ -3,7 +3,6 @@
 import dataclasses
 import json
 import math
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 from typing_extensions import TypedDict  # pydantic needs this one before Python 3.12
 
+from mjx_fit import files
 from mjx_fit.errors import RequestError
 from mjx_fit.evaluation.statistics import Interval, Row, bootstrap_mean, wilson
 
@@ -46,7 +46,10 @@ class AttemptTrial(TypedDict):
     error_m: float
 
 
-TRIALS: dict[str, type] = {"assembly": AssemblyTrial, "attempt": AttemptTrial}
+_TRIALS = {
+    "assembly": TypeAdapter(dict[str, list[AssemblyTrial]]),
+    "attempt": TypeAdapter(dict[str, list[AttemptTrial]]),
+}
 
 
 @dataclass(frozen=True)
@@ -57,16 +60,18 @@ class Result:
         experiment: ``attempt``, ``position``, ``insertion`` or ``assembly``.
         config: The resolved configuration (``config.to_tree``).
         seed: Root seed.
+        request: The rest of what was asked for: methods, trials, the trained run by its fingerprint.
         engine: Engine that simulated.
         device: Device it ran on.
         versions: Version of each library that matters.
         summary: What was counted.
-        trials: What it was counted from; rows as in ``TRIALS``.
+        trials: What it was counted from; rows such as ``AssemblyTrial``.
     """
 
     experiment: str
     config: dict[str, Any]
     seed: int
+    request: dict[str, Any]
     engine: str
     device: str
     versions: dict[str, str]
@@ -84,13 +89,7 @@ def write(path: Path, result: Result) -> None:
         else:
             text = json.dumps(value, indent=1).replace("\n", "\n ")
         lines.append(f' "{field.name}": {text}')
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f"{path.name}.{os.getpid()}.tmp")
-    with temporary.open("w", encoding="utf-8") as file:
-        file.write("{\n" + ",\n".join(lines) + "\n}\n")
-        file.flush()
-        os.fsync(file.fileno())
-    temporary.replace(path)
+    files.write_text(path, "{\n" + ",\n".join(lines) + "\n}\n")
 
 
 def read(path: Path) -> Result:
@@ -107,8 +106,8 @@ def read(path: Path) -> Result:
         raise RequestError(f"result: {path} is not JSON") from None
     try:
         result = TypeAdapter(Result).validate_python(tree)
-        if result.experiment in TRIALS:
-            TypeAdapter(dict[str, list[TRIALS[result.experiment]]]).validate_python({"trials": result.trials})
+        if result.experiment in _TRIALS:
+            _TRIALS[result.experiment].validate_python({"trials": result.trials})
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"])

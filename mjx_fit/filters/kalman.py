@@ -18,7 +18,7 @@ def update(
     mean: Float[Array, "*batch 2"],
     cov: Float[Array, "*batch 2 2"],
     innovation: Float[Array, "*batch 2"],
-    noise_cov: Float[Array, "*batch 2 2"],
+    noise_cov: Float[Array, "*#batch 2 2"],
 ) -> tuple[Float[Array, "*batch 2"], Float[Array, "*batch 2 2"]]:
     """Condition N(μ, Σ) on an observation o of the state itself (H = I), given as the innovation o - μ.
 
@@ -76,6 +76,6 @@ def _symmetric(matrix: Float[Array, "*batch n n"]) -> Float[Array, "*batch n n"]
 
 
 def _sandwich(
-    left: Float[Array, "*batch n n"], middle: Float[Array, "*batch n n"]
+    left: Float[Array, "*batch n n"], middle: Float[Array, "*#batch n n"]
 ) -> Float[Array, "*batch n n"]:
     return jnp.einsum("...ij,...jk,...lk->...il", left, middle, left, precision=_PRECISION)

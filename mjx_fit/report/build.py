@@ -5,6 +5,7 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
+from mjx_fit import files
 from mjx_fit.errors import RequestError
 from mjx_fit.evaluation import results
 from mjx_fit.report import sections
@@ -40,19 +41,18 @@ def build(inputs: list[Path], out: Path) -> Path:
         found |= here
     slugs = _unique([name for name, _ in found.values()])
     made = [make(slug) for slug, (_, make) in zip(slugs, found.values(), strict=True)]
-    (out / "figures").mkdir(parents=True, exist_ok=True)
     for section in made:
         for picture in section.pictures:
-            (out / "figures" / f"{picture.name}.svg").write_text(picture.svg, encoding="utf-8")
+            files.write_text(out / "figures" / f"{picture.name}.svg", picture.svg)
     index = out / "index.html"
-    index.write_text(page(made), encoding="utf-8")
+    files.write_text(index, page(made))
     return index
 
 
 def _find(path: Path, depth: int = 1) -> dict[Path, tuple[str, _Maker]]:
     """What can be shown at a path: for each source its name and what makes its section."""
     if path.is_file():
-        return {path.resolve(): (path.stem, lambda slug: sections.of_result(slug, results.read(path)))}
+        return {path.resolve(): (path.stem, partial(_of_result, path=path))}
     found: dict[Path, tuple[str, _Maker]] = {}
     name = path.resolve().name
     if (path / "manifest.json").is_file():
@@ -65,6 +65,13 @@ def _find(path: Path, depth: int = 1) -> dict[Path, tuple[str, _Maker]]:
         elif entry.is_dir() and depth:
             found |= _find(entry, depth - 1)
     return found
+
+
+def _of_result(slug: str, path: Path) -> Section:
+    result = results.read(path)
+    if not result.summary:
+        raise RequestError(f"report: {path} has no row in its summary; nothing can be shown")
+    return sections.of_result(slug, result)
 
 
 def _is_result(path: Path) -> bool:

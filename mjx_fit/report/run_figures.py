@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from mjx_fit.errors import RequestError
 from mjx_fit.report import style
@@ -61,7 +62,7 @@ def training_curve(metrics: list[dict[str, Any]]) -> Figure:
             seen = np.isfinite(value)
             ax.plot(epoch[seen], value[seen], dash, color=colour, label=name, marker=few, markersize=4)
     ax.set(xlabel="Epoch", ylabel="Negative log-likelihood (nat)")
-    ax.xaxis.get_major_locator().set_params(integer=True)
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     handles = ax.get_legend_handles_labels()[0]
     if handles:
         style.legend(figure, handles)
@@ -71,11 +72,11 @@ def training_curve(metrics: list[dict[str, Any]]) -> Figure:
 def interaction_lengths(data: Interaction) -> Figure:
     """How long interactions lasted, for matched and mismatched pairs."""
     matched = np.asarray(data.peg_type == data.hole_type)
-    length, valid = np.asarray(data.length), np.asarray(data.valid)
+    length = np.asarray(data.length)
     figure, ax = style.axes()
-    edges = np.linspace(0, max(int(length.max()), 1), 26)
+    edges = np.linspace(0, max(int(length.max()), 1), 26).tolist()
     groups = (("matched", matched, style.MATCHED_COLOUR), ("mismatched", ~matched, style.MISMATCHED_COLOUR))
-    drawn = [(name, length[which & valid], colour) for name, which, colour in groups]
+    drawn = [(name, length[which], colour) for name, which, colour in groups]
     ax.hist(
         [values for _, values, _ in drawn],
         edges,
@@ -85,6 +86,7 @@ def interaction_lengths(data: Interaction) -> Figure:
     )
     ax.set(xlabel="Length of the interaction (actions of 0.1 s)", ylabel="Interactions")
     ax.set_xlim(0, edges[-1] * 1.01)
+    ax.yaxis.set_major_locator(MaxNLocator(integer=True))
     handles, labels = ax.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper left", ncols=2)
     return figure
@@ -94,7 +96,7 @@ def visited_positions(data: Interaction) -> Figure:
     """Where the tip was relative to the true hole, all actions of all interactions together."""
     tip = np.asarray(data.trace.tip_pos_world)[..., :2] - np.asarray(data.hole_pos_world)[:, None]
     real = np.arange(tip.shape[1]) < np.asarray(data.length)[:, None]
-    x, y = 100 * tip[real & np.asarray(data.valid)[:, None]].T
+    x, y = 100 * tip[real].T
     counts, edges, _ = np.histogram2d(x, y, bins=np.linspace(-VIEW_CM, VIEW_CM, 61), density=False)
     figure, ax = style.axes(4.2)
     shown = np.ma.masked_equal(counts.T, 0)

@@ -63,7 +63,9 @@ def of_run(slug: str, folder: Path) -> Section:
     )
     pictures = _pictures(slug, [("training", caption, lambda: run_figures.training_curve(metrics))])
     facts = (("epochs", str(len(metrics))), *_provenance(_json_of(folder / "run.json")))
-    return Section(slug, f"Training: {folder.resolve().name}", facts, _config_of(folder), (), pictures)
+    path = folder / "config.yaml"
+    config = path.read_text(encoding="utf-8", errors="replace") if path.is_file() else ""
+    return Section(slug, f"Training: {folder.resolve().name}", facts, config, (), pictures)
 
 
 def of_dataset(slug: str, folder: Path) -> Section:
@@ -72,9 +74,9 @@ def of_dataset(slug: str, folder: Path) -> Section:
     Raises:
         RequestError: There is no valid interaction in it.
     """
-    data = store.load(folder)
-    valid = np.asarray(data.valid)
-    if not valid.any():
+    manifest, data = store.read_manifest(folder), store.load(folder)
+    n, stored = len(data.length), sum(len(shard["episodes"]) for shard in manifest["shards"])
+    if not n:
         raise RequestError(f"report: {folder} holds no valid interaction; nothing can be shown")
     drawings: list[_Drawing] = [
         (
@@ -89,13 +91,14 @@ def of_dataset(slug: str, folder: Path) -> Section:
         ),
     ]
     facts = (
-        ("interactions", str(valid.size)),
-        ("inserted", str(int((np.asarray(data.inserted) & valid).sum()))),
-        ("not finite, left out", str(int((~valid).sum()))),
-        *_provenance(_json_of(folder / "manifest.json")),
+        ("interactions", str(n)),
+        ("inserted", str(int(np.sum(data.inserted)))),
+        ("left out, not finite", str(stored - n)),
+        *_provenance(manifest["request"] | manifest),
     )
     pictures = _pictures(slug, drawings)
-    return Section(slug, f"Data set: {folder.resolve().name}", facts, _config_of(folder), (), pictures)
+    config = yaml.safe_dump(manifest["request"].get("config", {}), sort_keys=False)
+    return Section(slug, f"Data set: {folder.resolve().name}", facts, config, (), pictures)
 
 
 def _assembly(result: Result) -> list[_Drawing]:
@@ -164,8 +167,3 @@ def _json_of(path: Path) -> dict[str, Any]:
     except (OSError, ValueError):
         return {}  # facts beside the figures: a run of another making may lack them
     return tree if isinstance(tree, dict) else {}
-
-
-def _config_of(folder: Path) -> str:
-    path = folder / "config.yaml"
-    return path.read_text(encoding="utf-8", errors="replace") if path.is_file() else ""

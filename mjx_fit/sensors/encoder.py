@@ -1,8 +1,9 @@
 """Encoder e1: a trace of any length becomes one vector.
 
 Section "Model Architecture and Learning" of the paper. A five-layer convolutional network encodes the wrench
-window of each action; with the rest of the measurements of that action it makes one token; a transformer looks at
+window of each action; with the other measurements of that action it makes one token; a transformer looks at
 all tokens; a maximum over time ends it.
+"""
 
 from itertools import pairwise
 

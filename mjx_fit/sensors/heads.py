@@ -11,6 +11,10 @@ exactly would drive the likelihood to infinity."""
 
 H_INIT_LOGIT = 1.0
 
+# A tenth of the usual standard deviation: an untrained sensor says "the estimate is right" and "perhaps", so
+# that training starts near the prior's likelihood and not far above it.
+_SMALL = nnx.initializers.variance_scaling(0.01, "fan_in", "truncated_normal")
+
 
 class SkipMLP(nnx.Module):
     """Three fully connected layers with a skip connection over each of the first two."""
@@ -19,7 +23,7 @@ class SkipMLP(nnx.Module):
         """Build the layers; ``width`` is the size of the input and of both hidden layers."""
         self.first = nnx.Linear(width, width, rngs=rngs)
         self.second = nnx.Linear(width, width, rngs=rngs)
-        self.last = nnx.Linear(width, out_features, rngs=rngs)
+        self.last = nnx.Linear(width, out_features, kernel_init=_SMALL, rngs=rngs)
 
     def __call__(self, x: Float[Array, "*batch width"]) -> Float[Array, "*batch out"]:
         """Apply the layers."""

@@ -48,7 +48,9 @@ def read(
     # A gather with clipped indices: a dynamic slice near the end would shift the whole window instead.
     last = interaction.trace.contact.shape[0] - 1
     window = jax.tree.map(lambda rows_: rows_[jnp.minimum(start + offsets, last)], interaction.trace)
-    window = jax.tree.map(lambda x: jnp.where(mask.reshape(-1, *[1] * (x.ndim - 1)), x, 0), window)
+    window = jax.tree.map(
+        lambda x: jnp.where(mask.reshape(-1, *[1] * (x.ndim - 1)), x, jnp.zeros_like(x)), window
+    )
 
     sample_key, tare_key = jax.random.split(key)
     clean = window.wrench_sensor

@@ -1,11 +1,13 @@
 """What an engine is, and which one ``auto`` means."""
 
+import math
 import os
 from typing import Protocol
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+import numpy as np
+from jaxtyping import Array, Bool, Float
 
 from mjx_fit.config import Config
 from mjx_fit.errors import RequestError
@@ -24,12 +26,13 @@ class Engine(Protocol):
 
     name: str
 
-    def run(self, attempts: Attempt, actions: int) -> Interaction:
+    def run(self, attempts: Attempt, actions: int, active: Bool[np.ndarray, "n"] | None = None) -> Interaction:
         """Runs every attempt until its peg is inserted or its actions are used up.
 
         Args:
-            attempts: A batch (n,) of attempts.
+            attempts: A batch (n,) of attempts. An engine compiles once for each n.
             actions: J, the most actions in one attempt: also the spiral's horizon.
+            active: Which of them to run; the others come back with length 0. None: all.
 
         Returns:
             A batch (n,) of interactions with J rows each, as NumPy arrays.
@@ -60,6 +63,11 @@ def create(name: str, config: Config) -> Engine:
     from mjx_fit.simulate.native import NativeEngine
 
     return MjxEngine(config) if resolve(name) == "mjx" else NativeEngine(config, os.cpu_count() or 1)
+
+
+def even_batch(n: int, at_most: int) -> int:
+    """Size of the batches that n attempts are run in: of one shape, and with little padding in the last one."""
+    return math.ceil(n / math.ceil(n / at_most))
 
 
 def start_qpos(chain: Chain, attempts: Attempt, scene: Scene) -> Float[Array, "n 7"]:

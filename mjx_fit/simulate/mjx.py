@@ -36,24 +36,31 @@ class MjxEngine:
         self._config = config
         self._run = jax.jit(self._rollout, static_argnames="actions", compiler_options=compiler_options())
 
-    def run(self, attempts: Attempt, actions: int) -> Interaction:
+    def run(self, attempts: Attempt, actions: int, active: Bool[np.ndarray, "n"] | None = None) -> Interaction:
         """See ``Engine.run``."""
-        return jax.tree.map(np.asarray, self._run(attempts, actions=actions))
+        active = np.ones(len(attempts.peg_type), bool) if active is None else active
+        return jax.tree.map(np.asarray, self._run(attempts, active, actions=actions))
 
-    def _rollout(self, attempts: Attempt, actions: int) -> Interaction:
+    def _rollout(self, attempts: Attempt, active: Bool[Array, "n"], actions: int) -> Interaction:
         pair = pair_index(attempts.peg_type, attempts.hole_type)
         models = self._models.replace(**{name: getattr(self._models, name)[pair] for name in _GEOMETRY})
         qpos = start_qpos(self._chain, attempts, self.scene)
         world = partial(rollout_world, config=self._config, scene=self.scene, actions=actions)
         # Matrix products of lower precision (TF32 on some accelerators) ruin the constraint solver.
         with jax.default_matmul_precision("highest"):
-            return jax.vmap(world, (self._axes, 0, 0))(models, qpos, attempts)
+            return jax.vmap(world, (self._axes, 0, 0, 0))(models, qpos, attempts, active)
 
 
 def rollout_world(
-    model: mjx.Model, qpos: Float[Array, "7"], attempt: Attempt, config: Config, scene: Scene, actions: int
+    model: mjx.Model,
+    qpos: Float[Array, "7"],
+    attempt: Attempt,
+    active: Bool[Array, ""],
+    config: Config,
+    scene: Scene,
+    actions: int,
 ) -> Interaction:
-    """One attempt in one world."""
+    """One attempt in one world, from a posture; a world that is not active stands still."""
     hole = jnp.append(attempt.hole_pos_world, scene.plate_top_m)
     data = mjx.make_data(model).replace(qpos=qpos, mocap_pos=hole[None])
     data, tare = _at_rest(model, data, scene)
@@ -69,9 +76,9 @@ def rollout_world(
         # A world that is done, or broken, is frozen: the others of its batch go on.
         data = jax.tree.map(partial(jnp.where, running & finite), after, data)
         row = jax.tree.map(lambda leaf: jnp.where(running, leaf, jnp.zeros_like(leaf)), row)
-        return (data, running & ~inserted & finite), (row, running, running & inserted, ~finite)
+        return (data, running & ~inserted & finite), (row, running, running & inserted, running & ~finite)
 
-    (data, _), (trace, ran, inserted, broke) = jax.lax.scan(act, (data, jnp.array(True)), jnp.arange(actions))
+    (data, _), (trace, ran, inserted, broke) = jax.lax.scan(act, (data, active), jnp.arange(actions))
     return Interaction(
         trace=trace,
         length=ran.sum(),

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import mujoco
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 from mujoco.batch import Batch
 
 from mjx_fit import control, policies
@@ -41,17 +41,18 @@ class NativeEngine:
         self._begin_action = jax.jit(jax.vmap(self._begin_action_of, (0, 0, None, None)), static_argnums=3)
         self._observe = jax.jit(jax.vmap(self._observe_of))
 
-    def run(self, attempts: Attempt, actions: int) -> Interaction:
+    def run(self, attempts: Attempt, actions: int, active: Bool[np.ndarray, "n"] | None = None) -> Interaction:
         """See ``Engine.run``."""
         worlds = _Worlds(self, attempts)
         trace = _empty_trace(len(attempts.peg_type), actions)
         n = worlds.n
         length = np.zeros(n, np.int32)
         inserted, valid = np.zeros(n, bool), np.ones(n, bool)
+        asked = np.ones(n, bool) if active is None else active
         depth = self.scene.plate_top_m - self._config.task.insertion_depth_m
 
         for step in range(actions):
-            running = np.flatnonzero(valid & ~inserted)
+            running = np.flatnonzero(asked & valid & ~inserted)
             if not len(running):
                 break
             action, goal = self._begin_action(attempts, worlds.packed(), step, actions)

@@ -58,7 +58,7 @@ def load(folder: Path) -> tuple[int, Arrays] | None:
     """The number of epochs done and the arrays of the newest checkpoint, or None where there is none."""
     if not folder.is_dir():
         return None
-    with _manager(folder, read_only=True) as manager:
+    with _manager(folder, create=False) as manager:
         step = manager.latest_step()
         return None if step is None else (step, manager.restore(step, args=ocp.args.StandardRestore()))
 

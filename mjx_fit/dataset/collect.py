@@ -1,0 +1,119 @@
+"""Collecting interactions: which peg meets which hole, where, and under which policy."""
+
+from functools import partial
+from itertools import permutations
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int, Key
+
+from mjx_fit import policies
+from mjx_fit.config import Config, DetectorConfig
+from mjx_fit.dataset.store import Writer
+from mjx_fit.detector import detect
+from mjx_fit.errors import RequestError
+from mjx_fit.progress import Progress
+from mjx_fit.scene import HOLE_WORKSPACE_M
+from mjx_fit.shapes import SHAPES
+from mjx_fit.simulate.engine import create, even_batch, resolve
+from mjx_fit.types import SUBSTEPS, Attempt
+
+POLICIES = (*policies.POLICIES, "mixed")
+_MISMATCHED = np.array(list(permutations(range(len(SHAPES)), 2)))
+MAX_ACTIONS = 1000
+
+
+def collect(
+    config: Config, out: Path, episodes: int, steps: int, policy: str, engine: str, seed: int, batch: int
+) -> None:
+    """Simulates interactions and stores them; goes on where a killed collection of the same kind stopped.
+
+    The draws of an episode depend on the seed and its id alone. All batches have one shape, the last one padded:
+    arithmetic may differ in the last bit from one shape to another.
+
+    Args:
+        config: The configuration.
+        out: Folder of the data set.
+        episodes: Number of interactions: even ids are matched pairs, odd ids mismatched ones, each kind in turn.
+        steps: Most actions in one interaction.
+        policy: ``random``, ``spiral``, or ``mixed`` for each in half of the episodes, at random.
+        engine: ``auto``, ``mjx`` or ``native``.
+        seed: Root seed.
+        batch: Worlds that are simulated at once: one shard.
+
+    Raises:
+        RequestError: A value is not allowed, or the folder holds something else.
+    """
+    _require(1 <= episodes, "--episodes", episodes, "at least 1")
+    _require(1 <= steps <= MAX_ACTIONS, "--steps", steps, f"between 1 and {MAX_ACTIONS}")
+    _require(policy in POLICIES, "--policy", policy, f"one of {', '.join(POLICIES)}")
+    _require(0 <= seed < 2**32, "--seed", seed, "between 0 and 4294967295")
+    _require(1 <= batch <= 65536, "--batch", batch, "between 1 and 65536")
+    batch = even_batch(episodes, batch)
+    request = {"episodes": episodes, "steps": steps, "policy": policy, "seed": seed, "batch": batch}
+    writer = Writer(out, request | {"engine": resolve(engine)}, config)
+    starts = [start for start in range(0, episodes, batch) if not writer.has(_shard_name(start))]
+    simulator = create(engine, config) if starts else None
+    root = jax.random.key(seed)
+    with Progress("collect", episodes, episodes - sum(min(batch, episodes - start) for start in starts)) as progress:
+        inserted = 0
+        for start in starts:
+            assert simulator is not None
+            ids = np.arange(start, start + batch)
+            interactions = simulator.run(draw_attempts(root, jnp.asarray(ids), policy, config.detector), steps)
+            kept = min(batch, episodes - start)
+            interactions = jax.tree.map(lambda leaf, kept=kept: leaf[:kept], interactions)
+            writer.write(_shard_name(start), ids[:kept], interactions)
+            inserted += int(interactions.inserted.sum())
+            progress(start + kept, f"{inserted} inserted, {interactions.length.sum() * SUBSTEPS} physics steps in shard")
+    writer.finish()
+
+
+def draw_attempts(
+    root: Key[Array, ""], episodes: Int[Array, "n"], policy: str, detector: DetectorConfig
+) -> Attempt:
+    """What the episodes of a data set are to do; a pure function of the root key and the ids."""
+    peg_type, hole_type = pair_of(np.asarray(episodes))
+    hole_pos, estimate, wiggle = draw_places(root, episodes, detector)
+    if policy == "mixed":
+        kind_keys = jax.vmap(lambda episode: jax.random.fold_in(jax.random.fold_in(root, episode), 1))(episodes)
+        kind = jax.vmap(jax.random.bernoulli)(kind_keys).astype(int)
+    else:
+        kind = jnp.full(len(episodes), policies.POLICIES.index(policy))
+    return Attempt(jnp.asarray(peg_type), jnp.asarray(hole_type), hole_pos, estimate, kind, wiggle)
+
+
+@partial(jax.jit, static_argnames="detector")
+def draw_places(
+    root: Key[Array, ""], episodes: Int[Array, "n"], detector: DetectorConfig
+) -> tuple[Float[Array, "n 2"], Float[Array, "n 2"], Key[Array, "n"]]:
+    """True places of the holes (m), uniform in the workspace, what the detector says of them (m), and the keys of
+    the policies. Each depends on the root key and the episode's id alone."""
+
+    def draw(episode):
+        place, error, wiggle = jax.random.split(jax.random.fold_in(root, episode), 3)
+        low, high = jnp.asarray(HOLE_WORKSPACE_M).T
+        hole_pos = jax.random.uniform(place, (2,), minval=low, maxval=high)
+        return hole_pos, detect(error, hole_pos, detector), wiggle
+
+    return jax.vmap(draw)(episodes)
+
+
+def pair_of(episodes: Int[np.ndarray, "n"]) -> tuple[Int[np.ndarray, "n"], Int[np.ndarray, "n"]]:
+    """Peg and hole type of each episode: even ids take the three matched pairs in turn, odd ids the six others."""
+    turn = episodes // 2
+    matched = (episodes % 2 == 0)[:, None]
+    same = np.stack([turn % len(SHAPES)] * 2, 1)
+    pair = np.where(matched, same, _MISMATCHED[turn % len(_MISMATCHED)])
+    return pair[:, 0], pair[:, 1]
+
+
+def _shard_name(start: int) -> str:
+    return f"shard-{start:08d}.h5"
+
+
+def _require(allowed: bool, field: str, value, expected: str) -> None:
+    if not allowed:
+        raise RequestError(f"{field}: {value!r} is not allowed: it must be {expected}")

@@ -1,0 +1,49 @@
+"""The whole pipeline, small: data, training, evaluation and report within minutes on two cores."""
+
+from pathlib import Path
+
+from rich.console import Console
+
+from mjx_fit.config import Config
+from mjx_fit.dataset import store
+from mjx_fit.dataset.collect import collect
+from mjx_fit.evaluation import experiments
+from mjx_fit.report.build import build
+from mjx_fit.report.run_figures import read_metrics
+from mjx_fit.report.terminal import print_summary
+from mjx_fit.training.loop import train
+
+EPISODES, STEPS = 240, 100
+ATTEMPTS = 50
+ASSEMBLIES = 8
+METHODS = "failure_only,full"
+
+
+def demo(config: Config, out: Path) -> None:
+    """Runs every stage into ``out``; a stage that is done is not done again.
+
+    Raises:
+        RequestError: The folder holds the demo of another configuration.
+    """
+    console = Console(highlight=False)
+    data, run = out / "data", out / "train"
+
+    console.rule(f"1/4  {EPISODES} interactions of up to {STEPS} actions")
+    collect(config, data, EPISODES, STEPS, "mixed", "auto", seed=0, batch=128)
+
+    console.rule("2/4  train sensors and filters on them")
+    train(store.load(data), config, run, seed=0)
+    best = min(read_metrics(run / "metrics.jsonl"), key=lambda row: row["val_nll"])
+    console.print(
+        f"validation NLL: {best['val_nll']:.3f} after the update, {best['prior_nll']:.3f} before it "
+        f"(epoch {best['epoch'] + 1})"
+    )
+
+    console.rule("3/4  evaluate")
+    attempts = experiments.attempt(config, out / "attempt.json", ATTEMPTS, 0, "auto")
+    assemblies = experiments.assembly(config, out / "assembly.json", run, METHODS, ASSEMBLIES, 0, "auto")
+    print_summary(attempts)
+    print_summary(assemblies)
+
+    console.rule("4/4  report")
+    console.print(str(build([out], out)), soft_wrap=True)

@@ -1,0 +1,29 @@
+"""The simulated hole detector: what vision would say about the position of a hole."""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Key
+
+from mjx_fit.config import DetectorConfig
+
+
+def detect(
+    key: Key[Array, ""], hole_pos_world: Float[Array, "2"], config: DetectorConfig
+) -> Float[Array, "2"]:
+    """A noisy estimate of a hole's position.
+
+    Args:
+        key: Source of the error.
+        hole_pos_world: True centre of the hole, m.
+        config: ``square``: the error is uniform on [-w, w]² (the paper's text); ``disc``: its direction is
+            uniform and so is its length on [0, w] (what the paper's figures look like).
+
+    Returns:
+        The estimate, m.
+    """
+    if config.kind == "square":
+        unit = jax.random.uniform(key, (2,), minval=-1.0)
+    else:
+        radius, angle = jax.random.uniform(key, (2,), maxval=jnp.array([1.0, 2 * jnp.pi]))
+        unit = radius * jnp.array([jnp.cos(angle), jnp.sin(angle)])
+    return hole_pos_world + config.half_width_m * unit

@@ -1,0 +1,172 @@
+"""The experiments: what is run, and what of it is kept. Each writes one result file."""
+
+from itertools import permutations
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from flax import nnx
+from jaxtyping import Float, Int
+
+from mjx_fit import config as config_
+from mjx_fit import provenance
+from mjx_fit.config import Config
+from mjx_fit.dataset.collect import draw_places
+from mjx_fit.errors import RequestError
+from mjx_fit.evaluation import results
+from mjx_fit.evaluation.results import Result
+from mjx_fit.policies import SPIRAL
+from mjx_fit.progress import Progress
+from mjx_fit.shapes import NAMES, SHAPES
+from mjx_fit.simulate.engine import create, even_batch, resolve
+from mjx_fit.task import assembly as assembly_
+from mjx_fit.task.learning import learner
+from mjx_fit.task.methods import chosen
+from mjx_fit.training import checkpoint
+from mjx_fit.types import Attempt, Interaction
+
+ATTEMPT_BATCH = 256
+
+
+def attempt(config: Config, out: Path, trials: int, seed: int, engine: str) -> Result:
+    """Single attempts of Algorithm 4 from the detector's estimate: ``trials`` matched ones per shape, and
+    ``trials`` mismatched ones in all, over the six pairs in turn.
+
+    Raises:
+        RequestError: A value is not allowed, or the file holds another result.
+    """
+    _require_positive("--trials", trials)
+    request = {"trials": trials}
+    done = _finished(out, "attempt", config, seed, request, engine)
+    if done is not None:
+        return done
+    peg_type, hole_type = _attempt_pairs(trials)
+    n = len(peg_type)
+    batch = even_batch(n, ATTEMPT_BATCH)
+    simulator = create(engine, config)
+    root = jax.random.key(seed)
+    rows: list[dict[str, Any]] = []
+    with Progress("attempts", n) as progress:
+        for start in range(0, n, batch):
+            ids = np.arange(start, start + batch)
+            hole_pos, estimate, wiggle = draw_places(root, jnp.asarray(ids), config.detector)
+            attempts = Attempt(
+                peg_type=jnp.asarray(peg_type[ids % n]),
+                hole_type=jnp.asarray(hole_type[ids % n]),
+                hole_pos_world=hole_pos,
+                estimate_world=estimate,
+                policy=jnp.full(batch, SPIRAL),
+                key=wiggle,
+            )
+            interactions = simulator.run(attempts, config.task.attempt_actions, ids < n)
+            rows += _attempt_rows(interactions, ids[ids < n])
+            progress(len(rows), f"{sum(row['inserted'] for row in rows)} inserted")
+    return _write(out, "attempt", config, seed, request, engine, results.summarise_attempt(rows), rows)
+
+
+def assembly(
+    config: Config, out: Path, run: Path | None, methods: str, trials: int, seed: int, engine: str
+) -> Result:
+    """Whole assemblies under several methods, which share every trial's holes, pegs, detections and wiggles.
+
+    Args:
+        config: The configuration.
+        out: The result file.
+        run: Folder of the trained sensor, for the methods that read traces.
+        methods: Names, comma-separated.
+        trials: Number of assemblies.
+        seed: Root seed.
+        engine: ``auto``, ``mjx`` or ``native``.
+
+    Raises:
+        RequestError: A value is not allowed, a method needs a sensor and there is none, or the file holds
+            another result.
+    """
+    _require_positive("--trials", trials)
+    picked = chosen(methods)
+    reading = [method.name for method in picked if method.needs_sensor]
+    if reading and run is None:
+        raise RequestError(f"--run: none is not allowed: {reading[0]} needs the folder of a training run")
+    sensor = checkpoint.load_sensor(run)[0] if reading and run is not None else None
+    request = {
+        "methods": [method.name for method in picked],
+        "trials": trials,
+        "sensor": provenance.fingerprint(checkpoint.to_arrays(nnx.state(sensor))) if sensor is not None else None,
+    }
+    done = _finished(out, "assembly", config, seed, request, engine)
+    if done is not None:
+        return done
+    drawn = assembly_.draw_trials(config, seed, trials)
+    simulator, learn = create(engine, config), learner(config, sensor)
+    with Progress("assembly pegs", len(picked) * trials * config.task.n_holes) as progress:
+        rows = assembly_.run(config, picked, drawn, seed, simulator, learn, progress)
+    return _write(out, "assembly", config, seed, request, engine, results.summarise_assembly(rows), rows)
+
+
+def _attempt_pairs(trials: int) -> tuple[Int[np.ndarray, "n"], Int[np.ndarray, "n"]]:
+    matched = np.repeat(np.arange(len(SHAPES)), trials)
+    mismatched = np.array(list(permutations(range(len(SHAPES)), 2)))
+    others = mismatched[np.arange(trials) % len(mismatched)]
+    return np.concatenate([matched, others[:, 0]]), np.concatenate([matched, others[:, 1]])
+
+
+def _attempt_rows(interactions: Interaction, ids: Int[np.ndarray, "n"]) -> list[dict[str, Any]]:
+    error = np.linalg.norm(interactions.estimate_world - interactions.hole_pos_world, axis=1)
+    force = _peak_force(interactions)
+    return [
+        {
+            "trial": int(trial),
+            "pair": [NAMES[interactions.peg_type[i]], NAMES[interactions.hole_type[i]]],
+            "matched": bool(interactions.peg_type[i] == interactions.hole_type[i]),
+            "inserted": bool(interactions.inserted[i]),
+            "length": int(interactions.length[i]),
+            "peak_force_n": float(force[i]),
+            "error_m": float(error[i]),
+        }
+        for i, trial in enumerate(ids)
+    ]
+
+
+def _peak_force(interactions: Interaction) -> Float[np.ndarray, "n"]:
+    """Largest tared force of each interaction, N."""
+    wrench = interactions.trace.wrench_sensor - interactions.tare_sensor[:, None, None]
+    real = np.arange(wrench.shape[1]) < interactions.length[:, None]
+    return np.where(real[..., None], np.linalg.norm(wrench[..., :3], axis=-1), 0).max((1, 2))
+
+
+def _finished(out: Path, experiment: str, config: Config, seed: int, request: dict, engine: str) -> Result | None:
+    """The result, if this very request was finished before."""
+    if not 0 <= seed < 2**32:
+        raise RequestError(f"--seed: {seed} is not allowed: it must be between 0 and 4294967295")
+    if not out.exists():
+        return None
+    if out.is_dir():
+        raise RequestError(f"--out: {out} is not allowed: it is a folder; name a .json file")
+    there = results.read(out)
+    here = (experiment, config_.to_tree(config), seed, request, resolve(engine))
+    if (there.experiment, there.config, there.seed, there.request, there.engine) != here:
+        raise RequestError(f"--out: {out} is not allowed: it holds another result; choose a new file")
+    return there
+
+
+def _write(out, experiment, config, seed, request, engine, summary, rows) -> Result:
+    result = Result(
+        experiment=experiment,
+        config=config_.to_tree(config),
+        seed=seed,
+        request=request,
+        engine=resolve(engine),
+        device=provenance.device(),
+        versions=provenance.versions(),
+        summary=summary,
+        trials=rows,
+    )
+    results.write(out, result)
+    return result
+
+
+def _require_positive(field: str, value: int) -> None:
+    if value < 1:
+        raise RequestError(f"{field}: {value} is not allowed: it must be at least 1")

@@ -1,0 +1,207 @@
+"""Algorithm 1 on whole assemblies, batched over methods and trials.
+
+Every row of the batch is one trial under one method. In each round every unfinished row makes one attempt; all
+attempts of a round are simulated together. A trial's holes, pegs, detections and wiggles are the same for all
+methods.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from mjx_fit.config import Config
+from mjx_fit.detector import detect
+from mjx_fit.filters.belief import initial_belief
+from mjx_fit.policies import SPIRAL
+from mjx_fit.scene import place_holes
+from mjx_fit.shapes import NAMES, SHAPES
+from mjx_fit.simulate.engine import Engine
+from mjx_fit.task import pomdp
+from mjx_fit.task.learning import Learn
+from mjx_fit.task.methods import Method
+from mjx_fit.types import Attempt, Belief
+
+_LOG_IMPOSSIBLE = -30.0
+"""ln ξ of a type that is known to be wrong: small enough to mean never, and finite."""
+
+
+@dataclass(frozen=True)
+class Trials:
+    """What the world holds in each of T trials.
+
+    Attributes:
+        hole_type: (T, n).
+        hole_pos_world: (T, n, 2), m.
+        estimate_world: (T, n, 2), what the detector says, m.
+        peg_type: (T, n), pegs in the order in which they are grasped.
+    """
+
+    hole_type: Int[np.ndarray, "T n"]
+    hole_pos_world: Float[np.ndarray, "T n 2"]
+    estimate_world: Float[np.ndarray, "T n 2"]
+    peg_type: Int[np.ndarray, "T n"]
+
+
+def draw_trials(config: Config, seed: int, n_trials: int) -> Trials:
+    """Draws holes of random types at random places, pegs that match them in random order, and detections."""
+    n = config.task.n_holes
+    rngs = [np.random.default_rng([seed, trial]) for trial in range(n_trials)]
+    hole_type = np.stack([rng.integers(len(SHAPES), size=n) for rng in rngs])
+    peg_type = np.stack([rng.permutation(row) for rng, row in zip(rngs, hole_type, strict=True)])
+    hole_pos = np.stack([place_holes(rng, n, config.scene) for rng in rngs]).astype(np.float32)
+    keys = jax.random.split(jax.random.key(seed), (n_trials, n))
+    estimate = jax.vmap(jax.vmap(partial(detect, config=config.detector)))(keys, jnp.asarray(hole_pos))
+    return Trials(hole_type, hole_pos, np.asarray(estimate), peg_type)
+
+
+def run(
+    config: Config,
+    methods: tuple[Method, ...],
+    trials: Trials,
+    seed: int,
+    engine: Engine,
+    learn: Learn,
+    progress: Callable[[int, str], None],
+) -> list[dict]:
+    """Runs every method on every trial to the end.
+
+    Args:
+        config: Task, detector and physics.
+        methods: What to compare.
+        trials: Drawn by ``draw_trials``.
+        seed: Root seed of wiggles and sensor noise.
+        engine: Simulates the attempts.
+        learn: Updates beliefs, made by ``mjx_fit.task.learning.learner``.
+        progress: Told the number of pegs done, over all methods and trials.
+
+    Returns:
+        One row for each method and trial: method, trial, pegs (names), attempts and human, both per peg.
+    """
+    table = _Table(config, methods, trials, seed)
+    while table.active.any():
+        chosen = table.choose()
+        interactions = engine.run(table.attempts(chosen), config.task.attempt_actions, table.active)
+        table.learn(chosen, interactions, learn)
+        table.record(chosen, interactions.inserted)
+        progress(int(table.pegs_done.sum()), f"{table.active.sum()} of {len(table.active)} assemblies open")
+    return table.rows()
+
+
+class _Table:
+    """The state of all rows, method by method, trial by trial: R = methods x trials."""
+
+    def __init__(self, config: Config, methods: tuple[Method, ...], trials: Trials, seed: int):
+        self._config, self._methods, self._n_trials = config, methods, len(trials.hole_type)
+        self._world = jax.tree.map(
+            lambda leaf: np.tile(leaf, (len(methods), *[1] * (leaf.ndim - 1))), trials.__dict__
+        )
+        n_rows, n = self._world["hole_type"].shape
+        self._trial = np.tile(np.arange(self._n_trials), len(methods))
+        self._beliefs = self._initial_beliefs()
+        self._filled = np.zeros((n_rows, n), bool)
+        self._tries = np.zeros((n_rows, n), np.int32)
+        self._attempts, self._human = np.zeros((n_rows, n), int), np.zeros((n_rows, n), bool)
+        self.pegs_done = np.zeros(n_rows, int)
+        self._root = jax.random.fold_in(jax.random.key(seed), 1)  # the draws of trials have the root itself
+        self._keys = jax.jit(jax.vmap(self._attempt_keys))
+        self._choose = jax.jit(self._greedy)
+
+    @property
+    def active(self) -> Bool[np.ndarray, "R"]:
+        """Rows that have pegs left."""
+        return self.pegs_done < self._filled.shape[1]
+
+    def choose(self) -> Int[np.ndarray, "R"]:
+        """The hole that each row tries next."""
+        return np.asarray(self._choose(self._beliefs.type_logp, self._peg(), self._filled, self._tries))
+
+    def attempts(self, chosen: Int[np.ndarray, "R"]) -> Attempt:
+        """The attempts of a round."""
+        rows = np.arange(len(chosen))
+        self._wiggle_keys, self._noise_keys = self._keys(self._trial, self._peg_number(), self._attempt_number())
+        return Attempt(
+            peg_type=jnp.asarray(self._peg()),
+            hole_type=jnp.asarray(self._world["hole_type"][rows, chosen]),
+            hole_pos_world=jnp.asarray(self._world["hole_pos_world"][rows, chosen]),
+            estimate_world=jnp.asarray(self._beliefs.pos_mean_world[rows, chosen]),
+            policy=jnp.full(len(chosen), SPIRAL),
+            key=self._wiggle_keys,
+        )
+
+    def learn(self, chosen: Int[np.ndarray, "R"], interactions, learn: Learn) -> None:
+        """Updates the beliefs about the holes that were tried."""
+        rows = np.arange(len(chosen))
+        before = jax.tree.map(lambda leaf: leaf[rows, chosen], self._beliefs)
+        position = np.repeat([method.learns_position for method in self._methods], self._n_trials)
+        kind = np.repeat([method.learns_type for method in self._methods], self._n_trials)
+        after = learn(before, interactions, self._noise_keys, position, kind)
+        open_rows = rows[self.active]
+        for leaf, new in zip(jax.tree.leaves(self._beliefs), jax.tree.leaves(after), strict=True):
+            leaf[open_rows, chosen[open_rows]] = np.asarray(new)[open_rows]
+
+    def record(self, chosen: Int[np.ndarray, "R"], inserted: Bool[np.ndarray, "R"]) -> None:
+        """Counts the attempts, fills holes, lets a human help at the cap, and hands out the next pegs."""
+        rows = np.flatnonzero(self.active)
+        peg, hole = self.pegs_done[rows], chosen[rows]
+        self._attempts[rows, peg] += 1
+        self._tries[rows, hole] += 1
+        helped = ~inserted[rows] & (self._attempts[rows, peg] == self._config.task.max_attempts)
+        # The human fills the first empty hole that truly matches.
+        matching = (self._world["hole_type"] == self._peg()[:, None]) & ~self._filled
+        hole = np.where(helped, matching[rows].argmax(1), hole)
+        self._human[rows, peg] = helped
+        done = inserted[rows] | helped
+        self._filled[rows[done], hole[done]] = True
+        self._tries[rows[done]] = 0
+        self.pegs_done[rows[done]] += 1
+
+    def rows(self) -> list[dict]:
+        """What happened, ready for the result file."""
+        return [
+            {
+                "trial": int(self._trial[row]),
+                "method": self._methods[row // self._n_trials].name,
+                "pegs": [NAMES[peg] for peg in self._world["peg_type"][row]],
+                "attempts": self._attempts[row].tolist(),
+                "human": self._human[row].tolist(),
+            }
+            for row in range(len(self._trial))
+        ]
+
+    def _initial_beliefs(self) -> Belief:
+        """Beliefs (R, n) as writable arrays: the detector's, or the truth for a method that knows it."""
+        world = self._world
+        detected = initial_belief(
+            jnp.asarray(world["estimate_world"]), self._config.detector.prior_std_m, len(SHAPES)
+        )
+        beliefs = jax.tree.map(np.array, detected)
+        knows = np.repeat([method.knows_truth for method in self._methods], self._n_trials)
+        one_hot = np.arange(len(SHAPES)) == world["hole_type"][..., None]
+        beliefs.pos_mean_world[knows] = world["hole_pos_world"][knows]
+        beliefs.type_logp[knows] = np.where(one_hot, 0.0, _LOG_IMPOSSIBLE)[knows]
+        return beliefs
+
+    def _greedy(self, type_logp, peg_type, filled, tries):
+        alpha = jnp.asarray(self._config.task.success_probability)
+        return pomdp.greedy(pomdp.expected_reward(type_logp, peg_type, alpha), filled, tries)
+
+    def _attempt_keys(self, trial, peg_number, attempt_number):
+        key = self._root
+        for part in (trial, peg_number, attempt_number):
+            key = jax.random.fold_in(key, part)
+        wiggle, noise = jax.random.split(key)
+        return wiggle, noise
+
+    def _peg_number(self) -> Int[np.ndarray, "R"]:
+        return np.minimum(self.pegs_done, self._filled.shape[1] - 1)
+
+    def _peg(self) -> Int[np.ndarray, "R"]:
+        return self._world["peg_type"][np.arange(len(self._trial)), self._peg_number()]
+
+    def _attempt_number(self) -> Int[np.ndarray, "R"]:
+        return self._attempts[np.arange(len(self._trial)), self._peg_number()]

@@ -1,0 +1,59 @@
+"""Where sensors and filters meet: a failed attempt becomes a better belief (lines 9 to 11 of Algorithm 1)."""
+
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+from flax import nnx
+from jaxtyping import Array, Bool, Key
+
+from mjx_fit.config import Config
+from mjx_fit.filters.belief import update_position, update_type
+from mjx_fit.sensors.model import ContactSensor
+from mjx_fit.sensors.noise import read
+from mjx_fit.shapes import plate_top_m
+from mjx_fit.types import Belief, Interaction
+
+Learn = Callable[[Belief, Interaction, Key[Array, "n"], Bool[Array, "n"], Bool[Array, "n"]], Belief]
+
+
+def learner(config: Config, sensor: ContactSensor | None) -> Learn:
+    """Makes the update of a batch of beliefs about the holes that were just tried.
+
+    The function takes the beliefs (n,) before, the interactions (n,), keys of the sensor noise (n,), and for
+    each whether the trace may update position and type. Beliefs whose attempt succeeded, or whose simulation
+    broke, stay as they are.
+
+    Args:
+        config: Gives α, the wrist's noise and the plate's height.
+        sensor: The trained sensor; None when no method reads traces.
+    """
+    alpha = jnp.asarray(config.task.success_probability)
+    graph, state = nnx.split(sensor) if sensor is not None else (None, None)
+
+    def learn(state, beliefs, interactions, keys, learns_position, learns_type):
+        failed = interactions.valid & ~interactions.inserted
+        updated = update_type(beliefs, None, interactions.peg_type, alpha, hard=True)
+        if graph is not None:
+            observation = nnx.merge(graph, state)(_readings(interactions, keys, config))
+            moved = update_position(beliefs, observation)
+            felt = update_type(beliefs, observation, interactions.peg_type, alpha, hard=True)
+            updated = Belief(
+                pos_mean_world=_where(learns_position, moved.pos_mean_world, beliefs.pos_mean_world),
+                pos_cov=_where(learns_position, moved.pos_cov, beliefs.pos_cov),
+                type_logp=_where(learns_type, felt.type_logp, updated.type_logp),
+            )
+        return jax.tree.map(lambda new, old: _where(failed, new, old), updated, beliefs)
+
+    compiled = jax.jit(learn)
+    return lambda *args: compiled(state, *args)
+
+
+def _readings(interactions: Interaction, keys, config: Config):
+    rows = interactions.trace.contact.shape[1]
+    top = plate_top_m(config.scene)
+    return jax.vmap(lambda interaction, key: read(interaction, key, config.wrist, top, rows=rows))(interactions, keys)
+
+
+def _where(condition: Bool[Array, "n"], new: Array, old: Array) -> Array:
+    return jnp.where(condition.reshape(-1, *[1] * (new.ndim - 1)), new, old)

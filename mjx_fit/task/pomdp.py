@@ -1,0 +1,41 @@
+"""The high-level task as a POMDP (section "Problem Formulation" of the paper) and its greedy policy.
+
+State of a hole: its type c, its position, and β, whether it is filled. An action is a hole; the reward of an
+attempt is 1 when its peg is inserted, which happens with probability α_c when the types match and never
+otherwise. The likelihood of a failure, which is the same model T, is ``mjx_fit.filters.histogram.failure_logp``.
+"""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+_TIE = 1e-6
+
+
+def expected_reward(
+    type_logp: Float[Array, "*batch n C"], peg_type: Int[Array, "*batch"], success_probability: Float[Array, "C"]
+) -> Float[Array, "*batch n"]:
+    """Probability that an attempt at each of n holes succeeds: Σ_c α_c 1[c = c_peg] ξ_c.
+
+    Args:
+        type_logp: ln ξ of each hole.
+        peg_type: c_peg.
+        success_probability: α_c.
+    """
+    match = jax.nn.one_hot(peg_type, len(success_probability))
+    return jnp.sum(match[..., None, :] * success_probability * jnp.exp(type_logp), -1)
+
+
+def greedy(
+    reward: Float[Array, "*batch n"], filled: Bool[Array, "*batch n"], tries: Int[Array, "*batch n"]
+) -> Int[Array, "*batch"]:
+    """The empty hole with the highest expected reward; among equals the least tried one, then the first.
+
+    Args:
+        reward: Expected reward of an attempt at each hole.
+        filled: β of each hole.
+        tries: Attempts made at each hole with the peg in hand.
+    """
+    open_reward = jnp.where(filled, -1.0, reward)
+    best = open_reward >= open_reward.max(-1, keepdims=True) - _TIE
+    return jnp.argmin(jnp.where(best, tries, jnp.iinfo(jnp.int32).max), -1)

@@ -1,0 +1,220 @@
+import json
+import re
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mjx_fit import config
+from mjx_fit.dataset import store
+from mjx_fit.errors import RequestError
+from mjx_fit.evaluation import results
+from mjx_fit.evaluation.results import Result, summarise_assembly, summarise_attempt
+from mjx_fit.report.build import build
+from mjx_fit.types import Interaction, Trace
+
+EVIL = "<script>alert('$x$')</script>"
+VOID = {"meta", "wbr", "br", "img", "link"}
+
+
+def assembly(methods: dict[str, float], n_trials: int) -> Result:
+    """A result in which every attempt of a method succeeds with its probability; the cap is 30."""
+    rng = np.random.default_rng(0)
+    trials = []
+    for method, probability in methods.items():
+        for i in range(n_trials):
+            needed = rng.geometric(probability, 5)
+            trials.append(
+                {"trial": i, "method": method, "pegs": ["cross"] * 5,
+                 "attempts": np.minimum(needed, 30).tolist(), "human": (needed > 30).tolist()}
+            )  # fmt: skip
+    tree = config.to_tree(config.Config())
+    return Result("assembly", tree, 0, "native", "cpu", {"jax": "0.10"}, summarise_assembly(trials), trials)
+
+
+def attempt() -> Result:
+    rng = np.random.default_rng(1)
+    pairs = [["cross", "cross"], ["square", "square"], ["cross", "square"]]
+    trials = [
+        {"trial": i, "pair": pairs[i % 3], "matched": i % 3 < 2, "inserted": bool(rng.random() < 0.3),
+         "length": 100, "peak_force_n": 8.0, "error_m": float(rng.uniform(0, 0.028))}
+        for i in range(60)
+    ]  # fmt: skip
+    other = assembly({"full": 1.0}, 1)
+    return replace(other, experiment="attempt", summary=summarise_attempt(trials), trials=trials)
+
+
+def interactions() -> Interaction:
+    rng = np.random.default_rng(2)
+    n, steps = 20, 30
+    hole = rng.uniform(-0.1, 0.1, (n, 2))
+    tip = np.zeros((n, steps, 3))
+    tip[..., :2] = hole[:, None] + rng.normal(0, 0.01, (n, steps, 2))
+    length = rng.integers(1, steps + 1, n)
+    zeros = np.zeros
+    trace: Any = zeros((n, steps, 1, 6)), tip, zeros((n, steps, 4)), tip, tip, zeros((n, steps), bool), tip
+    rest: Any = length, length < steps, np.arange(n) % 3, np.arange(n) % 2, hole, hole, zeros((n, 6))
+    return Interaction(Trace(*trace), *rest, valid=np.arange(n) > 0)  # pyright: ignore[reportArgumentType]
+
+
+def dataset_folder(path: Path) -> Path:
+    request = {"seed": 12, "engine": "native", "steps": 30, "policy": "random"}
+    writer = store.Writer(path, request, config.Config())
+    writer.write("shard-00000.h5", np.arange(20), interactions())
+    writer.finish()
+    return path
+
+
+def run_folder(path: Path) -> Path:
+    path.mkdir(parents=True)
+    lines = [json.dumps({"epoch": e, "nll": -e, "val_nll": -e / 2, "prior_nll": 1.0}) for e in (0, 1, 2, 1)]
+    (path / "metrics.jsonl").write_text("\n".join(lines) + '\n{"epoch": 3, "n')  # killed while it wrote
+    (path / "run.json").write_text(json.dumps({"seed": 11, "device": "cpu: cpu"}))
+    return path
+
+
+class Page(HTMLParser):
+    """Checks that elements nest, and collects ids, addresses and counts."""
+
+    def __init__(self, text: str):
+        super().__init__()
+        self.open: list[str] = []
+        self.ids: list[str] = []
+        self.links: list[str] = []
+        self.tags: list[str] = []
+        self.feed(text)
+        assert self.open == []
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        if tag not in VOID:
+            self.open.append(tag)
+        for name, value in attrs:
+            if name == "id":
+                self.ids.append(value or "")
+            if name in ("src", "href", "xlink:href", "data", "srcset"):
+                self.links.append(value or "")
+
+    def handle_startendtag(self, tag, attrs):
+        self.handle_starttag(tag, attrs)
+        if tag not in VOID:
+            self.open.pop()
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    root = tmp_path / "all"
+    run_folder(root / "run")
+    dataset_folder(root / "data")
+    results.write(root / "assembly.json", assembly({"failure_only": 0.05, "full": 0.3, EVIL: 0.5}, 8))
+    results.write(root / "attempt.json", attempt())
+    results.write(root / "deeper" / "assembly.json", assembly({"full": 0.9}, 8))  # no intervention
+    results.write(root / "one.json", assembly({"full": 0.4}, 1))
+    (root / "bench.json").write_text("[]")  # not a result: passed over
+    return root
+
+
+def test_the_page_stands_alone(folder: Path, tmp_path: Path):
+    index = build([folder], tmp_path / "out")
+    text = index.read_text()
+    page = Page(text)
+    figures = sorted((tmp_path / "out" / "figures").iterdir())
+    assert page.tags.count("svg") == page.tags.count("figcaption") == len(figures) == 3 * 3 + 2 + 1 + 2
+    assert len(page.ids) == len(set(page.ids))
+    assert "script" not in page.tags
+    assert "&lt;script&gt;" in text
+    for link in page.links:
+        assert link.startswith(("#", "data:"))
+        assert not link.startswith("#") or link[1:] in page.ids
+    used = re.findall(r"url\(([^)]*)\)", text)
+    assert used
+    assert all(link[0] == "#" and link[1:] in page.ids for link in used)
+    assert "@import" not in text
+    for figure in figures:
+        ET.parse(figure)
+
+
+def test_the_page_says_what_was_counted_and_on_what(folder: Path, tmp_path: Path):
+    text = build([folder], tmp_path / "out").read_text()
+    row = summarise_attempt(attempt().trials)[0]
+    assert f"{row.value:.3f} <span>[{row.low:.3f}, {row.high:.3f}]</span>" in text
+    for word in ("native", "jax 0.10", "max_attempts: 30", "<dd>11</dd>", "0.264", ">0.340<"):
+        assert word in text
+    for fact in ("interactions</dt><dd>19", "not finite</dt><dd>1", "seed</dt><dd>12"):
+        assert fact in text
+    assert not any("nan" in cell for cell in re.findall(r"<td>[^<]*", text))
+
+
+def test_the_same_input_gives_the_same_bytes(folder: Path, tmp_path: Path):
+    first, second = (build([folder], tmp_path / name) for name in ("first", "second"))
+    assert first.read_bytes() == second.read_bytes()
+    for one in (tmp_path / "first" / "figures").iterdir():
+        assert one.read_bytes() == (tmp_path / "second" / "figures" / one.name).read_bytes()
+
+
+def test_figures_show_the_numbers(folder: Path, tmp_path: Path):
+    build([folder / "assembly.json", folder / "run"], tmp_path / "out")
+    texts = {
+        path.stem: " ".join(ET.parse(path).getroot().itertext())
+        for path in (tmp_path / "out" / "figures").iterdir()
+    }
+    assert set(texts) == {"assembly-success", "assembly-interventions", "assembly-attempts", "run-training"}
+    rate = next(row for row in results.read(folder / "assembly.json").summary if row.metric != "attempts")
+    assert f"{rate.value:.1%} of 40 pegs" in texts["assembly-interventions"]
+    assert "Attempts at one peg" in texts["assembly-success"]
+    assert "first 5 pegs" in texts["assembly-attempts"]
+    assert "prior belief" in texts["run-training"]
+
+
+def test_an_input_that_is_given_twice_is_shown_once(folder: Path, tmp_path: Path):
+    build([folder / "one.json", folder / "one.json"], tmp_path / "out")
+    assert len(list((tmp_path / "out" / "figures").iterdir())) == 3
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("nowhere.json", None),
+        ("empty", {}),
+        ("broken.json", "{"),
+        ("folder", {"cut.json": '{"experiment": "assem'}),
+        ("data", {"manifest.json": "{}"}),
+        ("run", {"metrics.jsonl": ""}),
+        ("run", {"metrics.jsonl": 'nonsense\n{"epoch": 1}\n'}),
+    ],
+)
+def test_bad_inputs_are_refused_before_anything_is_written(
+    tmp_path: Path, name: str, content: str | dict[str, str] | None
+):
+    path = tmp_path / name
+    if isinstance(content, str):
+        path.write_text(content)
+    elif content is not None:
+        path.mkdir()
+        for file, text in content.items():
+            (path / file).write_text(text)
+    good = run_folder(tmp_path / "good")
+    with pytest.raises(RequestError, match=re.escape(str(path))) as error:
+        build([good, path], tmp_path / "out")
+    assert "\n" not in str(error.value)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_result_of_nothing_is_refused(tmp_path: Path):
+    results.write(tmp_path / "none.json", replace(attempt(), summary=[], trials=[]))
+    with pytest.raises(RequestError, match=r"none\.json"):
+        build([tmp_path / "none.json"], tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_out_must_not_be_a_file(tmp_path: Path):
+    (tmp_path / "out").write_text("")
+    with pytest.raises(RequestError, match="out"):
+        build([run_folder(tmp_path / "run")], tmp_path / "out")

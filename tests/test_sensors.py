@@ -1,0 +1,188 @@
+"""The learned sensor: padding, shapes, noise models, gradients, scaling."""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from flax import nnx
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from synthetic import make_interactions
+
+from mjx_fit.config import SensorConfig, WristConfig
+from mjx_fit.errors import RequestError
+from mjx_fit.sensors.model import ContactSensor, InputScale, row_features
+from mjx_fit.sensors.noise import read
+from mjx_fit.types import Observation, Reading
+
+SMALL = SensorConfig(width=16, conv_channels=(4, 4, 8, 8, 8), layers=1, heads=2, feedforward=16)
+ROWS = 12
+
+
+def make_reading(episodes: int = 6, rows: int = ROWS, seed: int = 0) -> Reading:
+    data = make_interactions(episodes, actions=ROWS, seed=seed, min_length=3)
+    keys = jax.random.split(jax.random.key(seed), episodes)
+    return jax.vmap(lambda one, key: read(one, key, WristConfig(), 0.045, rows=rows))(data, keys)
+
+
+def make_sensor(config: SensorConfig = SMALL) -> ContactSensor:
+    sensor = ContactSensor(config, nnx.Rngs(0))
+    sensor.fit_input_scale(make_reading(32, seed=9))
+    return sensor
+
+
+PLAIN = make_sensor()
+ORDERED = make_sensor(replace(SMALL, positional=True, causal=True))
+
+
+@nnx.jit
+def observe(sensor: ContactSensor, reading: Reading) -> Observation:
+    return sensor(reading)
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    rubbish=st.sampled_from([1.0, 1e6, float("nan"), float("inf")]),
+    sensor=st.sampled_from([PLAIN, ORDERED]),
+)
+def test_padding_never_changes_an_observation(seed, rubbish, sensor):
+    reading = make_reading(seed=seed % 7)
+    rng = np.random.default_rng(seed)
+
+    def fill(x):
+        if x.ndim < 2 or x.dtype == bool:
+            return x
+        mask = reading.mask.reshape(*reading.mask.shape, *[1] * (x.ndim - 2))
+        return jnp.where(mask, x, jnp.asarray(rubbish * rng.normal(size=x.shape), x.dtype))
+
+    want, got = observe(sensor, reading), observe(sensor, jax.tree.map(fill, reading))
+    assert not bool(jnp.all(reading.mask))
+    jax.tree.map(np.testing.assert_array_equal, got, want)
+
+
+@pytest.mark.parametrize("sensor", [PLAIN, ORDERED])
+def test_more_padding_never_changes_an_observation(sensor):
+    short, long = make_reading(), make_reading(rows=ROWS + 5)
+    # The draws of the noise belong to a number of rows: compare the same readings, padded further.
+    padded = jax.tree.map(
+        lambda x, y: jnp.zeros_like(y).at[:, :ROWS].set(x) if x.ndim > 1 else x,
+        short,
+        long,
+    )
+    got, want = observe(sensor, padded), observe(sensor, short)
+    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=2e-4, atol=1e-5), got, want)
+
+
+def test_real_rows_do_change_an_observation():
+    reading = make_reading()
+    changed = replace(reading, wrench_sensor=reading.wrench_sensor.at[:, 0].add(50.0))
+    moved = observe(PLAIN, changed).innovation - observe(PLAIN, reading).innovation
+    assert np.abs(moved).min() > 0
+
+
+def test_only_positional_or_causal_sensors_know_the_order_of_rows():
+    reading = make_reading()
+    length = int(reading.mask.sum(1).min())
+    reading = replace(reading, mask=jnp.tile(jnp.arange(ROWS) < length, (6, 1)))
+    order = np.r_[np.arange(length)[::-1], np.arange(length, ROWS)]
+    turned = jax.tree.map(lambda x: x[:, order] if x.ndim > 1 else x, reading)
+    for sensor in (PLAIN, ORDERED):
+        same = np.allclose(observe(sensor, turned).innovation, observe(sensor, reading).innovation, atol=1e-6)
+        assert same == (sensor is PLAIN)
+
+
+@pytest.mark.parametrize("batch", [(), (6,), (2, 3)])
+def test_shapes_follow_the_batch(batch):
+    reading = jax.tree.map(lambda x: x[: int(np.prod(batch))].reshape(*batch, *x.shape[1:]), make_reading())
+    observation = observe(PLAIN, reading)
+    assert observation.innovation.shape == (*batch, 2)
+    assert observation.pos_noise_cov.shape == (*batch, 2, 2)
+    assert observation.match_logits.shape == (*batch, 2)
+    assert observation.match_model_logp.shape == (*batch, 3, 2)
+    if batch == (2, 3):
+        alone = observe(PLAIN, jax.tree.map(lambda x: x[1, 2], reading))
+        jax.tree.map(
+            lambda a, b: np.testing.assert_allclose(a, b[1, 2], rtol=1e-4, atol=1e-6), alone, observation
+        )
+
+
+def test_a_reading_without_rows_gives_finite_numbers():
+    reading = replace(make_reading(), mask=jnp.zeros((6, ROWS), bool))
+    assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(observe(ORDERED, reading)))
+
+
+@settings(max_examples=30, deadline=None)
+@given(raw=st.lists(st.floats(-30, 30), min_size=9, max_size=9))
+def test_noise_models_are_a_covariance_and_distributions_whatever_the_weights(raw):
+    sensor = ContactSensor(SMALL, nnx.Rngs(0))
+    sensor.position_noise.raw.embedding[...] = jnp.array(raw).reshape(3, 3)
+    sensor.match_model.logits.embedding[...] = jnp.array([*raw, *raw]).reshape(3, 6)
+    peg_type = jnp.arange(3)
+    noise_cov = np.asarray(sensor.position_noise(peg_type), float)
+    np.testing.assert_array_equal(noise_cov, np.swapaxes(noise_cov, -1, -2))
+    # det(L Lᵀ) = det(L)², and the product of the diagonal has a floor; eigenvalues in float32 do not show it.
+    assert (noise_cov[:, 0, 0] > 0).all()
+    assert (noise_cov[:, 1, 1] >= (noise_cov[:, 0, 1] ** 2 / noise_cov[:, 0, 0]) * (1 - 1e-5)).all()
+    np.testing.assert_allclose(np.exp(sensor.match_model(peg_type)).sum(-1), 1, rtol=1e-5)
+
+
+def test_noise_models_belong_to_the_peg_and_start_sensible():
+    model = np.exp(PLAIN.match_model(jnp.arange(3)))
+    for peg in range(3):
+        assert [row.argmax() for row in model[peg]] == [int(hole == peg) for hole in range(3)]
+    observation = observe(PLAIN, make_reading())
+    np.testing.assert_allclose(observation.pos_noise_cov[0], (0.0070**2) * np.eye(2), rtol=0.03, atol=1e-12)
+
+
+def test_every_parameter_has_a_gradient():
+    sensor, reading = ORDERED, make_reading()
+    assert set(np.asarray(reading.peg_type)) == {0, 1, 2}
+    graphdef, params, rest = nnx.split(sensor, nnx.Param, ...)
+    weights = jax.tree.map(lambda x: jax.random.normal(jax.random.key(1), x.shape), observe(sensor, reading))
+
+    def loss(params):
+        observation = nnx.merge(graphdef, params, rest)(reading)
+        return sum(jnp.sum(a * b) for a, b in zip(*map(jax.tree.leaves, (observation, weights)), strict=True))
+
+    grads = jax.tree_util.tree_leaves_with_path(jax.jit(jax.grad(loss))(params))
+    assert len(grads) > 25
+    for path, grad in grads:
+        assert np.isfinite(grad).all(), jax.tree_util.keystr(path)
+        assert np.abs(grad).max() > 0, jax.tree_util.keystr(path)
+
+
+def test_inputs_are_scaled_by_the_real_rows_only():
+    sensor, reading = PLAIN, make_reading(32, seed=9)
+    real = np.asarray(reading.mask)
+    for scale, rows in (
+        (sensor.wrench_scale[...], np.asarray(reading.wrench_sensor)[real].reshape(-1, 6)),
+        (sensor.row_scale[...], np.asarray(row_features(reading))[real]),
+    ):
+        np.testing.assert_allclose(scale[0], rows.mean(0), rtol=1e-3, atol=1e-4)
+        np.testing.assert_allclose(scale[1], rows.std(0), rtol=1e-3)
+
+
+def test_scaling_is_stored_and_not_trained():
+    _, params, scale = nnx.split(PLAIN, nnx.Param, InputScale)
+    assert len(jax.tree.leaves(scale)) == 2
+    assert len(jax.tree.leaves(params)) > 25
+
+
+def test_dropout_is_off_without_rngs_and_random_with():
+    sensor, reading = make_sensor(replace(SMALL, dropout=0.5)), make_reading()
+    dropped = nnx.jit(lambda sensor, reading, key: sensor(reading, nnx.Rngs(dropout=key)).innovation)
+    first, second = (dropped(sensor, reading, jax.random.key(seed)) for seed in (0, 1))
+    still = observe(sensor, reading).innovation
+    np.testing.assert_array_equal(still, observe(PLAIN, reading).innovation)
+    assert not np.allclose(first, second)
+    assert not np.allclose(first, still)
+
+
+def test_heads_that_do_not_divide_the_width_are_refused():
+    with pytest.raises(
+        RequestError, match=r"sensor\.heads: 3 is not allowed: it must divide sensor\.width, 16"
+    ):
+        make_sensor(replace(SMALL, heads=3))

@@ -1,0 +1,214 @@
+"""Training on a small set whose wrench tells the answer: it learns, resumes, and refuses what it must."""
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from flax import nnx
+from synthetic import make_interactions
+
+from mjx_fit.config import Config, SensorConfig, TrainConfig, load
+from mjx_fit.dataset.windows import sample_windows
+from mjx_fit.errors import RequestError
+from mjx_fit.training.checkpoint import LAST, from_arrays, load_sensor, to_arrays
+from mjx_fit.training.loop import _batches, train
+from mjx_fit.training.loss import filter_loss
+
+EPISODES, EPOCHS = 240, 40
+DATA = make_interactions(EPISODES, actions=12, min_length=6)
+CONFIG = Config(
+    sensor=SensorConfig(
+        width=16,
+        conv_channels=(4, 4, 8, 8, 8),
+        layers=1,
+        heads=2,
+        feedforward=16,
+        dropout=0.1,
+        positional=True,
+    ),
+    train=TrainConfig(
+        epochs=EPOCHS, batch_size=32, learning_rate=5e-3, min_window=4, max_window=8, validation_fraction=0.25
+    ),
+)
+
+
+class KilledError(Exception):
+    """Stands for a kill."""
+
+
+def metrics(out: Path) -> list[dict]:
+    rows = [json.loads(line) for line in (out / "metrics.jsonl").read_text().splitlines()]
+    assert all(row.pop("seconds") >= 0 for row in rows)
+    return rows
+
+
+def files(out: Path) -> dict:
+    return {path.relative_to(out): path.read_bytes() for path in sorted(out.rglob("*")) if path.is_file()}
+
+
+def quiet(row: dict) -> None:
+    """Say nothing."""
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory) -> Path:
+    out = tmp_path_factory.mktemp("training") / "run"
+    train(DATA, CONFIG, out, 0, progress=quiet)
+    return out
+
+
+def test_it_learns_more_than_the_prior_knows(run):
+    rows = metrics(run)
+    assert [row["epoch"] for row in rows] == list(range(EPOCHS))
+    assert rows[-1]["val_nll"] < rows[-1]["prior_nll"] - 0.5
+    assert rows[-1]["total"] < rows[0]["total"]
+    assert len({row["prior_nll"] for row in rows}) == 1
+    for row in rows:
+        five = ("pos_logdet", "pos_mahalanobis", "type_nll", "match_nll", "mismatch_nll")
+        for prefix in ("", "val_"):
+            assert row[prefix + "total"] == pytest.approx(sum(row[prefix + name] for name in five), abs=1e-4)
+            first_three = sum(row[prefix + name] for name in five[:3])
+            assert row[prefix + "nll"] == pytest.approx(first_three, abs=1e-4)
+
+
+def test_the_folder_says_what_the_run_is(run):
+    assert load(run / "config.yaml") == CONFIG
+    told = json.loads((run / "run.json").read_text())
+    assert told["seed"] == 0
+    assert told["versions"]["jax"] == jax.__version__
+    assert told["device"].startswith("cpu")
+
+
+def test_the_best_sensor_comes_back_with_its_scaling(run):
+    sensor, config = load_sensor(run)
+    assert config == CONFIG
+    sample = sample_windows(DATA, jnp.arange(EPISODES), jax.random.key(3), config)
+    losses = nnx.jit(lambda sensor, sample: filter_loss(sensor(sample.reading), sample))(sensor, sample)
+    assert float(losses.nll.mean()) < float(losses.prior_nll.mean()) - 0.5
+    assert np.abs(sensor.wrench_scale[...][1] - 1).max() > 1
+
+
+def test_a_finished_run_repeated_changes_nothing(run):
+    before = files(run)
+    train(DATA, CONFIG, run, 0, progress=quiet)
+    assert files(run) == before
+
+
+@pytest.mark.parametrize("kill_after", [2, 7])
+def test_a_killed_run_continued_gives_the_same_curve(run, tmp_path, kill_after):
+    def kill(row):
+        if row["epoch"] == kill_after:
+            raise KilledError
+
+    out = tmp_path / "run"
+    with pytest.raises(KilledError):
+        train(DATA, CONFIG, out, 0, progress=kill, checkpoint_every_s=0)
+    # A kill may fall between the metrics and the checkpoint, and in the middle of a line.
+    with (out / "metrics.jsonl").open("a") as file:
+        file.write('{"epoch": 99, "total"')
+    seen = []
+    train(DATA, CONFIG, out, 0, progress=lambda row: seen.append(row["epoch"]))
+    assert seen == list(range(kill_after + 1, EPOCHS))
+    assert metrics(out) == metrics(run)
+    for (_, one), (_, other) in zip(
+        *(nnx.to_flat_state(nnx.state(load_sensor(x)[0])) for x in (out, run)), strict=True
+    ):
+        np.testing.assert_array_equal(one[...], other[...])
+
+
+def test_a_run_killed_before_its_first_checkpoint_begins_again(run, tmp_path):
+    out = tmp_path / "run"
+    shutil.copytree(run, out)
+    shutil.rmtree(out / "checkpoints")
+    train(DATA, CONFIG, out, 0, progress=quiet)
+    assert metrics(out) == metrics(run)
+
+
+def test_more_epochs_continue_the_run(run, tmp_path):
+    out = tmp_path / "run"
+    shutil.copytree(run, out)
+    longer = replace(CONFIG, train=replace(CONFIG.train, epochs=EPOCHS + 2))
+    train(DATA, longer, out, 0, progress=quiet)
+    assert metrics(out)[:EPOCHS] == metrics(run)
+    assert len(metrics(out)) == EPOCHS + 2
+    assert load(out / "config.yaml") == longer
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"seed": 1}, "seed is 0 there and 1 here"),
+        ({"data": make_interactions(EPISODES, actions=12, min_length=6, seed=1)}, "data is"),
+        (
+            {"config": replace(CONFIG, train=replace(CONFIG.train, batch_size=4))},
+            r"train\.batch_size is 32 there and 4 here",
+        ),
+    ],
+)
+def test_another_run_in_the_same_folder_is_refused(run, change, message):
+    before = files(run)
+    with pytest.raises(RequestError, match=message) as caught:
+        train(**({"data": DATA, "config": CONFIG, "out": run, "seed": 0} | change))
+    assert "\n" not in str(caught.value)
+    assert files(run) == before
+
+
+def test_a_folder_with_other_files_is_refused(tmp_path):
+    (tmp_path / "thesis.tex").write_text("")
+    with pytest.raises(RequestError, match=r"thesis\.tex"):
+        train(DATA, CONFIG, tmp_path, 0)
+
+
+def test_too_little_data_and_impossible_windows_are_refused(tmp_path):
+    with pytest.raises(RequestError, match="--data"):
+        train(jax.tree.map(lambda x: x[:1], DATA), CONFIG, tmp_path / "a", 0)
+    with pytest.raises(RequestError, match="at least one of each"):
+        train(replace(DATA, valid=np.zeros(EPISODES, bool)), CONFIG, tmp_path / "b", 0)
+    with pytest.raises(RequestError, match=r"train\.min_window: 9"):
+        train(DATA, replace(CONFIG, train=replace(CONFIG.train, min_window=9)), tmp_path / "c", 0)
+    assert not list(tmp_path.iterdir())
+
+
+def test_runs_that_cannot_be_loaded_are_named(run, tmp_path):
+    with pytest.raises(RequestError, match="no such folder"):
+        load_sensor(tmp_path / "nowhere")
+    with pytest.raises(RequestError, match="no training run"):
+        load_sensor(tmp_path)
+    out = tmp_path / "run"
+    shutil.copytree(run, out)
+    other = (run / "config.yaml").read_text().replace("feedforward: 16", "feedforward: 8")
+    (out / "config.yaml").write_text(other)
+    with pytest.raises(RequestError, match="does not fit the configuration"):
+        load_sensor(out)
+    shutil.rmtree(out / "checkpoints")
+    with pytest.raises(RequestError, match="holds no checkpoint") as caught:
+        load_sensor(out)
+    assert str(out) in str(caught.value)
+    assert not (out / LAST).exists()
+
+
+def test_a_diverged_training_says_so(tmp_path):
+    broken = replace(DATA, hole_pos_world=DATA.hole_pos_world.at[:].set(np.nan))
+    with pytest.raises(RuntimeError, match="epoch 0 is not finite"):
+        train(broken, CONFIG, tmp_path / "run", 0, progress=quiet)
+
+
+@pytest.mark.parametrize(("n", "batch_size"), [(1, 8), (7, 8), (8, 8), (9, 8), (2700, 128), (3, 1)])
+def test_batches_hold_every_episode_once(n, batch_size):
+    episodes, weight, _ = map(np.asarray, _batches(jnp.arange(n), batch_size))
+    assert episodes.shape == weight.shape
+    assert episodes.shape[0] == -(-n // batch_size)
+    assert episodes.shape[1] <= batch_size
+    np.testing.assert_array_equal(np.sort(episodes[weight == 1]), np.arange(n))
+    assert (weight.sum(1) > 0).all()
+
+
+def test_arrays_keep_a_tree():
+    tree = {"a": [np.arange(3), np.float32(2)], "b": {"c": np.ones((2, 2))}}
+    back = from_arrays(tree, to_arrays(tree))
+    jax.tree.map(np.testing.assert_array_equal, back, tree)

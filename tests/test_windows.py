@@ -1,0 +1,155 @@
+"""Windows against the rows that they were cut from."""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from synthetic import make_interactions
+
+from mjx_fit.config import Config, TrainConfig, WristConfig
+from mjx_fit.dataset.windows import MIN_ACTIONS, sample_windows, split, usable
+from mjx_fit.errors import RequestError
+from mjx_fit.shapes import plate_top_m
+
+CLEAN = WristConfig(force_noise_n=0.0, torque_xy_noise_nm=0.0, torque_z_noise_nm=0.0)
+CONFIG = Config(wrist=CLEAN, train=TrainConfig(min_window=4, max_window=10))
+EPISODES = 24
+DATA = make_interactions(EPISODES, actions=16, min_length=3)
+ALL = jnp.arange(EPISODES)
+COPIES = 60
+
+
+@pytest.fixture(scope="module")
+def many():
+    """One noisy window from each of many copies of the episodes: leaves (copies, episodes, ...), NumPy."""
+    config = replace(CONFIG, wrist=WristConfig())
+    copies = jax.tree.map(lambda x: jnp.concatenate([x] * COPIES), DATA)
+    sample = sample_windows(copies, jnp.arange(COPIES * EPISODES), jax.random.key(5), config)
+    return jax.tree.map(lambda x: np.asarray(x).reshape(COPIES, EPISODES, *x.shape[1:]), sample)
+
+
+def starts_of(sample) -> np.ndarray:
+    """Where each window begins, found by its first action among the source's."""
+    first = np.asarray(sample.reading.action_world)[:, 0]
+    actions = np.asarray(DATA.trace.action_world)
+    return np.array([np.flatnonzero((actions[i] == first[i]).all(-1))[0] for i in range(EPISODES)])
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 2**31 - 1))
+def test_windows_are_consecutive_rows_of_their_episode(seed):
+    sample = jax.tree.map(np.asarray, sample_windows(DATA, ALL, jax.random.key(seed), CONFIG))
+    reading, starts = sample.reading, starts_of(sample)
+    data = jax.tree.map(np.asarray, DATA)
+    lengths, mask = data.length, reading.mask
+    for i in range(EPISODES):
+        count, rows = mask[i].sum(), slice(starts[i], starts[i] + mask[i].sum())
+        assert mask[i, :count].all()
+        assert min(4, lengths[i]) <= count <= min(10, lengths[i])
+        assert starts[i] + count <= lengths[i]
+        assert bool(sample.failed[i]) == (not (data.inserted[i] and starts[i] + count == lengths[i]))
+        wrench = data.trace.wrench_sensor[i, rows] - data.tare_sensor[i]
+        np.testing.assert_allclose(reading.wrench_sensor[i, :count], wrench, rtol=1e-5, atol=1e-5)
+        origin = np.append(data.estimate_world[i], plate_top_m(CONFIG.scene))
+        relative = data.trace.tip_pos_world[i, rows] - origin
+        np.testing.assert_allclose(reading.tip_pos_estimate[i, :count], relative, atol=1e-6)
+        for name in ("tip_quat_world", "tip_linvel_world", "tip_angvel_world", "action_world", "contact"):
+            source = getattr(data.trace, name)[i, rows]
+            np.testing.assert_array_equal(getattr(reading, name)[i, :count], source)
+    for name, x in vars(reading).items():
+        if name not in ("mask", "peg_type"):
+            assert not np.asarray(x)[~mask].any(), name
+    np.testing.assert_array_equal(reading.peg_type, data.peg_type)
+    np.testing.assert_array_equal(sample.hole_type, data.hole_type)
+    np.testing.assert_array_equal(sample.hole_pos_world, data.hole_pos_world)
+
+
+def test_every_length_and_every_start_is_drawn(many):
+    counts, lengths = many.reading.mask.sum(-1), np.asarray(DATA.length)
+    long = lengths >= 10
+    drawn, times = np.unique(counts[:, long], return_counts=True)
+    np.testing.assert_array_equal(drawn, np.arange(4, 11))
+    np.testing.assert_allclose(times / times.sum(), 1 / 7, atol=0.04)
+    first = many.reading.action_world[:, :, 0, 0]
+    starts = (first[..., None] == np.asarray(DATA.trace.action_world)[..., 0]).argmax(-1)
+    left = lengths - counts
+    assert (starts <= left).all()
+    np.testing.assert_allclose((starts[left > 5] / left[left > 5]).mean(), 0.5, atol=0.05)
+    assert (starts == 0).any()
+    assert ((starts == left) & (left > 0)).any()
+
+
+def test_both_kinds_of_windows_come_from_inserted_interactions(many):
+    inserted = np.asarray(DATA.inserted)
+    assert inserted.sum() >= 2
+    assert 0 < many.failed[:, inserted].mean() < 1
+    assert many.failed[:, ~inserted].all()
+
+
+def test_draws_depend_on_key_and_episode_and_not_on_the_batch(many):
+    config = replace(CONFIG, wrist=WristConfig())
+    some = sample_windows(DATA, jnp.array([7, 2]), jax.random.key(5), config)
+    jax.tree.map(lambda a, b: np.testing.assert_array_equal(a, b[0, [7, 2]]), some, many)
+    other = sample_windows(DATA, jnp.array([7, 2]), jax.random.key(6), config)
+    assert not np.array_equal(other.reading.wrench_sensor, some.reading.wrench_sensor)
+    assert not np.array_equal(other.prior.type_logp, some.prior.type_logp)
+
+
+def test_noise_has_the_sensors_sigmas_and_the_tare_its_share():
+    wrist = WristConfig(force_noise_n=0.1, torque_xy_noise_nm=0.005, torque_z_noise_nm=0.003, tare_samples=4)
+    # The window is the whole episode, so that it is known which clean rows it shows.
+    config = replace(CONFIG, wrist=wrist, train=TrainConfig(min_window=16, max_window=16))
+    copies = jax.tree.map(lambda x: jnp.concatenate([x] * 40), DATA)
+    reading = sample_windows(copies, jnp.arange(40 * EPISODES), jax.random.key(1), config).reading
+    clean = np.asarray(copies.trace.wrench_sensor - copies.tare_sensor[:, None, None])
+    mask = np.asarray(reading.mask)[..., None, None]
+    np.testing.assert_array_equal(mask.sum(1).ravel(), copies.length)
+    error = np.asarray(reading.wrench_sensor) - clean
+    samples = np.broadcast_to(mask, error.shape)
+    sigma = np.array([0.1, 0.1, 0.1, 0.005, 0.005, 0.003])
+    offset = error.mean((1, 2), where=samples)
+    np.testing.assert_allclose(offset.std(0), sigma / 2, rtol=0.1)
+    np.testing.assert_allclose(offset.mean(0) / sigma, 0, atol=0.1)
+    within = (error - offset[:, None, None]).std((0, 1, 2), where=samples)
+    np.testing.assert_allclose(within, sigma, rtol=0.02)
+
+
+def test_prior_is_the_estimate_with_types_at_random(many):
+    np.testing.assert_array_equal(many.prior.pos_mean_world[5], DATA.estimate_world)
+    np.testing.assert_allclose(many.prior.pos_cov[0, 0], 1e-4 * np.eye(2), rtol=1e-5)
+    types = np.exp(many.prior.type_logp.astype(float)).reshape(-1, 3)
+    np.testing.assert_allclose(types.sum(-1), 1, rtol=1e-5)
+    np.testing.assert_allclose(types.mean(0), 1 / 3, atol=0.03)
+    # Three uniforms over their sum spread less than a flat Dirichlet.
+    uniform = np.random.default_rng(0).uniform(size=(100_000, 3))
+    want = (uniform / uniform.sum(-1, keepdims=True)).std()
+    np.testing.assert_allclose(types.std(), want, rtol=0.05)
+
+
+def test_broken_and_short_interactions_are_not_usable():
+    data = replace(DATA, valid=DATA.valid.at[4].set(False))
+    want = np.asarray(DATA.length) >= MIN_ACTIONS
+    want[4] = False
+    assert not want.all()
+    np.testing.assert_array_equal(usable(data), want)
+
+
+@settings(max_examples=50, deadline=None)
+@given(n=st.integers(2, 200), fraction=st.floats(0.01, 0.99), seed=st.integers(0, 99))
+def test_split_is_a_partition_with_something_on_both_sides(n, fraction, seed):
+    train, validation = split(n, fraction, seed)
+    assert len(train)
+    assert len(validation)
+    np.testing.assert_array_equal(np.sort(np.r_[train, validation]), np.arange(n))
+    assert abs(len(validation) - fraction * n) <= 1
+    np.testing.assert_array_equal(split(n, fraction, seed)[1], validation)
+
+
+def test_split_depends_on_the_seed_and_refuses_one_episode():
+    assert not np.array_equal(split(100, 0.1, 0)[1], split(100, 0.1, 1)[1])
+    with pytest.raises(RequestError, match="at least 2"):
+        split(1, 0.1, 0)
