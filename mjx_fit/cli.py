@@ -49,7 +49,9 @@ def _demo(args: argparse.Namespace) -> None:
 def _collect(args: argparse.Namespace) -> None:
     from mjx_fit.dataset.collect import collect
 
-    collect(_config(args), args.out, args.episodes, args.steps, args.policy, args.engine, args.seed, args.batch)
+    collect(
+        _config(args), args.out, args.episodes, args.steps, args.policy, args.engine, args.seed, args.batch
+    )
 
 
 def _data_info(args: argparse.Namespace) -> None:
@@ -82,7 +84,9 @@ def _evaluate_assembly(args: argparse.Namespace) -> None:
     from mjx_fit.report.terminal import print_summary
 
     config = _config(args)
-    result = experiments.assembly(config, args.out, args.run, args.methods, args.trials, args.seed, args.engine)
+    result = experiments.assembly(
+        config, args.out, args.run, args.methods, args.trials, args.seed, args.engine
+    )
     print_summary(result)
 
 
@@ -130,7 +134,9 @@ def _show(tree: dict, as_json: bool) -> None:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = _Parser(prog="mjx-fit", description="Contact-rich assembly under uncertainty, on JAX and MuJoCo.")
+    parser = _Parser(
+        prog="mjx-fit", description="Contact-rich assembly under uncertainty, on JAX and MuJoCo."
+    )
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
 
     demo = _command(commands, "demo", _demo, "collect, train, evaluate and report, small, within minutes")
@@ -139,14 +145,22 @@ def _parser() -> argparse.ArgumentParser:
 
     collect = _command(commands, "collect", _collect, "simulate interactions and store them")
     collect.add_argument("--out", type=Path, required=True, metavar="DIR")
-    collect.add_argument("--episodes", type=int, default=3000, metavar="N", help="interactions (default 3000)")
-    collect.add_argument("--steps", type=int, default=200, metavar="J", help="most actions in one (default 200)")
+    collect.add_argument(
+        "--episodes", type=int, default=3000, metavar="N", help="interactions (default 3000)"
+    )
+    collect.add_argument(
+        "--steps", type=int, default=200, metavar="J", help="most actions in one (default 200)"
+    )
     collect.add_argument("--policy", default="random", help="random, spiral or mixed (default random)")
-    collect.add_argument("--batch", type=int, default=128, metavar="B", help="most worlds at once (default 128)")
+    collect.add_argument(
+        "--batch", type=int, default=128, metavar="B", help="most worlds at once (default 128)"
+    )
     _simulating(collect)
     _configurable(collect)
 
-    data = commands.add_parser("data", help="look at a data set").add_subparsers(required=True, metavar="WHAT")
+    data = commands.add_parser("data", help="look at a data set").add_subparsers(
+        required=True, metavar="WHAT"
+    )
     info = _command(data, "info", _data_info, "what a data set holds")
     info.add_argument("folder", type=Path, metavar="DIR")
     info.add_argument("--json", action="store_true")
@@ -202,7 +216,13 @@ def _simulating(parser: argparse.ArgumentParser) -> None:
 
 
 def _configurable(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--config", type=Path, metavar="FILE", help="YAML with what differs from the defaults")
     parser.add_argument(
-        "--set", action="append", default=[], metavar="PATH=VALUE", help="e.g. scene.clearance_m=0.002; repeatable"
+        "--config", type=Path, metavar="FILE", help="YAML with what differs from the defaults"
+    )
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="PATH=VALUE",
+        help="e.g. scene.clearance_m=0.002; repeatable",
     )

@@ -29,12 +29,13 @@ class SceneConfig:
 
     Attributes:
         clearance_m: Gap between peg and hole on each side.
-        plate_half_width_m: Half the side of the square hole box. A detector error of 2.83 cm, a spiral of 1.5 cm
-            and half a peg (2.24 cm) must stay inside it.
+        plate_half_width_m: Half the side of the square hole box. A detector error of 2.83 cm, a spiral of
+            1.5 cm and half a peg (2.24 cm) must stay inside it.
         hole_depth_m: Depth of the hole down to its floor.
         peg_length_m: Length of the peg behind the sensor.
         friction: Coulomb coefficient between peg and box: two dry, smooth plastics or machined metals.
-        contact_time_s: MuJoCo's solref time constant.
+        contact_time_s: MuJoCo's solref time constant. At ten simulation steps the force of a sliding peg is
+            mostly smooth; at three it is a train of single-step spikes.
         contact_width_m: MuJoCo's solimp width: a quarter of the default clearance at most.
         max_contacts: Contact slots of one world in MJX.
     """
@@ -44,7 +45,7 @@ class SceneConfig:
     hole_depth_m: Annotated[float, Field(ge=0.03, le=0.08)] = 0.035
     peg_length_m: Annotated[float, Field(ge=0.05, le=0.15)] = 0.07
     friction: Annotated[float, Field(ge=0, le=2)] = 0.3
-    contact_time_s: Annotated[float, Field(ge=0.004, le=0.05)] = 0.006
+    contact_time_s: Annotated[float, Field(ge=0.004, le=0.05)] = 0.02
     contact_width_m: Annotated[float, Field(gt=0, le=0.001)] = 0.00025
     max_contacts: Annotated[int, Field(ge=4, le=64)] = 8
 
@@ -147,7 +148,7 @@ class TaskConfig:
     max_attempts: Count = 30
     attempt_actions: Annotated[int, Field(ge=1, le=400)] = 100
     insertion_depth_m: Annotated[float, Field(gt=0, le=0.025)] = 0.01
-    success_probability: tuple[Probability, Probability, Probability] = (0.2, 0.2, 0.2)
+    success_probability: tuple[Probability, Probability, Probability] = (0.152, 0.139, 0.144)
 
 
 @dataclass(frozen=True, config=_STRICT)
@@ -239,7 +240,9 @@ def load(path: Path | None = None, overrides: list[str] | tuple[str, ...] = ()) 
         except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
             raise RequestError(f"config: {path} cannot be read: {' '.join(str(error).split())}") from None
         if not isinstance(loaded, dict | None):
-            raise RequestError(f"config: {path} must hold sections such as 'scene:', not a {type(loaded).__name__}")
+            raise RequestError(
+                f"config: {path} must hold sections such as 'scene:', not a {type(loaded).__name__}"
+            )
         tree = loaded or {}
     for override in overrides:
         _set(tree, override)
@@ -258,7 +261,9 @@ def from_tree(tree: dict[str, Any]) -> Config:
         first = error.errors()[0]
         field = ".".join(str(part) for part in first["loc"])
         if first["type"] == "unexpected_keyword_argument":
-            raise RequestError(f"config: {field}: unknown key; allowed here: {_allowed(first['loc'])}") from None
+            raise RequestError(
+                f"config: {field}: unknown key; allowed here: {_allowed(first['loc'])}"
+            ) from None
         raise RequestError(f"config: {field}: {first['input']!r} is not allowed: {first['msg']}") from None
 
 
@@ -276,7 +281,9 @@ def _set(tree: dict[str, Any], override: str) -> None:
     path, separator, text = override.partition("=")
     keys = path.strip().split(".")
     if not separator or len(keys) != 2 or not all(keys):
-        raise RequestError(f"--set: {override!r} is not allowed: write section.key=value, e.g. scene.clearance_m=0.002")
+        raise RequestError(
+            f"--set: {override!r} is not allowed: write section.key=value, e.g. scene.clearance_m=0.002"
+        )
     section = tree.setdefault(keys[0], {})
     if not isinstance(section, dict):
         raise RequestError(f"config: {keys[0]}: {section!r} is not allowed: it must be a section")

@@ -14,18 +14,18 @@ which is the usual sum of Jᵀ Λ a and the posture torque M q̈₀ projected by
 import jax.numpy as jnp
 import numpy as np
 from jax.scipy.linalg import cho_factor, cho_solve
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from mjx_fit.config import ControlConfig
 from mjx_fit.kinematics import POSTURE, STRAIGHT_DOWN, jacobian, rotation_error
-from mjx_fit.types import pytree
+from mjx_fit.types import Array, pytree
 
 TORQUE_LIMIT_NM = np.array([87, 87, 87, 87, 12, 12, 12], np.float32)
 
 # Keeps the Cholesky factors finite at a singular posture; inertias are 1e-2 kg m2 and up, inverse inertias
 # 1e-1 1/kg and up, so the damping moves a torque by less than one part in a thousand.
-_DAMPING_MASS = 1e-5
-_DAMPING_TASK = 1e-4
+_DAMPING_MASS = 1e-6
+_DAMPING_TASK = 1e-5
 
 
 @pytree
@@ -59,8 +59,10 @@ def tip_velocity(arm: ArmState) -> Float[Array, "6"]:
 
 
 def tip_quaternion(arm: ArmState) -> Float[Array, "4"]:
-    """Orientation of the tip, w x y z, with x not negative: near straight down, where x is near one, this is
-    Shepperd's method for the branch in which x is largest."""
+    """Orientation of the tip, w x y z, with x not negative.
+
+    Shepperd's method for the branch in which x is largest, as it is near straight down.
+    """
     m = arm.tip_frame_world
     x = 0.5 * jnp.sqrt(jnp.maximum(1 + m[0, 0] - m[1, 1] - m[2, 2], 1e-6))
     wyz = jnp.stack([m[2, 1] - m[1, 2], m[0, 1] + m[1, 0], m[0, 2] + m[2, 0]]) / (4 * x)

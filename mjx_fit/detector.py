@@ -2,9 +2,10 @@
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Key
+from jaxtyping import Float, Key
 
 from mjx_fit.config import DetectorConfig
+from mjx_fit.types import Array
 
 
 def detect(

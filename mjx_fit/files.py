@@ -12,7 +12,7 @@ def write_text(path: Path, text: str) -> None:
 
 
 def replace_with(path: Path, write: Callable[[Path], object]) -> None:
-    """Lets ``write`` make a file under a temporary name beside ``path``, syncs it, and renames it to ``path``.
+    """Lets ``write`` make a file under a temporary name, syncs it, and renames it to ``path``.
 
     A kill at any moment leaves the old file or the new one, never a part of it.
     """

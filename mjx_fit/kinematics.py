@@ -3,17 +3,20 @@
 Both engines start from the same joint angles, since these come from here and not from a simulator.
 """
 
+# MuJoCo's extension module has no stubs.
+# pyright: reportAttributeAccessIssue=false
+
 import jax
 import jax.numpy as jnp
 import mujoco
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from mjx_fit.scene import JOINTS
-from mjx_fit.types import pytree
+from mjx_fit.types import Array, pytree
 
 POSTURE = (0.0, 0.33, 0.0, -2.39, 0.0, 2.72, 0.0)
-"""Joint angles (rad) with the flange straight down near x = 0.5 m and the peg's sides along the world's axes."""
+"""Joint angles (rad): flange straight down near x = 0.5 m, the peg's sides along the world's axes."""
 
 _ITERATIONS = 20
 _DAMPING = 1e-6
@@ -50,8 +53,10 @@ def chain_of(model: mujoco.MjModel) -> Chain:
     return Chain(jnp.asarray(offset, jnp.float32), jnp.asarray(rotation, jnp.float32))
 
 
-def forward(chain: Chain, qpos: Float[Array, "7"]) -> tuple[Float[Array, "3"], Float[Array, "3 3"], Float[Array, "6 7"]]:
-    """Position (m) and orientation of the tip in the world, and its geometric Jacobian (linear over angular)."""
+def forward(
+    chain: Chain, qpos: Float[Array, "7"]
+) -> tuple[Float[Array, "3"], Float[Array, "3 3"], Float[Array, "6 7"]]:
+    """Position (m) and orientation of the tip in the world, and its Jacobian (linear over angular)."""
     cos, sin, zero, one = jnp.cos(qpos), jnp.sin(qpos), jnp.zeros_like(qpos), jnp.ones_like(qpos)
     turn = jnp.stack([cos, -sin, zero, sin, cos, zero, zero, zero, one], -1).reshape(len(JOINTS), 3, 3)
     position, frame = jnp.zeros(3), jnp.eye(3)
@@ -67,7 +72,9 @@ def forward(chain: Chain, qpos: Float[Array, "7"]) -> tuple[Float[Array, "3"], F
 
 
 def jacobian(
-    joint_anchor_world: Float[Array, "7 3"], joint_axis_world: Float[Array, "7 3"], point_world: Float[Array, "3"]
+    joint_anchor_world: Float[Array, "7 3"],
+    joint_axis_world: Float[Array, "7 3"],
+    point_world: Float[Array, "3"],
 ) -> Float[Array, "6 7"]:
     """Geometric Jacobian of a point of the last body: linear velocity over angular velocity."""
     linear = jnp.cross(joint_axis_world, point_world - joint_anchor_world)
@@ -75,8 +82,10 @@ def jacobian(
 
 
 def rotation_error(frame_world: Float[Array, "3 3"], goal_world: Float[Array, "3 3"]) -> Float[Array, "3"]:
-    """Small rotation vector (rad, world frame) that turns one frame towards another: half the sum of the axes'
-    cross products, exact to second order (Siciliano et al., Robotics, section 3.7.3)."""
+    """Rotation vector (rad, world frame) that turns one frame towards another, exact to second order.
+
+    Half the sum of the axes' cross products (Siciliano et al., Robotics, section 3.7.3).
+    """
     return 0.5 * jnp.cross(frame_world, goal_world, axisa=0, axisb=0, axisc=0).sum(1)
 
 

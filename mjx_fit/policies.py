@@ -5,10 +5,10 @@ The randomness of step j comes from ``fold_in(key, j)``, so it depends on the at
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int, Key
+from jaxtyping import Float, Int, Key
 
 from mjx_fit.config import Config, RandomConfig, SpiralConfig
-from mjx_fit.types import Attempt
+from mjx_fit.types import Array, Attempt
 
 POLICIES = ("spiral", "random")
 SPIRAL, RANDOM = range(len(POLICIES))
@@ -37,7 +37,11 @@ def action(
 
 
 def spiral(
-    step: Int[Array, ""], horizon: int, tip_pos_estimate: Float[Array, "2"], key: Key[Array, ""], config: SpiralConfig
+    step: Int[Array, ""],
+    horizon: int,
+    tip_pos_estimate: Float[Array, "2"],
+    key: Key[Array, ""],
+    config: SpiralConfig,
 ) -> Float[Array, "3"]:
     """Algorithm 4 of the paper: u = u_spiral + u_wiggle + p - x.
 
@@ -64,7 +68,7 @@ def random(
     attempt_key: Key[Array, ""],
     config: RandomConfig,
 ) -> Float[Array, "3"]:
-    """Straight sweeps between random way-points around the estimate, pressed on the plate, with the same wiggle.
+    """Straight sweeps between random way-points around the estimate, pressed on the plate, with wiggle.
 
     The paper gives its random policy one line. A pure random walk with steps of its σ hardly moves against
     friction; sweeps cross the hole's edges from all sides and stay in contact.

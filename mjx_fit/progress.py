@@ -48,6 +48,8 @@ class Progress:
             return
         self._last_line = now
         passed = done - self._first
-        left = f"{(now - self._started) / passed * (self._total - done):.0f} s left" if passed else "just begun"
+        left = (
+            f"{(now - self._started) / passed * (self._total - done):.0f} s left" if passed else "just begun"
+        )
         words = ", ".join(part for part in (text, left) if part)
         self._console.print(f"{self._name}: {done}/{self._total}, {words}", soft_wrap=True)

@@ -7,7 +7,18 @@ from importlib.metadata import version
 import jax
 import numpy as np
 
-PACKAGES = ("mjx-fit", "mujoco", "mujoco-mjx", "jax", "jaxlib", "flax", "optax", "orbax-checkpoint", "numpy", "scipy")
+PACKAGES = (
+    "mjx-fit",
+    "mujoco",
+    "mujoco-mjx",
+    "jax",
+    "jaxlib",
+    "flax",
+    "optax",
+    "orbax-checkpoint",
+    "numpy",
+    "scipy",
+)
 
 
 def versions() -> dict[str, str]:

@@ -1,10 +1,13 @@
 """From models/*.xml and shapes to compiled MuJoCo models with everything addressed by name.
 
 The simulation scene holds one arm and one hole box on a mocap body, so that the hole's position is state. All
-nine peg-hole pairs compile to models of the same layout, which differ in the places and sizes of boxes only: a
-batch may mix them. A shape that needs fewer boxes than the layout has keeps the spare ones buried in its own
-material, where nothing can touch them.
+nine peg-hole pairs compile to models of the same layout, which differ in the places and sizes of boxes only:
+a batch may mix them. A shape that needs fewer boxes than the layout has keeps the spare ones buried in its
+own material, where nothing can touch them.
 """
+
+# MuJoCo's extension module has no stubs.
+# pyright: reportAttributeAccessIssue=false
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -115,12 +118,18 @@ def _add_peg(spec: mujoco.MjSpec, config: SceneConfig, boxes: Boxes) -> None:
         )
 
 
-def _add_hole(spec: mujoco.MjSpec, config: SceneConfig, boxes: Boxes, name: str, position, mocap: bool) -> None:
+def _add_hole(
+    spec: mujoco.MjSpec, config: SceneConfig, boxes: Boxes, name: str, position, mocap: bool
+) -> None:
     body = spec.worldbody.add_body(name=name, pos=[*position, plate_top_m(config)], mocap=mocap)
     for i, (centre, half) in enumerate(zip(boxes.centre, boxes.half, strict=True)):
         material = "floor" if i == 0 else "plate"
         body.add_geom(
-            name=f"{name}_box{i}", pos=centre, size=half, material=material, **_contact(config, _HOLE_BIT, _PEG_BIT)
+            name=f"{name}_box{i}",
+            pos=centre,
+            size=half,
+            material=material,
+            **_contact(config, _HOLE_BIT, _PEG_BIT),
         )
 
 
@@ -133,7 +142,7 @@ def _contact(config: SceneConfig, contype: int, conaffinity: int) -> dict:
         "density": 0,
         "friction": [config.friction, 0.005, 0.0001],
         "solref": [config.contact_time_s, 1.0],
-        "solimp": [0.9, 0.95, config.contact_width_m, 0.5, 2.0],
+        "solimp": [0.95, 0.99, config.contact_width_m, 0.5, 2.0],
     }
 
 

@@ -1,7 +1,8 @@
 """The catalogue of pegs and holes: a shape is a set of boxes, its hole the complement in a square plate.
 
-A box is ``(centre, half)``, both (3,) in metres. Pegs are given in the frame of the body ``peg``, whose origin is the
-sensor's face and whose z points along the tool to the tip; hole boxes in the frame of the plate's upper face, z up.
+A box is ``(centre, half)``, both (3,) in metres. Pegs are given in the frame of the body ``peg``: its origin
+is the sensor's face, its z points along the tool to the tip. Hole boxes are given in the frame of the plate's
+upper face, z up.
 """
 
 from dataclasses import dataclass
@@ -69,8 +70,8 @@ def peg_boxes(shape: Shape, scene: SceneConfig) -> Boxes:
 def hole_boxes(shape: Shape, scene: SceneConfig) -> Boxes:
     """The boxes of a plate with a hole that is wider than the peg by the clearance on every side.
 
-    A floor, four walls around the hole's bounding rectangle and, for a shape that does not fill that rectangle,
-    the four corners that it leaves. Together they fill the plate but for the hole, and do not overlap.
+    A floor, four walls around the hole's bounding rectangle and, for a shape that does not fill it, the four
+    corners that it leaves. Together they fill the plate but for the hole, and do not overlap.
     """
     gap, width, bottom = scene.clearance_m, scene.plate_half_width_m, -scene.hole_depth_m
     sides = np.asarray(shape.rectangles) + gap

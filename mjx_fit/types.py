@@ -1,7 +1,7 @@
 """The nouns of the library, as pytree dataclasses.
 
-SI units throughout. Quaternions are w x y z. ``*batch`` is any number of leading axes; inside one episode time
-comes first: ``J`` actions of ``SUBSTEPS`` simulation steps each. Shape and type indices follow
+SI units throughout. Quaternions are w x y z. ``*batch`` is any number of leading axes; inside one episode
+time comes first: ``J`` actions of ``SUBSTEPS`` simulation steps each. Shape and type indices follow
 ``mjx_fit.shapes.SHAPES``.
 """
 
@@ -9,9 +9,13 @@ from dataclasses import dataclass
 from typing import TypeVar, dataclass_transform
 
 import jax
-from jaxtyping import Array, Bool, Float, Int, Key
+import numpy as np
+from jaxtyping import Bool, Float, Int, Key
 
 T = TypeVar("T")
+
+Array = jax.Array | np.ndarray
+"""What a pytree's leaf may be: on the device inside a computation, on the host outside."""
 
 SUBSTEPS = 50
 """Simulation steps (500 Hz) in one action (10 Hz): the samples of one wrench window."""
@@ -49,8 +53,9 @@ class Trace:
     """What the robot felt and did, one row per action.
 
     Attributes:
-        wrench_sensor: Clean force (N) and torque (N·m) at the wrist in the sensor's frame, 500 Hz. Gravity and
-            inertia of what hangs behind the sensor are in it; subtract ``Interaction.tare_sensor``.
+        wrench_sensor: Clean force (N) and torque (N·m) that the arm exerts on the peg, in the sensor's frame
+            (z along the tool), 500 Hz. The peg's weight and inertia are in it; subtract
+            ``Interaction.tare_sensor``.
         tip_pos_world: Centre of the peg's lower face at the end of the action, m.
         tip_quat_world: Its orientation.
         tip_linvel_world: Its linear velocity, m/s.
@@ -147,7 +152,7 @@ class Observation:
         innovation: h_pos: estimate of the true position minus the estimate that the attempt started from, m.
         pos_noise_cov: R: covariance of the innovation's error, m².
         match_logits: h_match: logits of (mismatch, match).
-        match_model_logp: log H(o_match | c, c_peg) for the peg in hand: rows are hole types c, columns o_match.
+        match_model_logp: log H(o_match | c, c_peg) for the peg in hand: rows are hole types, columns o_match.
     """
 
     innovation: Float[Array, "*batch 2"]

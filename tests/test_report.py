@@ -33,7 +33,9 @@ def assembly(methods: dict[str, float], n_trials: int) -> Result:
                  "attempts": np.minimum(needed, 30).tolist(), "human": (needed > 30).tolist()}
             )  # fmt: skip
     tree = config.to_tree(config.Config())
-    return Result("assembly", tree, 0, "native", "cpu", {"jax": "0.10"}, summarise_assembly(trials), trials)
+    return Result(
+        "assembly", tree, 0, {}, "native", "cpu", {"jax": "0.10"}, summarise_assembly(trials), trials
+    )
 
 
 def attempt() -> Result:

@@ -37,6 +37,7 @@ RESULT = Result(
     experiment="assembly",
     config=config.to_tree(config.Config()),
     seed=3,
+    request={"trials": 2},
     engine="native",
     device="cpu",
     versions={"jax": "0.10.2"},

@@ -14,8 +14,8 @@ from synthetic import make_interactions
 from mjx_fit.config import SensorConfig, WristConfig
 from mjx_fit.errors import RequestError
 from mjx_fit.sensors.model import ContactSensor, InputScale, row_features
-from mjx_fit.sensors.noise import read
 from mjx_fit.types import Observation, Reading
+from mjx_fit.wrist import read
 
 SMALL = SensorConfig(width=16, conv_channels=(4, 4, 8, 8, 8), layers=1, heads=2, feedforward=16)
 ROWS = 12
@@ -78,7 +78,7 @@ def test_more_padding_never_changes_an_observation(sensor):
 
 def test_real_rows_do_change_an_observation():
     reading = make_reading()
-    changed = replace(reading, wrench_sensor=reading.wrench_sensor.at[:, 0].add(50.0))
+    changed = replace(reading, wrench_sensor=jnp.asarray(reading.wrench_sensor).at[:, 0].add(50.0))
     moved = observe(PLAIN, changed).innovation - observe(PLAIN, reading).innovation
     assert np.abs(moved).min() > 0
 

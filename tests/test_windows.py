@@ -131,7 +131,7 @@ def test_prior_is_the_estimate_with_types_at_random(many):
 
 
 def test_broken_and_short_interactions_are_not_usable():
-    data = replace(DATA, valid=DATA.valid.at[4].set(False))
+    data = replace(DATA, valid=np.arange(EPISODES) != 4)
     want = np.asarray(DATA.length) >= MIN_ACTIONS
     want[4] = False
     assert not want.all()

@@ -7,7 +7,7 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int, Key
+from jaxtyping import Float, Int, Key
 
 from mjx_fit import policies
 from mjx_fit.config import Config, DetectorConfig
@@ -18,7 +18,7 @@ from mjx_fit.progress import Progress
 from mjx_fit.scene import HOLE_WORKSPACE_M
 from mjx_fit.shapes import SHAPES
 from mjx_fit.simulate.engine import create, even_batch, resolve
-from mjx_fit.types import SUBSTEPS, Attempt
+from mjx_fit.types import SUBSTEPS, Array, Attempt
 
 POLICIES = (*policies.POLICIES, "mixed")
 _MISMATCHED = np.array(list(permutations(range(len(SHAPES)), 2)))
@@ -30,13 +30,13 @@ def collect(
 ) -> None:
     """Simulates interactions and stores them; goes on where a killed collection of the same kind stopped.
 
-    The draws of an episode depend on the seed and its id alone. All batches have one shape, the last one padded:
-    arithmetic may differ in the last bit from one shape to another.
+    The draws of an episode depend on the seed and its id alone. All batches have one shape, the last one
+    padded: arithmetic may differ in the last bit from one shape to another.
 
     Args:
         config: The configuration.
         out: Folder of the data set.
-        episodes: Number of interactions: even ids are matched pairs, odd ids mismatched ones, each kind in turn.
+        episodes: Number of interactions: even ids are matched pairs, odd ids mismatched ones.
         steps: Most actions in one interaction.
         policy: ``random``, ``spiral``, or ``mixed`` for each in half of the episodes, at random.
         engine: ``auto``, ``mjx`` or ``native``.
@@ -46,7 +46,7 @@ def collect(
     Raises:
         RequestError: A value is not allowed, or the folder holds something else.
     """
-    _require(1 <= episodes, "--episodes", episodes, "at least 1")
+    _require(episodes >= 1, "--episodes", episodes, "at least 1")
     _require(1 <= steps <= MAX_ACTIONS, "--steps", steps, f"between 1 and {MAX_ACTIONS}")
     _require(policy in POLICIES, "--policy", policy, f"one of {', '.join(POLICIES)}")
     _require(0 <= seed < 2**32, "--seed", seed, "between 0 and 4294967295")
@@ -57,17 +57,24 @@ def collect(
     starts = [start for start in range(0, episodes, batch) if not writer.has(_shard_name(start))]
     simulator = create(engine, config) if starts else None
     root = jax.random.key(seed)
-    with Progress("collect", episodes, episodes - sum(min(batch, episodes - start) for start in starts)) as progress:
+    with Progress(
+        "collect", episodes, episodes - sum(min(batch, episodes - start) for start in starts)
+    ) as progress:
         inserted = 0
         for start in starts:
             assert simulator is not None
             ids = np.arange(start, start + batch)
-            interactions = simulator.run(draw_attempts(root, jnp.asarray(ids), policy, config.detector), steps)
+            interactions = simulator.run(
+                draw_attempts(root, jnp.asarray(ids), policy, config.detector), steps
+            )
             kept = min(batch, episodes - start)
             interactions = jax.tree.map(lambda leaf, kept=kept: leaf[:kept], interactions)
             writer.write(_shard_name(start), ids[:kept], interactions)
             inserted += int(interactions.inserted.sum())
-            progress(start + kept, f"{inserted} inserted, {interactions.length.sum() * SUBSTEPS} physics steps in shard")
+            progress(
+                start + kept,
+                f"{inserted} inserted, {interactions.length.sum() * SUBSTEPS} physics steps in shard",
+            )
     writer.finish()
 
 
@@ -78,7 +85,9 @@ def draw_attempts(
     peg_type, hole_type = pair_of(np.asarray(episodes))
     hole_pos, estimate, wiggle = draw_places(root, episodes, detector)
     if policy == "mixed":
-        kind_keys = jax.vmap(lambda episode: jax.random.fold_in(jax.random.fold_in(root, episode), 1))(episodes)
+        kind_keys = jax.vmap(lambda episode: jax.random.fold_in(jax.random.fold_in(root, episode), 1))(
+            episodes
+        )
         kind = jax.vmap(jax.random.bernoulli)(kind_keys).astype(int)
     else:
         kind = jnp.full(len(episodes), policies.POLICIES.index(policy))
@@ -89,8 +98,16 @@ def draw_attempts(
 def draw_places(
     root: Key[Array, ""], episodes: Int[Array, "n"], detector: DetectorConfig
 ) -> tuple[Float[Array, "n 2"], Float[Array, "n 2"], Key[Array, "n"]]:
-    """True places of the holes (m), uniform in the workspace, what the detector says of them (m), and the keys of
-    the policies. Each depends on the root key and the episode's id alone."""
+    """Where the holes are, what the detector says, and the keys of the policies.
+
+    Args:
+        root: Root key.
+        episodes: Ids; each draw depends on the root key and its episode's id alone.
+        detector: The detector.
+
+    Returns:
+        True places, uniform in the workspace, m; estimates, m; keys.
+    """
 
     def draw(episode):
         place, error, wiggle = jax.random.split(jax.random.fold_in(root, episode), 3)
@@ -102,7 +119,7 @@ def draw_places(
 
 
 def pair_of(episodes: Int[np.ndarray, "n"]) -> tuple[Int[np.ndarray, "n"], Int[np.ndarray, "n"]]:
-    """Peg and hole type of each episode: even ids take the three matched pairs in turn, odd ids the six others."""
+    """Peg and hole type of each episode: even ids take the matched pairs in turn, odd ids the others."""
     turn = episodes // 2
     matched = (episodes % 2 == 0)[:, None]
     same = np.stack([turn % len(SHAPES)] * 2, 1)

@@ -1,8 +1,8 @@
 """Interactions on disk: HDF5 shards of stacked episodes, and a manifest.
 
-A shard is written under a temporary name, synced and renamed; the manifest is written anew after each shard and
-names the shards that are complete with their SHA-256. So whatever the manifest names is there and whole, and a
-killed collection goes on behind it.
+A shard is written under a temporary name, synced and renamed; the manifest is written anew after each shard
+and names the shards that are complete with their SHA-256. So whatever the manifest names is there and whole,
+and a killed collection goes on behind it.
 """
 
 import json
@@ -19,13 +19,17 @@ from mjx_fit import files, provenance
 from mjx_fit.config import Config
 from mjx_fit.errors import RequestError
 from mjx_fit.shapes import NAMES
-from mjx_fit.types import Interaction, Trace
+from mjx_fit.types import Array, Interaction, Trace
 
 MANIFEST = "manifest.json"
 FORMAT = 1
 
 FIELDS = {
-    "trace/wrench_sensor": ("N, N·m", "sensor", "clean force and torque at 500 Hz, weight not subtracted"),
+    "trace/wrench_sensor": (
+        "N, N·m",
+        "sensor",
+        "clean, of the arm on the peg, 500 Hz, weight included",
+    ),
     "trace/tip_pos_world": ("m", "world", "centre of the peg's lower face at the end of each action"),
     "trace/tip_quat_world": ("1", "world", "its orientation, w x y z"),
     "trace/tip_linvel_world": ("m/s", "world", "its linear velocity"),
@@ -121,10 +125,15 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     try:
         manifest = json.loads((folder / MANIFEST).read_text())
         if manifest["format"] != FORMAT:
-            raise RequestError(f"--data: {folder} is not allowed: its format is {manifest['format']}, not {FORMAT}")
-        manifest["shards"], manifest["request"]
+            raise RequestError(
+                f"--data: {folder} is not allowed: its format is {manifest['format']}, not {FORMAT}"
+            )
+        if not isinstance(manifest["shards"], list) or not isinstance(manifest["request"], dict):
+            raise TypeError
     except FileNotFoundError:
-        raise RequestError(f"--data: {folder} is not allowed: it holds no {MANIFEST}, so it is no data set") from None
+        raise RequestError(
+            f"--data: {folder} is not allowed: it holds no {MANIFEST}, so it is no data set"
+        ) from None
     except (OSError, ValueError, KeyError, TypeError) as error:
         if isinstance(error, RequestError):
             raise
@@ -170,7 +179,10 @@ def describe(folder: Path) -> dict[str, Any]:
         "steps": request["steps"],
         "actions": int(data.length.sum()),
         "pairs": dict(sorted(pairs.items())),
-        "success_rate": {"matched": _mean(data.inserted[matched]), "mismatched": _mean(data.inserted[~matched])},
+        "success_rate": {
+            "matched": _mean(data.inserted[matched]),
+            "mismatched": _mean(data.inserted[~matched]),
+        },
         "units": {name: unit for name, (unit, _, _) in FIELDS.items()},
         "engine": request["engine"],
         "policy": request["policy"],
@@ -180,15 +192,17 @@ def describe(folder: Path) -> dict[str, Any]:
     }
 
 
-def _mean(values: np.ndarray) -> float | None:
+def _mean(values: Array) -> float | None:
     return float(values.mean()) if len(values) else None
 
 
 def _require_same(folder: Path, there: dict[str, Any], here: dict[str, Any]) -> None:
-    for name in here:
-        if there.get(name) != here[name]:
-            detail = "" if isinstance(here[name], dict) else f": {there.get(name)!r} there, {here[name]!r} here"
-            raise RequestError(f"--out: {folder} is not allowed: it holds another run (its {name} differs{detail})")
+    for name, value in here.items():
+        if there.get(name) != value:
+            detail = "" if isinstance(value, dict) else f": {there.get(name)!r} there, {value!r} here"
+            raise RequestError(
+                f"--out: {folder} is not allowed: it holds another run (its {name} differs{detail})"
+            )
 
 
 def _write_shard(path: Path, episodes: np.ndarray, interactions: Interaction) -> None:
@@ -210,7 +224,9 @@ def _read_shard(path: Path) -> Interaction:
             fields = {name: np.asarray(file[name]) for name in FIELDS}
     except (OSError, KeyError, ValueError) as error:
         raise RequestError(f"--data: {path.name} in {path.parent} is damaged or missing: {error}") from None
-    trace = {name.removeprefix("trace/"): value for name, value in fields.items() if name.startswith("trace/")}
+    trace = {
+        name.removeprefix("trace/"): value for name, value in fields.items() if name.startswith("trace/")
+    }
     rest = {name: value for name, value in fields.items() if not name.startswith("trace/")}
     return Interaction(trace=Trace(**trace), **rest)
 

@@ -9,14 +9,14 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int, Key
+from jaxtyping import Bool, Float, Int, Key
 
 from mjx_fit.config import Config
 from mjx_fit.errors import RequestError
 from mjx_fit.filters.belief import initial_belief
-from mjx_fit.sensors.noise import read
 from mjx_fit.shapes import SHAPES, plate_top_m
-from mjx_fit.types import Belief, Interaction, Reading, pytree
+from mjx_fit.types import Array, Belief, Interaction, Reading, pytree
+from mjx_fit.wrist import read
 
 MIN_ACTIONS = 5
 """Half a second: a shorter interaction is dropped, it ended before anything could be felt."""

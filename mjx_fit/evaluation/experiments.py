@@ -31,8 +31,14 @@ ATTEMPT_BATCH = 256
 
 
 def attempt(config: Config, out: Path, trials: int, seed: int, engine: str) -> Result:
-    """Single attempts of Algorithm 4 from the detector's estimate: ``trials`` matched ones per shape, and
-    ``trials`` mismatched ones in all, over the six pairs in turn.
+    """Single attempts of Algorithm 4 from the detector's estimate.
+
+    Args:
+        config: The configuration.
+        out: The result file.
+        trials: Matched attempts for each shape, and mismatched ones in all, over the six pairs in turn.
+        seed: Root seed.
+        engine: ``auto``, ``mjx`` or ``native``.
 
     Raises:
         RequestError: A value is not allowed, or the file holds another result.
@@ -93,7 +99,9 @@ def assembly(
     request = {
         "methods": [method.name for method in picked],
         "trials": trials,
-        "sensor": provenance.fingerprint(checkpoint.to_arrays(nnx.state(sensor))) if sensor is not None else None,
+        "sensor": provenance.fingerprint(checkpoint.to_arrays(nnx.state(sensor)))
+        if sensor is not None
+        else None,
     }
     done = _finished(out, "assembly", config, seed, request, engine)
     if done is not None:
@@ -136,7 +144,9 @@ def _peak_force(interactions: Interaction) -> Float[np.ndarray, "n"]:
     return np.where(real[..., None], np.linalg.norm(wrench[..., :3], axis=-1), 0).max((1, 2))
 
 
-def _finished(out: Path, experiment: str, config: Config, seed: int, request: dict, engine: str) -> Result | None:
+def _finished(
+    out: Path, experiment: str, config: Config, seed: int, request: dict, engine: str
+) -> Result | None:
     """The result, if this very request was finished before."""
     if not 0 <= seed < 2**32:
         raise RequestError(f"--seed: {seed} is not allowed: it must be between 0 and 4294967295")

@@ -7,10 +7,10 @@
 from dataclasses import replace
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Float, Int
 
 from mjx_fit.filters import histogram, kalman
-from mjx_fit.types import Belief, Observation
+from mjx_fit.types import Array, Belief, Observation
 
 
 def initial_belief(estimate: Float[Array, "*batch 2"], prior_std_m: float, n_types: int) -> Belief:

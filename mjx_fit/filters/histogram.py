@@ -5,7 +5,9 @@ Pure functions of arrays with any number of leading batch axes; C is the number 
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Float, Int
+
+from mjx_fit.types import Array
 
 
 def update(

@@ -6,7 +6,9 @@ positive definite gives NaN for itself alone.
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Float
+
+from mjx_fit.types import Array
 
 CM_PER_M = 100.0
 

@@ -8,7 +8,9 @@ from mjx_fit.evaluation.results import Result
 
 def print_summary(result: Result) -> None:
     """Prints method, metric, group, value with its 95 % interval, and n."""
-    table = Table(title=f"{result.experiment}, engine {result.engine}, seed {result.seed}", title_justify="left")
+    table = Table(
+        title=f"{result.experiment}, engine {result.engine}, seed {result.seed}", title_justify="left"
+    )
     for column in ("method", "metric", "group"):
         table.add_column(column)
     for column in ("value", "95 % interval", "n"):

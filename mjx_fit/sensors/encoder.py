@@ -11,11 +11,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from flax import nnx
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Bool, Float
 
 from mjx_fit.config import SensorConfig
 from mjx_fit.errors import RequestError
-from mjx_fit.types import SUBSTEPS
+from mjx_fit.types import SUBSTEPS, Array
 
 WRENCH_AXES = 6
 
@@ -123,7 +123,7 @@ class TraceEncoder(nnx.Module):
         for block in self.blocks:
             x = block(x, mask, rngs)
         peak = jnp.where(mask[..., None], self.norm(x), -jnp.inf).max(axis=1)
-        return jnp.where(mask.any(axis=1)[:, None], peak, 0)
+        return jnp.where(jnp.any(mask, axis=1)[:, None], peak, 0)
 
 
 def _sinusoids(length: int, width: int) -> Float[np.ndarray, "L width"]:

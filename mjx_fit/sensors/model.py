@@ -5,12 +5,12 @@ import math
 import jax
 import jax.numpy as jnp
 from flax import nnx
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from mjx_fit.config import SensorConfig
 from mjx_fit.sensors.encoder import WRENCH_AXES, TraceEncoder
 from mjx_fit.sensors.heads import MatchModel, PositionNoise, SkipMLP
-from mjx_fit.types import Observation, Reading
+from mjx_fit.types import Array, Observation, Reading
 
 METRES_PER_CM = 0.01
 ROW_FEATURES = 3 + 4 + 3 + 3 + 1 + 3

@@ -7,13 +7,13 @@ from typing import Protocol
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Bool, Float
 
 from mjx_fit.config import Config
 from mjx_fit.errors import RequestError
 from mjx_fit.kinematics import Chain, inverse
 from mjx_fit.scene import Scene
-from mjx_fit.types import Attempt, Interaction
+from mjx_fit.types import Array, Attempt, Interaction
 
 ENGINES = ("auto", "mjx", "native")
 
@@ -22,11 +22,13 @@ START_HEIGHT_M = 0.002
 
 
 class Engine(Protocol):
-    """Runs a batch of attempts. Both engines give the same trace from the same scene, control and policies."""
+    """Runs a batch of attempts: the same trace from the same scene, control and policies in both."""
 
     name: str
 
-    def run(self, attempts: Attempt, actions: int, active: Bool[np.ndarray, "n"] | None = None) -> Interaction:
+    def run(
+        self, attempts: Attempt, actions: int, active: Bool[np.ndarray, "n"] | None = None
+    ) -> Interaction:
         """Runs every attempt until its peg is inserted or its actions are used up.
 
         Args:
@@ -66,7 +68,7 @@ def create(name: str, config: Config) -> Engine:
 
 
 def even_batch(n: int, at_most: int) -> int:
-    """Size of the batches that n attempts are run in: of one shape, and with little padding in the last one."""
+    """Size of the batches that n attempts are run in: of one shape, with little padding in the last."""
     return math.ceil(n / math.ceil(n / at_most))
 
 

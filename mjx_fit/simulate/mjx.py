@@ -1,5 +1,8 @@
 """The MJX engine: one jitted function; scan over actions, scan over substeps, vmap over worlds."""
 
+# MuJoCo's extension module has no stubs.
+# pyright: reportAttributeAccessIssue=false
+
 import io
 from contextlib import redirect_stdout
 from functools import partial
@@ -7,7 +10,8 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Bool, Float, Int
+
 with redirect_stdout(io.StringIO()):  # it prints that Warp is missing, which would spoil --json
     from mujoco import mjx
 
@@ -16,7 +20,7 @@ from mjx_fit.config import Config
 from mjx_fit.kinematics import chain_of
 from mjx_fit.scene import Scene, pair_index, simulation_scene
 from mjx_fit.simulate.engine import start_qpos
-from mjx_fit.types import SUBSTEPS, Attempt, Interaction, Trace
+from mjx_fit.types import SUBSTEPS, Array, Attempt, Interaction, Trace
 
 
 def compiler_options() -> dict[str, bool]:
@@ -31,19 +35,21 @@ class MjxEngine:
 
     def __init__(self, config: Config):
         self.scene = simulation_scene(config.scene)
-        self._models, self._axes = _stacked_models(self.scene)
+        self._models, self._axes = stacked_models(self.scene)
         self._chain = chain_of(self.scene.models[0])
         self._config = config
         self._run = jax.jit(self._rollout, static_argnames="actions", compiler_options=compiler_options())
 
-    def run(self, attempts: Attempt, actions: int, active: Bool[np.ndarray, "n"] | None = None) -> Interaction:
+    def run(
+        self, attempts: Attempt, actions: int, active: Bool[np.ndarray, "n"] | None = None
+    ) -> Interaction:
         """See ``Engine.run``."""
         active = np.ones(len(attempts.peg_type), bool) if active is None else active
         return jax.tree.map(np.asarray, self._run(attempts, active, actions=actions))
 
     def _rollout(self, attempts: Attempt, active: Bool[Array, "n"], actions: int) -> Interaction:
         pair = pair_index(attempts.peg_type, attempts.hole_type)
-        models = self._models.replace(**{name: getattr(self._models, name)[pair] for name in _GEOMETRY})
+        models = models_of(self._models, pair)
         qpos = start_qpos(self._chain, attempts, self.scene)
         world = partial(rollout_world, config=self._config, scene=self.scene, actions=actions)
         # Matrix products of lower precision (TF32 on some accelerators) ruin the constraint solver.
@@ -116,7 +122,7 @@ def observe(model: mjx.Model, data: mjx.Data) -> mjx.Data:
 
 
 def accelerate(model: mjx.Model, data: mjx.Data) -> mjx.Data:
-    """The other stages of ``mjx.forward``, which need the torques; with ``observe`` before, the same result."""
+    """The other stages of ``mjx.forward``, those that need the torques."""
     data = mjx.fwd_acceleration(model, mjx.fwd_actuation(model, data))
     return mjx.sensor_acc(model, mjx.solve(model, data))
 
@@ -161,7 +167,7 @@ _GEOMETRY = ("geom_pos", "geom_size", "geom_rbound")
 """The model's fields in which the nine pairs differ."""
 
 
-def _stacked_models(scene: Scene) -> tuple[mjx.Model, mjx.Model]:
+def stacked_models(scene: Scene) -> tuple[mjx.Model, mjx.Model]:
     """The nine models as one, with a leading axis on the geometry, and the tree of vmap axes."""
     model = mjx.put_model(scene.models[0])
     stacked = {
@@ -170,3 +176,8 @@ def _stacked_models(scene: Scene) -> tuple[mjx.Model, mjx.Model]:
     }
     axes = jax.tree.map(lambda _: None, model).replace(**dict.fromkeys(_GEOMETRY, 0))
     return model.replace(**stacked), axes
+
+
+def models_of(stacked: mjx.Model, pair: Int[Array, "n"]) -> mjx.Model:
+    """The models of a batch of worlds: the geometry of each world's pair."""
+    return stacked.replace(**{name: getattr(stacked, name)[pair] for name in _GEOMETRY})

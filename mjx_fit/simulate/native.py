@@ -1,16 +1,19 @@
 """The native engine: MuJoCo's C engine on host threads, with the control and policies of the MJX engine.
 
-Control is one jitted function over all worlds; each substep sends it one array and takes one back, since on a CPU
-the cost of a dispatch grows with the number of its arguments.
+Control is one jitted function over all worlds; each substep sends it one array and takes one back, since on a
+CPU the cost of a dispatch grows with the number of its arguments.
 """
 
+# MuJoCo's extension module has no stubs.
+# pyright: reportAttributeAccessIssue=false
+
+from collections.abc import Callable
 from functools import partial
 
 import jax
-import jax.numpy as jnp
 import mujoco
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Bool, Float
 from mujoco.batch import Batch
 
 from mjx_fit import control, policies
@@ -18,7 +21,7 @@ from mjx_fit.config import Config
 from mjx_fit.kinematics import chain_of
 from mjx_fit.scene import pair_index, simulation_scene
 from mjx_fit.simulate.engine import start_qpos
-from mjx_fit.types import SUBSTEPS, Attempt, Interaction, Trace
+from mjx_fit.types import SUBSTEPS, Array, Attempt, Interaction, Trace
 
 # Position- and velocity-dependent fields are current after each step; a persistent batch then continues from
 # them, so that they are computed once.
@@ -30,10 +33,17 @@ class NativeEngine:
 
     name = "native"
 
-    def __init__(self, config: Config, threads: int):
+    def __init__(self, config: Config, threads: int, on_torque: Callable[[np.ndarray], None] | None = None):
+        """Compiles the scene.
+
+        Args:
+            config: The configuration.
+            threads: Host threads that step the worlds.
+            on_torque: Told the torques (n, 7) of every step, N·m; the benchmark replays them.
+        """
         self.scene = simulation_scene(config.scene)
         self._config = config
-        self._threads = threads
+        self._threads, self._on_torque = threads, on_torque
         model = self.scene.models[0]
         self._layout = _Layout(model)
         self._start = jax.jit(partial(start_qpos, chain_of(model), scene=self.scene))
@@ -41,9 +51,11 @@ class NativeEngine:
         self._begin_action = jax.jit(jax.vmap(self._begin_action_of, (0, 0, None, None)), static_argnums=3)
         self._observe = jax.jit(jax.vmap(self._observe_of))
 
-    def run(self, attempts: Attempt, actions: int, active: Bool[np.ndarray, "n"] | None = None) -> Interaction:
+    def run(
+        self, attempts: Attempt, actions: int, active: Bool[np.ndarray, "n"] | None = None
+    ) -> Interaction:
         """See ``Engine.run``."""
-        worlds = _Worlds(self, attempts)
+        worlds = self.worlds(attempts)
         trace = _empty_trace(len(attempts.peg_type), actions)
         n = worlds.n
         length = np.zeros(n, np.int32)
@@ -78,6 +90,10 @@ class NativeEngine:
             tare_sensor=worlds.tare,
             valid=valid,
         )
+
+    def worlds(self, attempts: Attempt) -> "_Worlds":
+        """Simulations at rest at the start of these attempts."""
+        return _Worlds(self, attempts)
 
     def _torque_of(self, packed: Float[Array, "k"], goal_pos_world: Float[Array, "3"]) -> Float[Array, "7"]:
         return control.torque(self._layout.unpack(packed), goal_pos_world, self._config.control)
@@ -134,7 +150,7 @@ class _Worlds:
         pair = np.asarray(pair_index(attempts.peg_type, attempts.hole_type))
         self.n = len(pair)
         self._engine = engine
-        self._batch = batch = Batch(scene.models[0], self.n, engine._threads, persistent=True)
+        self.batch = batch = Batch(scene.models[0], self.n, engine._threads, persistent=True)
         batch.set_models([scene.models[i] for i in pair])
         self.qpos, self._ctrl = batch.bind("qpos"), batch.bind("ctrl")
         self._sensordata, self._contact_force = batch.bind("sensordata"), batch.bind("qfrc_constraint")
@@ -164,8 +180,11 @@ class _Worlds:
     def hold(self, goal_pos_world: Array, running: np.ndarray, trace: Trace, step: int) -> None:
         """Pulls the tips of the running worlds to their goals for one action, and records what they feel."""
         for substep in range(SUBSTEPS):
-            self._ctrl[:] = np.asarray(self._engine._torque(self.packed(), goal_pos_world))
-            self._batch.step(running, stage=_OBSERVED)
+            torque = np.asarray(self._engine._torque(self.packed(), goal_pos_world))
+            if self._engine._on_torque is not None:
+                self._engine._on_torque(torque)
+            self._ctrl[:] = torque
+            self.batch.step(running, stage=_OBSERVED)
             trace.wrench_sensor[running, step, substep] = self._sensordata[running]
             trace.contact[running, step] |= (self._contact_force[running] != 0).any(1)
 

@@ -1,8 +1,8 @@
 """Algorithm 1 on whole assemblies, batched over methods and trials.
 
-Every row of the batch is one trial under one method. In each round every unfinished row makes one attempt; all
-attempts of a round are simulated together. A trial's holes, pegs, detections and wiggles are the same for all
-methods.
+Every row of the batch is one trial under one method. In each round every unfinished row makes one attempt;
+all attempts of a round are simulated together. A trial's holes, pegs, detections and wiggles are the same for
+all methods.
 """
 
 from collections.abc import Callable
@@ -87,7 +87,7 @@ def run(
         chosen = table.choose()
         interactions = engine.run(table.attempts(chosen), config.task.attempt_actions, table.active)
         table.learn(chosen, interactions, learn)
-        table.record(chosen, interactions.inserted)
+        table.record(chosen, np.asarray(interactions.inserted))
         progress(int(table.pegs_done.sum()), f"{table.active.sum()} of {len(table.active)} assemblies open")
     return table.rows()
 
@@ -123,7 +123,9 @@ class _Table:
     def attempts(self, chosen: Int[np.ndarray, "R"]) -> Attempt:
         """The attempts of a round."""
         rows = np.arange(len(chosen))
-        self._wiggle_keys, self._noise_keys = self._keys(self._trial, self._peg_number(), self._attempt_number())
+        self._wiggle_keys, self._noise_keys = self._keys(
+            self._trial, self._peg_number(), self._attempt_number()
+        )
         return Attempt(
             peg_type=jnp.asarray(self._peg()),
             hole_type=jnp.asarray(self._world["hole_type"][rows, chosen]),

@@ -5,14 +5,14 @@ from collections.abc import Callable
 import jax
 import jax.numpy as jnp
 from flax import nnx
-from jaxtyping import Array, Bool, Key
+from jaxtyping import Bool, Key
 
 from mjx_fit.config import Config
 from mjx_fit.filters.belief import update_position, update_type
 from mjx_fit.sensors.model import ContactSensor
-from mjx_fit.sensors.noise import read
 from mjx_fit.shapes import plate_top_m
-from mjx_fit.types import Belief, Interaction
+from mjx_fit.types import Array, Belief, Interaction
+from mjx_fit.wrist import read
 
 Learn = Callable[[Belief, Interaction, Key[Array, "n"], Bool[Array, "n"], Bool[Array, "n"]], Belief]
 
@@ -52,7 +52,9 @@ def learner(config: Config, sensor: ContactSensor | None) -> Learn:
 def _readings(interactions: Interaction, keys, config: Config):
     rows = interactions.trace.contact.shape[1]
     top = plate_top_m(config.scene)
-    return jax.vmap(lambda interaction, key: read(interaction, key, config.wrist, top, rows=rows))(interactions, keys)
+    return jax.vmap(lambda interaction, key: read(interaction, key, config.wrist, top, rows=rows))(
+        interactions, keys
+    )
 
 
 def _where(condition: Bool[Array, "n"], new: Array, old: Array) -> Array:

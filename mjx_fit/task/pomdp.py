@@ -2,18 +2,22 @@
 
 State of a hole: its type c, its position, and β, whether it is filled. An action is a hole; the reward of an
 attempt is 1 when its peg is inserted, which happens with probability α_c when the types match and never
-otherwise. The likelihood of a failure, which is the same model T, is ``mjx_fit.filters.histogram.failure_logp``.
+otherwise. The same model T gives the likelihood of a failure: ``mjx_fit.filters.histogram.failure_logp``.
 """
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Bool, Float, Int
+
+from mjx_fit.types import Array
 
 _TIE = 1e-6
 
 
 def expected_reward(
-    type_logp: Float[Array, "*batch n C"], peg_type: Int[Array, "*batch"], success_probability: Float[Array, "C"]
+    type_logp: Float[Array, "*batch n C"],
+    peg_type: Int[Array, "*batch"],
+    success_probability: Float[Array, "C"],
 ) -> Float[Array, "*batch n"]:
     """Probability that an attempt at each of n holes succeeds: Σ_c α_c 1[c = c_peg] ξ_c.
 

@@ -8,7 +8,6 @@ gives the same curve as one that was not.
 import math
 import time
 from collections.abc import Callable
-from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 
@@ -17,17 +16,18 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 from flax import nnx
-from jaxtyping import Array, Float, Int, Key, PyTree
+from jaxtyping import Float, Int, Key, PyTree
 
+from mjx_fit import provenance
 from mjx_fit.config import Config
 from mjx_fit.dataset.windows import sample_windows, split, usable
 from mjx_fit.errors import RequestError
+from mjx_fit.progress import Progress
 from mjx_fit.sensors.model import ContactSensor, InputScale
 from mjx_fit.shapes import SHAPES
 from mjx_fit.training import checkpoint, run_folder
 from mjx_fit.training.loss import Loss, filter_loss, weighted_sum
-from mjx_fit.training.progress import EpochProgress
-from mjx_fit.types import Interaction, pytree
+from mjx_fit.types import Array, Interaction, pytree
 
 SCALE_WINDOWS = 512
 """Windows from which the scaling of the inputs is estimated, at most."""
@@ -48,7 +48,7 @@ def train(
     out: Path,
     seed: int,
     *,
-    progress: Callable[[dict], None] | None = None,
+    on_epoch: Callable[[dict], None] | None = None,
     checkpoint_every_s: float = 30.0,
 ) -> None:
     """Train a sensor, or continue its training; ``checkpoint.load_sensor(out)`` loads the best one.
@@ -58,7 +58,7 @@ def train(
         config: Everything; without ``train.epochs`` it must be the one that the folder was begun with.
         out: Folder of the run.
         seed: Root of weights, split, windows, noise.
-        progress: Called with the metrics of each epoch; None: a progress bar or plain lines.
+        on_epoch: Called with the metrics of each epoch once they are stored.
         checkpoint_every_s: Least time between two checkpoints, s; the last epoch always gets one.
 
     Raises:
@@ -67,7 +67,7 @@ def train(
     """
     out = Path(out)
     train_ids, val_ids = _usable_split(data, config, seed)
-    data_id = run_folder.fingerprint(data)
+    data_id = provenance.fingerprint(data)
     run_folder.check(out, config, seed, data_id)
     epochs_done, arrays = checkpoint.load(out / checkpoint.LAST) or (0, None)
     if epochs_done >= config.train.epochs:
@@ -87,15 +87,16 @@ def train(
         _run_epoch, graphdef, static, data=data, train_ids=train_ids, val_ids=val_ids, val_key=val_key
     )
     epochs = range(epochs_done, config.train.epochs)
-    shown = nullcontext(progress) if progress is not None else EpochProgress(epochs_done, config.train.epochs)
-    with shown as report:
+    with Progress("train: epoch", config.train.epochs, epochs_done) as show:
         for epoch in epochs:
             began = time.monotonic()
             state, *losses = run_epoch(state, key=jax.random.fold_in(epoch_root, epoch))
             row = _metrics(epoch, *losses) | {"seconds": round(time.monotonic() - began, 3)}
             run_folder.append_metrics(out, row)
             saver.after_epoch(epoch + 1, state, row["val_nll"], final=epoch == epochs[-1])
-            report(row)
+            if on_epoch is not None:
+                on_epoch(row)
+            show(epoch + 1, f"val_nll {row['val_nll']:.3f} (prior {row['prior_nll']:.3f})")
 
 
 class _Saver:

@@ -2,12 +2,12 @@
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from mjx_fit.dataset.windows import Sample
 from mjx_fit.filters.belief import update_position, update_type
 from mjx_fit.filters.kalman import gaussian_nll, gaussian_nll_terms
-from mjx_fit.types import Belief, Observation, pytree
+from mjx_fit.types import Array, Belief, Observation, pytree
 
 
 @pytree

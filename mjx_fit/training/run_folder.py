@@ -3,39 +3,21 @@
 One folder is one run: the same configuration but for the number of epochs, the same seed and the same data.
 """
 
-import hashlib
 import json
-import os
-import platform
 from dataclasses import replace
-from importlib.metadata import version
 from pathlib import Path
 
-import jax
-import numpy as np
-
 from mjx_fit import config as config_
+from mjx_fit import files, provenance
 from mjx_fit.config import Config
 from mjx_fit.errors import RequestError
-from mjx_fit.types import Interaction
 
 CONFIG, RUN, METRICS = "config.yaml", "run.json", "metrics.jsonl"
-PACKAGES = ("mjx-fit", "jax", "jaxlib", "flax", "optax", "orbax-checkpoint", "numpy")
 
 
 def without_epochs(config: Config) -> Config:
     """The part of the configuration that makes it this run: a run may be continued to more epochs."""
     return replace(config, train=replace(config.train, epochs=1))
-
-
-def fingerprint(data: Interaction) -> str:
-    """SHA-256 over all arrays of the data."""
-    digest = hashlib.sha256()
-    for leaf in jax.tree.leaves(data):
-        array = np.ascontiguousarray(leaf)
-        digest.update(f"{array.dtype}{array.shape}".encode())
-        digest.update(array.data)
-    return digest.hexdigest()
 
 
 def check(out: Path, config: Config, seed: int, data: str) -> None:
@@ -69,16 +51,15 @@ def check(out: Path, config: Config, seed: int, data: str) -> None:
 def write(out: Path, config: Config, seed: int, data: str) -> None:
     """Write down what the run is; ``run.json`` last, and only once."""
     out.mkdir(parents=True, exist_ok=True)
-    _write_atomically(out / CONFIG, config_.to_yaml(config))
+    files.write_text(out / CONFIG, config_.to_yaml(config))
     if not (out / RUN).is_file():
-        device = jax.devices()[0]
         run = {
             "seed": seed,
             "data": data,
-            "versions": {"python": platform.python_version()} | {name: version(name) for name in PACKAGES},
-            "device": f"{device.platform}: {device.device_kind}",
+            "versions": provenance.versions(),
+            "device": provenance.device(),
         }
-        _write_atomically(out / RUN, json.dumps(run, indent=2) + "\n")
+        files.write_text(out / RUN, json.dumps(run, indent=2) + "\n")
 
 
 def keep_metrics(out: Path, epochs_done: int) -> None:
@@ -86,7 +67,7 @@ def keep_metrics(out: Path, epochs_done: int) -> None:
     path = out / METRICS
     lines = path.read_text().splitlines(keepends=True) if path.is_file() else []
     # Line by line in order: the last one may have been torn by a kill.
-    _write_atomically(path, "".join(lines[:epochs_done]))
+    files.write_text(path, "".join(lines[:epochs_done]))
 
 
 def append_metrics(out: Path, row: dict) -> None:
@@ -103,12 +84,3 @@ def _config_differences(there: Config, here: Config) -> list[str]:
         for key, value in values.items()
         if value != trees[1][section][key]
     ]
-
-
-def _write_atomically(path: Path, text: str) -> None:
-    temporary = path.with_name(path.name + ".tmp")
-    with temporary.open("w") as file:
-        file.write(text)
-        file.flush()
-        os.fsync(file.fileno())
-    temporary.replace(path)

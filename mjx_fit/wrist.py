@@ -6,10 +6,10 @@ time and an evaluation once per attempt.
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int, Key
+from jaxtyping import Float, Int, Key
 
 from mjx_fit.config import WristConfig
-from mjx_fit.types import Interaction, Reading
+from mjx_fit.types import Array, Interaction, Reading
 
 
 def wrench_noise_std(wrist: WristConfig) -> Float[Array, "6"]:

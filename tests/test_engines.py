@@ -1,0 +1,203 @@
+"""The two engines against each other, and MJX against C MuJoCo step by step."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+import pytest
+from mujoco import mjx
+
+from mjx_fit.config import Config
+from mjx_fit.dataset.collect import draw_attempts, pair_of
+from mjx_fit.errors import RequestError
+from mjx_fit.kinematics import chain_of, inverse
+from mjx_fit.policies import SPIRAL
+from mjx_fit.simulate import engine
+from mjx_fit.simulate.mjx import MjxEngine, accelerate, compiler_options, models_of, observe, stacked_models
+from mjx_fit.simulate.native import NativeEngine
+from mjx_fit.types import Attempt
+
+CONFIG = Config()
+N_FREE = N_CONTACT = 54
+
+
+@pytest.fixture(scope="module")
+def states(scene):
+    """Random states, all nine pairs: first far over the plate, then touching it by 20 to 150 µm, tilted."""
+    rng = np.random.default_rng(0)
+    n = N_FREE + N_CONTACT
+    free = np.arange(n) < N_FREE
+    hole = np.column_stack([rng.uniform(0.4, 0.6, n), rng.uniform(-0.2, 0.2, n)])
+    depth = np.where(free, -0.02, rng.uniform(2e-5, 1.5e-4, n))
+    tip = np.column_stack([hole + rng.uniform(-0.025, 0.025, (n, 2)), scene.plate_top_m - depth])
+    qpos = np.array(jax.vmap(inverse, (None, 0))(chain_of(scene.models[0]), tip.astype(np.float32)))
+    qpos += rng.normal(0, 1, (n, 7)) * np.where(free[:, None], [0.2, 0.02, 0.2, 0.02, 0.2, 0.02, 0.2], 2e-4)
+    qvel = rng.normal(0, 1, (n, 7)) * np.where(free, 0.5, 0.02)[:, None]
+    push = rng.normal(0, 3, (n, 7))
+    mocap = np.column_stack([hole, np.full(n, scene.plate_top_m)])
+    return np.arange(n) % 9, *(x.astype(np.float32) for x in (qpos, qvel, push, mocap))
+
+
+@pytest.fixture(scope="module")
+def one_step(scene, states):
+    """One step of MJX and of C from each state: (qacc_smooth, qacc, sensordata, next qvel) of both."""
+    pair, *fields = states
+    stacked, axes = stacked_models(scene)
+
+    def step(model, qpos, qvel, push, mocap):
+        data = mjx.make_data(model).replace(qpos=qpos, qvel=qvel, mocap_pos=mocap[None])
+        data = observe(model, data)
+        data = accelerate(model, data.replace(ctrl=push + data.qfrc_bias))
+        return data.qacc_smooth, data.qacc, data.sensordata, mjx.implicit(model, data).qvel
+
+    batched = jax.vmap(step, (axes, 0, 0, 0, 0))
+    compiled = jax.jit(lambda *a: batched(models_of(stacked, pair), *a), compiler_options=compiler_options())
+    in_mjx = [np.asarray(x) for x in compiled(*fields)]
+    in_c = [_step_in_c(scene.models[p], *state) for p, *state in zip(pair, *fields, strict=True)]
+    return in_mjx, [np.stack(x) for x in zip(*in_c, strict=True)]
+
+
+def _step_in_c(model, qpos, qvel, push, mocap):
+    data = mujoco.MjData(model)
+    data.qpos[:], data.qvel[:], data.mocap_pos[0] = qpos, qvel, mocap
+    mujoco.mj_fwdPosition(model, data)
+    mujoco.mj_fwdVelocity(model, data)
+    data.ctrl[:] = push + data.qfrc_bias
+    mujoco.mj_forward(model, data)
+    before = data.qacc_smooth.copy(), data.qacc.copy(), data.sensordata.copy()
+    mujoco.mj_step(model, data)
+    return *before, data.qvel.copy()
+
+
+def relative(a, b):
+    return np.abs(a - b).max(-1) / np.abs(b).max(-1)
+
+
+def test_smooth_dynamics_agree(one_step):
+    in_mjx, in_c = one_step
+    assert relative(in_mjx[0], in_c[0]).max() < 1e-4
+    for a, b in zip(in_mjx, in_c, strict=True):
+        assert relative(a[:N_FREE], b[:N_FREE]).max() < 1e-4
+
+
+def test_contact_dynamics_agree_in_quantiles(one_step):
+    """MJX keeps the 8 deepest contacts, of at most 4 per pair of boxes; C makes up to 8 per pair, 24 in all.
+
+    Where both find the same contacts the accelerations and readings agree to float32; the tail is states
+    in which a face rests on several boxes and the choice of points differs.
+    """
+    in_mjx, in_c = one_step
+    for which in (1, 2, 3):
+        error = relative(in_mjx[which][N_FREE:], in_c[which][N_FREE:])
+        q50, q75, q90 = np.quantile(error, [0.5, 0.75, 0.9])
+        assert q50 < 2e-3
+        assert q75 < 3e-2
+        assert q90 < 0.3
+
+
+def test_states_in_contact_do_touch(one_step):
+    in_mjx, _ = one_step
+    touched = np.abs(in_mjx[1] - in_mjx[0]).max(1) > 1.0
+    assert not touched[:N_FREE].any()
+    assert touched[N_FREE:].mean() > 0.6
+
+
+@pytest.fixture(scope="module")
+def rollouts(native):
+    attempts = draw_attempts(jax.random.key(7), jnp.arange(12), "mixed", CONFIG.detector)
+    active = np.arange(12) != 4
+    simulators = native, MjxEngine(CONFIG)
+    return attempts, [simulator.run(attempts, 4, active) for simulator in simulators]
+
+
+def test_engines_give_the_same_trace(rollouts):
+    _, (in_c, in_mjx) = rollouts
+    assert jax.tree.structure(in_c) == jax.tree.structure(in_mjx)
+    for a, b in zip(jax.tree.leaves(in_c), jax.tree.leaves(in_mjx), strict=True):
+        assert a.shape == b.shape
+        assert a.dtype == b.dtype
+    # The draws are the same to the bit; the physics until contact makes it chaotic: 0.2 mm, 0.2 N at rest.
+    assert np.abs(in_c.trace.action_world - in_mjx.trace.action_world)[:, 0].max() < 1e-6
+    assert np.abs(in_c.trace.tip_pos_world - in_mjx.trace.tip_pos_world)[:, :2].max() < 2e-4
+    assert np.abs(in_c.tare_sensor - in_mjx.tare_sensor).max() < 1e-4
+    first = np.abs(in_c.trace.wrench_sensor - in_mjx.trace.wrench_sensor)[:, 0, :20]
+    assert np.median(first) < 1e-3
+
+
+def test_inactive_worlds_stand_still(rollouts):
+    for interaction in rollouts[1]:
+        assert interaction.length[4] == 0
+        assert not interaction.inserted[4]
+        assert np.abs(interaction.trace.wrench_sensor[4]).max() == 0
+        assert (np.delete(interaction.length, 4) == 4).all()
+
+
+def test_attempt_starts_at_rest_over_the_estimate(rollouts):
+    attempts, (in_c, _) = rollouts
+    moved = in_c.trace.tip_pos_world[:, 0, :2] - np.asarray(attempts.estimate_world)
+    assert np.abs(np.delete(moved, 4, 0)).max() < 0.01
+    # Free until it lands: the first sample is the weight of a peg that is just being let go.
+    first = in_c.trace.wrench_sensor[:, 0, 0] - in_c.tare_sensor
+    assert np.abs(np.delete(first, 4, 0)).max() < 2.0
+    assert in_c.tare_sensor[:, 2] == pytest.approx(-0.1 * 9.81, abs=1e-3)
+
+
+def test_same_attempts_give_the_same_bytes(native):
+    attempts = draw_attempts(jax.random.key(1), jnp.arange(6), "spiral", CONFIG.detector)
+    first, second = native.run(attempts, 5), native.run(attempts, 5)
+    for a, b in zip(jax.tree.leaves(first), jax.tree.leaves(second), strict=True):
+        assert np.array_equal(a, b)
+
+
+def spiral_attempts(peg, hole, error_m, n):
+    keys = jax.vmap(jax.random.fold_in, (None, 0))(jax.random.key(2), jnp.arange(n))
+    place = np.tile(np.array([0.5, 0.1], np.float32), (n, 1))
+    return Attempt(peg, hole, place, place + np.array([error_m, 0], np.float32), np.full(n, SPIRAL), keys)
+
+
+def test_matched_pegs_enter_and_mismatched_never_do(native):
+    """From the true position a matched peg is in within seconds; no other peg ever is. Contact pushes up."""
+    peg, hole = pair_of(np.array([0, 2, 4, 1, 3, 5, 7, 9, 11]))
+    done = native.run(spiral_attempts(peg, hole, 0.0, 9), 40)
+    assert done.inserted.tolist() == [True] * 3 + [False] * 6
+    assert done.valid.all()
+    depth = native.scene.plate_top_m - done.trace.tip_pos_world[..., 2]
+    for i in range(3):
+        last = done.length[i] - 1
+        assert depth[i, last] >= CONFIG.task.insertion_depth_m
+        assert (depth[i, :last] < CONFIG.task.insertion_depth_m).all()
+        assert np.abs(done.trace.tip_pos_world[i, done.length[i] :]).sum() == 0
+    # The arm pushes the peg along the tool's axis: plus z of the sensor.
+    pushing = (done.trace.wrench_sensor - done.tare_sensor[:, None, None])[3:, 5:, :, 2]
+    assert np.median(pushing) > 5
+
+
+def test_a_broken_world_is_flagged_and_alone(native):
+    attempts = spiral_attempts(np.zeros(3, int), np.zeros(3, int), 0.015, 3)
+    estimate = attempts.estimate_world.copy()
+    estimate[1] = np.nan
+    broken = native.run(dataclasses.replace(attempts, estimate_world=estimate), 3)
+    whole = native.run(attempts, 3)
+    assert broken.valid.tolist() == [True, False, True]
+    for a, b in zip(jax.tree.leaves(broken.trace), jax.tree.leaves(whole.trace), strict=True):
+        assert np.array_equal(a[[0, 2]], b[[0, 2]])
+
+
+def test_auto_is_native_on_a_cpu_and_unknown_engines_are_refused():
+    assert engine.resolve("auto") == ("native" if jax.default_backend() == "cpu" else "mjx")
+    with pytest.raises(RequestError, match="--engine: 'warp9' is not allowed: choose from auto, mjx, native"):
+        engine.resolve("warp9")
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("name", ["native", "mjx"])
+def test_a_thousand_worlds_run(name):
+    n = 1024
+    attempts = draw_attempts(jax.random.key(0), jnp.arange(n), "mixed", CONFIG.detector)
+    simulator = NativeEngine(CONFIG, 2) if name == "native" else MjxEngine(CONFIG)
+    done = simulator.run(attempts, 2)
+    assert done.valid.all()
+    assert (done.length == 2).all()

@@ -1,0 +1,77 @@
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from mjx_fit import policies
+from mjx_fit.config import Config, DetectorConfig, RandomConfig, SpiralConfig
+from mjx_fit.detector import detect
+from mjx_fit.types import Attempt
+
+QUIET = SpiralConfig(wiggle_m=0.0)
+
+
+def test_spiral_is_algorithm_4(key):
+    x, p, J = np.array([0.51, -0.02]), np.array([0.5, -0.01]), 100
+    for j in (0, 13, 50, 99):
+        angle, radius = 2 * np.pi * j * 2 / J, j * 0.015 / J
+        want = [radius * np.cos(angle) + p[0] - x[0], radius * np.sin(angle) + p[1] - x[1], -0.004]
+        assert policies.spiral(jnp.asarray(j), J, jnp.asarray(x - p), key, QUIET) == pytest.approx(
+            want, abs=1e-7
+        )
+
+
+def test_wiggle_has_sigma_and_lifts_only(key):
+    keys = jax.random.split(key, 4000)
+    zero = jnp.zeros(2)
+    actions = jax.vmap(lambda k: policies.spiral(jnp.asarray(0), 100, zero, k, SpiralConfig()))(keys)
+    assert np.std(actions[:, :2], 0) == pytest.approx([0.00125] * 2, rel=0.05)
+    lift = actions[:, 2] + 0.004
+    assert lift.min() >= 0
+    assert lift.mean() == pytest.approx(0.00125 * np.sqrt(2 / np.pi), rel=0.05)
+
+
+def test_random_policy_covers_its_reach_and_keeps_pressing(key):
+    config = RandomConfig(wiggle_m=0.0)
+    steps = jnp.arange(200)
+
+    def goals(attempt_key):
+        return jax.vmap(lambda j: policies.random(j, jnp.zeros(2), key, attempt_key, config))(steps)
+
+    actions = np.asarray(jax.vmap(goals)(jax.random.split(key, 64)))
+    assert np.abs(actions[..., :2]).max() <= config.reach_m
+    assert np.abs(actions[..., :2]).max() > 0.9 * config.reach_m
+    assert np.unique(np.sign(actions[..., 0]) + 3 * np.sign(actions[..., 1])).size >= 4
+    assert (actions[..., 2] == np.float32(-config.push_m)).all()
+    assert (
+        np.abs(np.diff(actions[..., :2], axis=1)).max()
+        <= 2 * config.reach_m / config.actions_per_sweep + 1e-7
+    )
+
+
+def test_draws_depend_on_the_attempt_alone(key):
+    """The same attempt in batches of other sizes and orders acts the same, to the bit."""
+    keys = jax.vmap(jax.random.fold_in, (None, 0))(key, jnp.arange(9))
+    zeros, config = jnp.zeros(9, int), Config()
+    batch = Attempt(zeros, zeros, jnp.zeros((9, 2)), jnp.zeros((9, 2)), jnp.arange(9) % 2, keys)
+
+    def act(attempts):
+        call = jax.vmap(lambda a: policies.action(a, jnp.asarray(7), 100, jnp.zeros(3), config))
+        return np.asarray(call(attempts))
+
+    whole = act(batch)
+    picked = jax.tree.map(lambda leaf: leaf[np.array([5, 2])], batch)
+    assert np.array_equal(act(picked), whole[[5, 2]])
+
+
+@pytest.mark.parametrize("kind", ["square", "disc"])
+def test_detector_has_the_stated_distribution(kind, key):
+    hole = jnp.array([0.5, 0.1])
+    config = DetectorConfig(kind=kind)
+    draws = jax.vmap(lambda k: detect(k, hole, config))(jax.random.split(key, 20000))
+    error = np.asarray(draws) - np.asarray(hole)
+    distance = np.linalg.norm(error, axis=1)
+    assert np.abs(error).max() <= 0.02 + 1e-7
+    # E|(x, y)| on [-1, 1]^2 is 0.7652; a uniform radius has mean 1/2.
+    assert distance.mean() == pytest.approx(0.02 * {"square": 0.7652, "disc": 0.5}[kind], rel=0.02)
+    assert error.mean(0) == pytest.approx([0, 0], abs=3e-4)

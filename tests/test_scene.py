@@ -1,0 +1,87 @@
+import mujoco
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mjx_fit.config import SceneConfig
+from mjx_fit.scene import HOLE_WORKSPACE_M, pair_index, picture_scene, place_holes
+from mjx_fit.shapes import SHAPES, hole_boxes, peg_boxes
+
+MASS = {
+    "link1": 4.970684, "link2": 0.646926, "link3": 3.228604, "link4": 3.587895, "link5": 1.225946,
+    "link6": 1.666555, "link7": 0.735522, "wrist": 0.30,
+}  # fmt: skip
+
+
+def test_arm_has_the_published_masses_and_limits(scene):
+    model = scene.models[0]
+    for name, mass in MASS.items():
+        assert model.body(name).mass == pytest.approx(mass)
+    assert model.joint("joint4").range == pytest.approx([-3.0718, -0.0698])
+    assert model.actuator_ctrlrange[:, 1] == pytest.approx([87] * 4 + [12] * 3)
+    assert model.opt.timestep == 0.002
+
+
+def test_forward_kinematics_at_home_is_the_vendors(scene):
+    """At q = 0 the modified DH chain ends at x = 0.088, z = 0.333 + 0.316 + 0.384 - 0.107 (flange)."""
+    model = scene.models[0]
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    assert data.body("flange").xpos == pytest.approx([0.088, 0, 0.333 + 0.316 + 0.384 - 0.107], abs=1e-6)
+
+
+def test_each_model_holds_its_pair(scene):
+    for peg in range(len(SHAPES)):
+        for hole in range(len(SHAPES)):
+            model = scene.models[pair_index(peg, hole)]
+            for name, boxes in (
+                ("peg", peg_boxes(SHAPES[peg], scene.config)),
+                ("hole", hole_boxes(SHAPES[hole], scene.config)),
+            ):
+                geoms = [model.geom(f"{name}_box{i}") for i in range(len(boxes.centre))]
+                assert np.allclose([geom.pos for geom in geoms], boxes.centre)
+                assert np.allclose([geom.size for geom in geoms], boxes.half)
+
+
+def test_spare_boxes_are_buried(scene):
+    """Every box of the layout that its shape does not use lies wholly inside one that it does use."""
+    spare = 0
+    for model in scene.models:
+        for body in ("peg", "hole"):
+            geoms = [
+                model.geom(i) for i in range(model.ngeom) if model.geom(i).name.startswith(f"{body}_box")
+            ]
+            big = [geom for geom in geoms if geom.size.max() > 0.0011]
+            for geom in geoms:
+                if geom.size.max() <= 0.0011:
+                    spare += 1
+                    assert any((np.abs(geom.pos - b.pos) + geom.size < b.size).all() for b in big)
+    assert spare > 0
+
+
+def test_only_peg_and_hole_collide(scene):
+    model = scene.models[0]
+    for i in range(model.ngeom):
+        for j in range(i):
+            collide = model.geom_contype[i] & model.geom_conaffinity[j]
+            collide |= model.geom_contype[j] & model.geom_conaffinity[i]
+            bodies = {model.body(model.geom_bodyid[k]).name for k in (i, j)}
+            assert bool(collide) == (bodies == {"peg", "hole"})
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 8))
+def test_holes_never_overlap_and_stay_in_the_workspace(seed, n):
+    config = SceneConfig()
+    centres = place_holes(np.random.default_rng(seed), n, config)
+    apart = np.abs(centres[:, None] - centres).max(-1) + np.eye(n)
+    assert apart.min() >= 2 * config.plate_half_width_m
+    (x0, x1), (y0, y1) = HOLE_WORKSPACE_M
+    wider = 0.1 * (n > 6)
+    assert ((centres >= [x0, y0 - wider]) & (centres <= [x1, y1 + wider])).all()
+
+
+def test_picture_scene_compiles_with_every_hole_named():
+    centres = place_holes(np.random.default_rng(1), 5, SceneConfig())
+    model = picture_scene(SceneConfig(), 0, [0, 1, 2, 0, 1], centres)
+    assert np.allclose([model.body(f"hole{i}").pos[:2] for i in range(5)], centres)
