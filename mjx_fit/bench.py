@@ -1,8 +1,8 @@
 """Speed of the engines, side by side in one run: physics steps per second of the same attempts.
 
-Each row is measured in a process of its own, so that its peak memory is its own. A first run compiles, a second
-one is timed. ``raw_batch`` replays, on all threads and without control, the torques that ``native`` applied, so
-that its arms make the same contacts: what is left is what MuJoCo itself costs.
+Each row is measured in a process of its own, so that its peak memory is its own. A first run compiles, a
+second one is timed. ``raw_batch`` replays, on all threads and without control, the torques that ``native``
+applied, so that its arms make the same contacts: what is left is what MuJoCo itself costs.
 """
 
 import json

@@ -1,0 +1,187 @@
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mjx_fit.config import Config
+from mjx_fit.errors import RequestError
+from mjx_fit.task import assembly, learning, methods, pomdp
+from mjx_fit.types import Interaction, Trace
+
+CONFIG = dataclasses.replace(Config(), task=dataclasses.replace(Config().task, n_holes=4, max_attempts=6))
+
+
+def test_expected_reward_is_the_papers_sum():
+    xi = np.array([[0.5, 0.3, 0.2], [0.1, 0.1, 0.8]])
+    alpha = np.array([0.3, 0.2, 0.4])
+    for peg in range(3):
+        want = [sum(alpha[c] * (c == peg) * row[c] for c in range(3)) for row in xi]
+        got = pomdp.expected_reward(jnp.log(xi), jnp.asarray(peg), jnp.asarray(alpha))
+        assert got == pytest.approx(want, abs=1e-6)
+
+
+@given(
+    st.lists(st.tuples(st.floats(0, 1, width=32), st.booleans(), st.integers(0, 5)), min_size=1, max_size=6)
+)
+def test_greedy_takes_the_best_open_hole(holes):
+    reward, filled, tries = (np.array(column) for column in zip(*holes, strict=True))
+    filled[0] = False
+    chosen = int(pomdp.greedy(jnp.asarray(reward, jnp.float32), jnp.asarray(filled), jnp.asarray(tries)))
+    assert not filled[chosen]
+    best = reward[~filled].max()
+    assert reward[chosen] >= best - 2e-6
+    equals = [tries[i] for i in range(len(holes)) if not filled[i] and reward[i] == best]
+    if reward[chosen] == best:
+        assert tries[chosen] <= min(equals)
+
+
+def test_ties_go_to_the_least_tried_then_the_first():
+    same, open_ = jnp.array([0.1, 0.1, 0.1]), jnp.zeros(3, bool)
+    assert pomdp.greedy(same, open_, jnp.array([1, 0, 0])) == 1
+    assert pomdp.greedy(same, jnp.array([False, True, False]), jnp.array([1, 0, 0])) == 2
+
+
+def test_trials_are_fair():
+    trials = assembly.draw_trials(CONFIG, 3, 8)
+    assert np.array_equal(np.sort(trials.peg_type, 1), np.sort(trials.hole_type, 1))
+    error = np.abs(trials.estimate_world - trials.hole_pos_world)
+    assert 0.01 < error.max() <= 0.02 + 1e-6
+    fewer = assembly.draw_trials(CONFIG, 3, 5)
+    assert np.array_equal(fewer.hole_type, trials.hole_type[:5])
+    assert np.array_equal(fewer.hole_pos_world, trials.hole_pos_world[:5])
+
+
+class FakeEngine:
+    """Physics by decree: an attempt succeeds when the types match and the estimate is within 5 mm."""
+
+    name = "fake"
+
+    def __init__(self):
+        self.seen = []
+
+    def run(self, attempts, actions, active=None):
+        n = len(attempts.peg_type)
+        active = np.ones(n, bool) if active is None else active
+        error = np.linalg.norm(
+            np.asarray(attempts.estimate_world) - np.asarray(attempts.hole_pos_world), axis=1
+        )
+        match = np.asarray(attempts.peg_type) == np.asarray(attempts.hole_type)
+        self.seen.append((jax.tree.map(np.asarray, jax.random.key_data(attempts.key)), active))
+        zeros = np.zeros
+        trace = Trace(
+            zeros((n, 2, 50, 6)), zeros((n, 2, 3)), zeros((n, 2, 4)), zeros((n, 2, 3)), zeros((n, 2, 3)),
+            zeros((n, 2), bool), zeros((n, 2, 3)),
+        )  # fmt: skip
+        return Interaction(
+            trace, active * 2, active & match & (error < 0.005), attempts.peg_type, attempts.hole_type,
+            attempts.hole_pos_world, attempts.estimate_world, zeros((n, 6)), np.ones(n, bool),
+        )  # fmt: skip
+
+
+def play(names, n_trials=6, seed=0, config=CONFIG, learn=None):
+    trials = assembly.draw_trials(config, seed, n_trials)
+    engine = FakeEngine()
+    learn = learn or learning.learner(config, None)
+    rows = assembly.run(config, methods.chosen(names), trials, seed, engine, learn, lambda done, text: None)
+    return trials, engine, rows
+
+
+def test_oracle_needs_one_attempt_for_each_peg():
+    trials, _, rows = play("oracle")
+    assert len(rows) == 6
+    for row, pegs in zip(rows, trials.peg_type, strict=True):
+        assert row["attempts"] == [1] * 4
+        assert row["human"] == [False] * 4
+        assert row["pegs"] == [("cross", "rectangle", "square")[peg] for peg in pegs]
+
+
+def test_failure_only_agrees_with_a_plain_loop():
+    """Algorithm 1 written out for one trial at a time, with exact beliefs as fractions of counts."""
+    trials, _, rows = play("failure_only")
+    alpha = CONFIG.task.success_probability
+    for trial, row in enumerate(rows):
+        types, pegs = trials.hole_type[trial], trials.peg_type[trial]
+        near = np.linalg.norm(trials.estimate_world[trial] - trials.hole_pos_world[trial], axis=1) < 0.005
+        weight = np.ones((4, 3)) / 3
+        filled = np.zeros(4, bool)
+        for number, peg in enumerate(pegs):
+            tries = np.zeros(4, int)
+            attempts = 0
+            while True:
+                chance = np.where(filled, -1, alpha[peg] * weight[:, peg] / weight.sum(1))
+                ties = np.flatnonzero(chance >= chance.max() - 1e-6)
+                hole = ties[np.argmin(tries[ties])]
+                attempts += 1
+                tries[hole] += 1
+                if types[hole] == peg and near[hole]:
+                    filled[hole] = True
+                    human = False
+                    break
+                weight[hole, peg] *= 1 - alpha[peg]
+                if attempts == CONFIG.task.max_attempts:
+                    filled[np.flatnonzero((types == peg) & ~filled)[0]] = True
+                    human = True
+                    break
+            assert (row["attempts"][number], row["human"][number]) == (attempts, human)
+
+
+def test_learning_the_position_ends_failures_at_the_right_hole():
+    """A perfect sensor by decree: after one failure the position is known, so no peg needs a human."""
+
+    def learn(beliefs, interactions, keys, learns_position, learns_type):
+        known = dataclasses.replace(beliefs, pos_mean_world=np.asarray(interactions.hole_pos_world))
+        updated = learning.learner(CONFIG, None)(known, interactions, keys, learns_position, learns_type)
+        return jax.tree.map(np.asarray, updated)
+
+    config = dataclasses.replace(CONFIG, task=dataclasses.replace(CONFIG.task, max_attempts=30))
+    _, _, rows = play("failure_position", config=config, learn=learn)
+    assert not any(any(row["human"]) for row in rows)
+    assert max(max(row["attempts"]) for row in rows) <= 9
+
+
+def test_methods_share_the_wiggles_and_done_rows_are_not_simulated():
+    _, engine, rows = play("failure_only,oracle", n_trials=3)
+    keys, active = engine.seen[0]
+    assert np.array_equal(keys[:3], keys[3:])
+    assert active.all()
+    rounds = len(engine.seen)
+    assert rounds == max(sum(row["attempts"]) for row in rows)
+    assert sum(int(seen[1].sum()) for seen in engine.seen) == sum(sum(row["attempts"]) for row in rows)
+
+
+def test_success_and_broken_worlds_leave_beliefs_alone():
+    config = CONFIG
+    trials = assembly.draw_trials(config, 0, 3)
+    from mjx_fit.filters.belief import initial_belief
+
+    beliefs = initial_belief(jnp.asarray(trials.estimate_world[:, 0]), 0.01, 3)
+    interaction = FakeEngine().run(dataclasses.replace(_attempts(trials), peg_type=np.zeros(3, int)), 2)
+    interaction = dataclasses.replace(
+        interaction, inserted=np.array([True, False, False]), valid=np.array([True, False, True])
+    )
+    keys = jax.random.split(jax.random.key(0), 3)
+    after = learning.learner(config, None)(beliefs, interaction, keys, np.zeros(3, bool), np.zeros(3, bool))
+    assert np.array_equal(after.type_logp[:2], beliefs.type_logp[:2])
+    a = config.task.success_probability[0]
+    want = np.array([1 - a, 1, 1]) / (3 - a)
+    assert np.exp(after.type_logp[2]) == pytest.approx(want, abs=1e-6)
+
+
+def _attempts(trials):
+    from mjx_fit.types import Attempt
+
+    n = len(trials.hole_type)
+    keys = jax.random.split(jax.random.key(0), n)
+    zero = np.zeros(n, int)
+    return Attempt(
+        zero, trials.hole_type[:, 0], trials.hole_pos_world[:, 0], trials.estimate_world[:, 0], zero, keys
+    )
+
+
+def test_unknown_method_is_refused():
+    with pytest.raises(RequestError, match="--methods: 'best' is not allowed: choose from failure_only"):
+        methods.chosen("full,best")
