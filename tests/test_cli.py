@@ -1,0 +1,186 @@
+"""The command line as scripts see it: exit codes, one line on stderr, nothing half written."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+import yaml
+
+from mjx_fit import cli, config
+from mjx_fit.evaluation import results
+
+TINY = ["--set", "task.attempt_actions=2", "--set", "task.max_attempts=2", "--set", "task.n_holes=2"]
+
+
+@pytest.fixture
+def refused(capsys):
+    """Runs a command that must be refused: exit code 2, one line on stderr, nothing on stdout."""
+
+    def run(*argv):
+        code = cli.main([str(arg) for arg in argv])
+        out, err = capsys.readouterr()
+        assert code == 2, err
+        assert out == ""
+        assert err.count("\n") == 1
+        assert "Traceback" not in err
+        return err
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory):
+    out = tmp_path_factory.mktemp("cli") / "data"
+    assert (
+        cli.main(["collect", "--out", str(out), "--episodes", "4", "--steps", "6", "--engine", "native"]) == 0
+    )
+    return out
+
+
+def test_unknown_config_key(refused, tmp_path):
+    err = refused("collect", "--out", tmp_path / "d", "--set", "scene.clearence_m=0.001")
+    assert "scene.clearence_m" in err
+    assert "clearance_m" in err
+    (tmp_path / "c.yaml").write_text("sceen: {clearance_m: 0.001}")
+    assert "sceen" in refused(
+        "evaluate", "attempt", "--out", tmp_path / "f.json", "--config", tmp_path / "c.yaml"
+    )
+    assert [path.name for path in tmp_path.iterdir()] == ["c.yaml"]
+
+
+def test_config_of_wrong_type_or_range(refused, tmp_path):
+    out = ["collect", "--out", tmp_path / "d"]
+    assert "'wide'" in refused(*out, "--set", "scene.clearance_m=wide")
+    assert "less than or equal to 0.005" in refused(*out, "--set", "scene.clearance_m=1")
+    assert "'blob'" in refused(*out, "--set", "detector.kind=blob")
+    assert "True" in refused(*out, "--set", "scene.friction=true")
+    assert "section.key=value" in refused(*out, "--set", "clearance")
+    assert "cannot be read" in refused(*out, "--config", tmp_path / "missing.yaml")
+
+
+def test_negative_episodes(refused, tmp_path):
+    err = refused("collect", "--out", tmp_path / "d", "--episodes", "-1")
+    assert "--episodes: -1 is not allowed: it must be at least 1" in err
+    assert not (tmp_path / "d").exists()
+
+
+def test_unknown_engine(refused, tmp_path):
+    for command in (["collect"], ["evaluate", "attempt"], ["evaluate", "assembly", "--methods", "oracle"]):
+        err = refused(*command, "--out", tmp_path / "x.json", "--engine", "warp9")
+        assert "'warp9' is not allowed: choose from auto, mjx, native" in err
+    assert not list(tmp_path.iterdir())
+
+
+def test_missing_data_folder(refused, tmp_path):
+    missing = tmp_path / "nowhere"
+    assert f"{missing} is not allowed" in refused("train", "--data", missing, "--out", tmp_path / "run")
+    assert "no such folder" in refused("data", "info", missing, "--json")
+    assert not list(tmp_path.iterdir())
+
+
+def test_run_without_a_checkpoint(refused, tmp_path):
+    run, out = tmp_path / "run", tmp_path / "f.json"
+    command = ["evaluate", "assembly", "--methods", "full", "--out", out]
+    assert "--run" in refused(*command)
+    assert "no such folder" in refused(*command, "--run", run)
+    run.mkdir()
+    assert "no training run" in refused(*command, "--run", run)
+    (run / "config.yaml").write_text(config.to_yaml(config.Config()))
+    assert "no checkpoint" in refused(*command, "--run", run)
+    assert not out.exists()
+
+
+def test_folder_that_holds_another_run(refused, data):
+    before = {path.name: path.read_bytes() for path in data.iterdir()}
+    err = refused("collect", "--out", data, "--episodes", 4, "--steps", 6, "--engine", "native", "--seed", 9)
+    assert "holds another run" in err
+    assert before == {path.name: path.read_bytes() for path in data.iterdir()}
+
+
+def test_words_that_are_no_command(refused):
+    assert "invalid choice: 'colect'" in refused("colect")
+    assert "--out" in refused("collect")
+    assert "invalid int value: 'many'" in refused("collect", "--out", "d", "--episodes", "many")
+    assert "invalid choice" in refused("evaluate", "dance")
+
+
+def test_report_of_what_is_not_there(refused, tmp_path):
+    assert "does not exist" in refused("report", tmp_path / "f.json", "--out", tmp_path / "page")
+    assert not list(tmp_path.iterdir())
+
+
+def test_data_info_tells_what_was_asked_for(data, capsys):
+    assert cli.main(["data", "info", str(data), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert {"episodes", "steps", "pairs", "success_rate", "units", "engine", "seed"} <= set(told)
+    assert (told["episodes"], told["steps"], told["engine"], told["seed"]) == (4, 6, "native", 0)
+
+
+def test_info_tells_versions_devices_and_engine(capsys):
+    assert cli.main(["info", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["engine"] in ("native", "mjx")
+    assert told["versions"]["mujoco"].startswith("3.17")
+
+
+def test_json_on_stdout_is_nothing_but_json():
+    """In a process of its own: libraries print when they are imported."""
+    done = subprocess.run(
+        [sys.executable, "-m", "mjx_fit", "info", "--json"],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=120,
+    )
+    json.loads(done.stdout)
+
+
+def test_attempt_from_command_to_file(tmp_path, capsys, refused):
+    out = tmp_path / "attempt.json"
+    command = ["evaluate", "attempt", "--trials", "2", "--engine", "native", "--out", str(out), *TINY]
+    assert cli.main(command) == 0
+    assert "success_rate" in capsys.readouterr().out
+    result = results.read(out)
+    assert [row.group for row in result.summary] == ["matched", "mismatched", "cross", "rectangle", "square"]
+    assert [row.n for row in result.summary] == [6, 2, 2, 2, 2]
+    assert all(row.low is not None and row.high is not None for row in result.summary)
+    assert {"config", "seed", "engine", "device", "versions"} <= set(json.loads(out.read_text()))
+    content, stamp = out.read_bytes(), out.stat().st_mtime_ns
+    assert cli.main(command) == 0
+    assert out.stat().st_mtime_ns == stamp
+    capsys.readouterr()
+    assert "holds another result" in refused(*command, "--seed", "4")
+    assert out.read_bytes() == content
+    (tmp_path / "again").mkdir()
+    assert cli.main([*command[: -len(TINY) - 1], str(tmp_path / "again" / "attempt.json"), *TINY]) == 0
+    assert (tmp_path / "again" / "attempt.json").read_bytes() == content
+
+
+def test_data_to_training_to_assembly_to_report(data, tmp_path, capsys):
+    """The whole chain on real physics, as small as it gets."""
+    run, out = tmp_path / "run", tmp_path / "assembly.json"
+    small = {"sensor": {"width": 8, "layers": 1, "feedforward": 8, "conv_channels": [4, 4, 4, 4, 4]}}
+    small |= {"train": {"epochs": 2, "batch_size": 4, "max_window": 6, "min_window": 3}}
+    (tmp_path / "c.yaml").write_text(yaml.safe_dump(small))
+    settings = ["--config", str(tmp_path / "c.yaml"), *TINY]
+    assert cli.main(["train", "--data", str(data), "--out", str(run), *settings]) == 0
+    assert len((run / "metrics.jsonl").read_text().splitlines()) == 2
+    command = [
+        "evaluate",
+        "assembly",
+        "--methods",
+        "failure_only,full,oracle",
+        "--trials",
+        "2",
+        "--run",
+        str(run),
+    ]
+    assert cli.main([*command, "--out", str(out), *settings]) == 0
+    result = results.read(out)
+    assert {trial["method"] for trial in result.trials} == {"failure_only", "full", "oracle"}
+    assert all(len(trial["attempts"]) == 2 and max(trial["attempts"]) <= 2 for trial in result.trials)
+    assert cli.main(["report", str(out), str(run), str(data), "--out", str(tmp_path / "page")]) == 0
+    page = (tmp_path / "page" / "index.html").read_text()
+    assert page.count("<svg") >= 3
+    capsys.readouterr()

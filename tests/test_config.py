@@ -1,0 +1,46 @@
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mjx_fit import config, resources
+from mjx_fit.errors import RequestError
+
+
+def test_yaml_round_trip(tmp_path):
+    changed = config.load(None, ["scene.clearance_m=0.002", "detector.kind=disc", "task.n_holes=3"])
+    (tmp_path / "c.yaml").write_text(config.to_yaml(changed))
+    assert config.load(tmp_path / "c.yaml") == changed
+    assert changed != config.Config()
+
+
+@given(st.floats(0.0001, 0.005))
+def test_floats_survive(value):
+    assert config.load(None, [f"scene.clearance_m={value!r}"]).scene.clearance_m == value
+
+
+def test_numbers_without_a_point_are_numbers():
+    assert config.load(None, ["train.learning_rate=1e-3"]).train.learning_rate == 1e-3
+
+
+def test_every_shipped_config_is_valid():
+    files = list(resources.folder("configs").glob("*.yaml"))
+    assert {path.stem for path in files} >= {"quick", "paper"}
+    for path in files:
+        config.load(path)
+        assert yaml.safe_load(path.read_text())
+
+
+def test_overrides_win_over_the_file(tmp_path):
+    (tmp_path / "c.yaml").write_text("task: {n_holes: 2}")
+    assert config.load(tmp_path / "c.yaml", ["task.n_holes=4"]).task.n_holes == 4
+
+
+@pytest.mark.parametrize(
+    "text", ["- a list", "scene: [", "scene: 3", "task: {n_holes: 2.5}", "train: {epochs: 0}"]
+)
+def test_bad_files_are_one_line(tmp_path, text):
+    (tmp_path / "c.yaml").write_text(text)
+    with pytest.raises(RequestError) as error:
+        config.load(tmp_path / "c.yaml")
+    assert "\n" not in str(error.value)

@@ -1,0 +1,38 @@
+"""The wheel, installed in an empty environment and used from another folder."""
+
+import subprocess
+import sys
+import venv
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory):
+    out = tmp_path_factory.mktemp("wheel")
+    command = [sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", str(out), str(ROOT)]
+    subprocess.run(command, check=True, capture_output=True, timeout=200)
+    return next(out.glob("*.whl"))
+
+
+def test_wheel_holds_models_and_configs(wheel):
+    names = set(zipfile.ZipFile(wheel).namelist())
+    assert {"mjx_fit/models/panda.xml", "mjx_fit/models/table.xml", "mjx_fit/configs/quick.yaml"} <= names
+    assert not any(name.startswith(("tests/", "runs/")) for name in names)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_installed_wheel_works_outside_the_checkout(wheel, tmp_path):
+    venv.create(tmp_path / "env", with_pip=True)
+    python = tmp_path / "env" / "bin" / "python"
+    subprocess.run([python, "-m", "pip", "install", "-q", str(wheel)], check=True, timeout=600)
+    away = tmp_path / "away"
+    away.mkdir()
+    for argv in (["info"], ["collect", "--episodes", "4", "--steps", "5", "--out", "d"]):
+        subprocess.run([tmp_path / "env" / "bin" / "mjx-fit", *argv], check=True, cwd=away, timeout=200)
+    assert (away / "d" / "manifest.json").is_file()
