@@ -10,6 +10,7 @@ from mjx_fit.config import Config, load
 from mjx_fit.dataset import store
 from mjx_fit.dataset.collect import collect, draw_attempts, pair_of
 from mjx_fit.errors import RequestError
+from mjx_fit.randomness import root_key
 
 ASK = {"episodes": 10, "steps": 3, "policy": "mixed", "engine": "native", "seed": 5, "batch": 5}
 
@@ -40,6 +41,24 @@ def test_draws_depend_on_the_episode_alone():
     for a, b in zip(jax.tree.leaves(part), jax.tree.leaves(picked), strict=True):
         assert (a == b).all()
     assert set(np.asarray(whole.policy).tolist()) == {0, 1}
+
+
+def test_draws_tell_nothing_of_each_other():
+    """The policy of an episode must not show where its hole is: a key used twice would be a leak."""
+    n = 4000
+    drawn = draw_attempts(root_key(0, "collect"), jnp.arange(n), "mixed", Config().detector)
+    error = np.asarray(drawn.estimate_world - drawn.hole_pos_world)
+    wiggle = np.asarray(jax.vmap(lambda key: jax.random.normal(jax.random.fold_in(key, 0), (3,)))(drawn.key))
+    columns = np.column_stack([drawn.policy, error, drawn.hole_pos_world, wiggle, drawn.peg_type])
+    correlation = np.corrcoef(columns, rowvar=False)
+    assert np.abs(correlation - np.eye(len(correlation))).max() < 4.5 / np.sqrt(n)
+
+
+def test_uses_of_one_seed_share_no_episode():
+    collected = draw_attempts(root_key(0, "collect"), jnp.arange(50), "spiral", Config().detector)
+    evaluated = draw_attempts(root_key(0, "attempt"), jnp.arange(50), "spiral", Config().detector)
+    assert np.abs(np.asarray(collected.estimate_world - evaluated.estimate_world)).min(1).max() > 1e-4
+    assert not (jax.random.key_data(collected.key) == jax.random.key_data(evaluated.key)).all(-1).any()
 
 
 def test_every_field_has_unit_frame_and_meaning(folder):

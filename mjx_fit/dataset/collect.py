@@ -7,7 +7,7 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Int, Key
+from jaxtyping import Bool, Float, Int, Key
 
 from mjx_fit import policies
 from mjx_fit.config import Config, DetectorConfig
@@ -15,6 +15,7 @@ from mjx_fit.dataset.store import Writer
 from mjx_fit.detector import detect
 from mjx_fit.errors import RequestError
 from mjx_fit.progress import Progress
+from mjx_fit.randomness import require_seed, root_key
 from mjx_fit.scene import HOLE_WORKSPACE_M
 from mjx_fit.shapes import SHAPES
 from mjx_fit.simulate.engine import create, even_batch, resolve
@@ -49,14 +50,14 @@ def collect(
     _require(episodes >= 1, "--episodes", episodes, "at least 1")
     _require(1 <= steps <= MAX_ACTIONS, "--steps", steps, f"between 1 and {MAX_ACTIONS}")
     _require(policy in POLICIES, "--policy", policy, f"one of {', '.join(POLICIES)}")
-    _require(0 <= seed < 2**32, "--seed", seed, "between 0 and 4294967295")
+    require_seed(seed)
     _require(1 <= batch <= 65536, "--batch", batch, "between 1 and 65536")
     batch = even_batch(episodes, batch)
     request = {"episodes": episodes, "steps": steps, "policy": policy, "seed": seed, "batch": batch}
     writer = Writer(out, request | {"engine": resolve(engine)}, config)
     starts = [start for start in range(0, episodes, batch) if not writer.has(_shard_name(start))]
     simulator = create(engine, config) if starts else None
-    root = jax.random.key(seed)
+    root = root_key(seed, "collect")
     with Progress(
         "collect", episodes, episodes - sum(min(batch, episodes - start) for start in starts)
     ) as progress:
@@ -83,22 +84,17 @@ def draw_attempts(
 ) -> Attempt:
     """What the episodes of a data set are to do; a pure function of the root key and the ids."""
     peg_type, hole_type = pair_of(np.asarray(episodes))
-    hole_pos, estimate, wiggle = draw_places(root, episodes, detector)
-    if policy == "mixed":
-        kind_keys = jax.vmap(lambda episode: jax.random.fold_in(jax.random.fold_in(root, episode), 1))(
-            episodes
-        )
-        kind = jax.vmap(jax.random.bernoulli)(kind_keys).astype(int)
-    else:
-        kind = jnp.full(len(episodes), policies.POLICIES.index(policy))
+    hole_pos, estimate, wiggle, coin = draw_places(root, episodes, detector)
+    chosen = coin.astype(int) if policy == "mixed" else policies.POLICIES.index(policy)
+    kind = jnp.broadcast_to(chosen, coin.shape)
     return Attempt(jnp.asarray(peg_type), jnp.asarray(hole_type), hole_pos, estimate, kind, wiggle)
 
 
 @partial(jax.jit, static_argnames="detector")
 def draw_places(
     root: Key[Array, ""], episodes: Int[Array, "n"], detector: DetectorConfig
-) -> tuple[Float[Array, "n 2"], Float[Array, "n 2"], Key[Array, "n"]]:
-    """Where the holes are, what the detector says, and the keys of the policies.
+) -> tuple[Float[Array, "n 2"], Float[Array, "n 2"], Key[Array, "n"], Bool[Array, "n"]]:
+    """Where the holes are, what the detector says, the keys of the policies, and a coin to choose a policy.
 
     Args:
         root: Root key.
@@ -106,14 +102,14 @@ def draw_places(
         detector: The detector.
 
     Returns:
-        True places, uniform in the workspace, m; estimates, m; keys.
+        True places, uniform in the workspace, m; estimates, m; keys; coins.
     """
 
     def draw(episode):
-        place, error, wiggle = jax.random.split(jax.random.fold_in(root, episode), 3)
+        place, error, wiggle, coin = jax.random.split(jax.random.fold_in(root, episode), 4)
         low, high = jnp.asarray(HOLE_WORKSPACE_M).T
         hole_pos = jax.random.uniform(place, (2,), minval=low, maxval=high)
-        return hole_pos, detect(error, hole_pos, detector), wiggle
+        return hole_pos, detect(error, hole_pos, detector), wiggle, jax.random.bernoulli(coin)
 
     return jax.vmap(draw)(episodes)
 

@@ -4,7 +4,6 @@ from itertools import permutations
 from pathlib import Path
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from flax import nnx
@@ -19,6 +18,7 @@ from mjx_fit.evaluation import results
 from mjx_fit.evaluation.results import Result
 from mjx_fit.policies import SPIRAL
 from mjx_fit.progress import Progress
+from mjx_fit.randomness import require_seed, root_key
 from mjx_fit.shapes import NAMES, SHAPES
 from mjx_fit.simulate.engine import create, even_batch, resolve
 from mjx_fit.task import assembly as assembly_
@@ -52,12 +52,12 @@ def attempt(config: Config, out: Path, trials: int, seed: int, engine: str) -> R
     n = len(peg_type)
     batch = even_batch(n, ATTEMPT_BATCH)
     simulator = create(engine, config)
-    root = jax.random.key(seed)
+    root = root_key(seed, "attempt")
     rows: list[dict[str, Any]] = []
     with Progress("attempts", n) as progress:
         for start in range(0, n, batch):
             ids = np.arange(start, start + batch)
-            hole_pos, estimate, wiggle = draw_places(root, jnp.asarray(ids), config.detector)
+            hole_pos, estimate, wiggle, _ = draw_places(root, jnp.asarray(ids), config.detector)
             attempts = Attempt(
                 peg_type=jnp.asarray(peg_type[ids % n]),
                 hole_type=jnp.asarray(hole_type[ids % n]),
@@ -148,8 +148,7 @@ def _finished(
     out: Path, experiment: str, config: Config, seed: int, request: dict, engine: str
 ) -> Result | None:
     """The result, if this very request was finished before."""
-    if not 0 <= seed < 2**32:
-        raise RequestError(f"--seed: {seed} is not allowed: it must be between 0 and 4294967295")
+    require_seed(seed)
     if not out.exists():
         return None
     if out.is_dir():

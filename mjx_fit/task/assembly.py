@@ -18,6 +18,7 @@ from mjx_fit.config import Config
 from mjx_fit.detector import detect
 from mjx_fit.filters.belief import initial_belief
 from mjx_fit.policies import SPIRAL
+from mjx_fit.randomness import root_key
 from mjx_fit.scene import place_holes
 from mjx_fit.shapes import NAMES, SHAPES
 from mjx_fit.simulate.engine import Engine
@@ -54,7 +55,7 @@ def draw_trials(config: Config, seed: int, n_trials: int) -> Trials:
     hole_type = np.stack([rng.integers(len(SHAPES), size=n) for rng in rngs])
     peg_type = np.stack([rng.permutation(row) for rng, row in zip(rngs, hole_type, strict=True)])
     hole_pos = np.stack([place_holes(rng, n, config.scene) for rng in rngs]).astype(np.float32)
-    keys = jax.random.split(jax.random.key(seed), (n_trials, n))
+    keys = jax.random.split(root_key(seed, "assembly: detector"), (n_trials, n))
     estimate = jax.vmap(jax.vmap(partial(detect, config=config.detector)))(keys, jnp.asarray(hole_pos))
     return Trials(hole_type, hole_pos, np.asarray(estimate), peg_type)
 
@@ -107,7 +108,7 @@ class _Table:
         self._tries = np.zeros((n_rows, n), np.int32)
         self._attempts, self._human = np.zeros((n_rows, n), int), np.zeros((n_rows, n), bool)
         self.pegs_done = np.zeros(n_rows, int)
-        self._root = jax.random.fold_in(jax.random.key(seed), 1)  # the draws of trials have the root itself
+        self._root = root_key(seed, "assembly: attempts")
         self._keys = jax.jit(jax.vmap(self._attempt_keys))
         self._choose = jax.jit(self._greedy)
 

@@ -23,6 +23,7 @@ from mjx_fit.config import Config
 from mjx_fit.dataset.windows import sample_windows, split, usable
 from mjx_fit.errors import RequestError
 from mjx_fit.progress import Progress
+from mjx_fit.randomness import require_seed, root_key
 from mjx_fit.sensors.model import ContactSensor, InputScale
 from mjx_fit.shapes import SHAPES
 from mjx_fit.training import checkpoint, run_folder
@@ -66,6 +67,7 @@ def train(
         RuntimeError: The loss is no longer finite.
     """
     out = Path(out)
+    require_seed(seed)
     train_ids, val_ids = _usable_split(data, config, seed)
     data_id = provenance.fingerprint(data)
     run_folder.check(out, config, seed, data_id)
@@ -76,7 +78,7 @@ def train(
     run_folder.keep_metrics(out, epochs_done)
 
     data = jax.tree.map(jnp.asarray, data)
-    init_key, epoch_root, val_key = jax.random.split(jax.random.key(seed), 3)
+    init_key, epoch_root, val_key = jax.random.split(root_key(seed, "train"), 3)
     graphdef, state = _initial_state(data, train_ids, config, init_key)
     saver = _Saver(out, checkpoint_every_s)
     if arrays is not None:
