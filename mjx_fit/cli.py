@@ -10,7 +10,7 @@ from typing import NoReturn
 
 from mjx_fit import config as config_
 from mjx_fit.config import Config
-from mjx_fit.errors import RequestError
+from mjx_fit.errors import RequestError, WorkError
 
 # Each command imports what it needs: `mjx-fit --help` answers at once.
 
@@ -32,18 +32,25 @@ def main(argv: Sequence[str] | None = None) -> int:
         args = _parser().parse_args(argv)
         args.command(args)
     except RequestError as error:
-        print(f"mjx-fit: {error}", file=sys.stderr)
-        return 2
+        return _refuse(str(error), 2)
+    except (NotADirectoryError, FileExistsError, IsADirectoryError, PermissionError) as error:
+        return _refuse(f"{error.filename} cannot be used: {error.strerror}", 2)
+    except (WorkError, OSError) as error:
+        return _refuse(str(error), 1)
     except KeyboardInterrupt:
-        print("mjx-fit: stopped; the same command goes on from here", file=sys.stderr)
-        return 1
+        return _refuse("stopped; collect, train and demo go on when the same command is given again", 1)
     return 0
 
 
-def _demo(args: argparse.Namespace) -> None:
-    from mjx_fit.demo import demo
+def _refuse(message: str, code: int) -> int:
+    print(f"mjx-fit: {' '.join(message.split())}", file=sys.stderr)
+    return code
 
-    demo(_config(args, preset="quick"), args.out)
+
+def _demo(args: argparse.Namespace) -> None:
+    from mjx_fit.demo import Size, demo
+
+    demo(_config(args, preset="quick"), args.out, Size())
 
 
 def _collect(args: argparse.Namespace) -> None:
@@ -193,7 +200,10 @@ def _evaluations(evaluate: argparse.ArgumentParser) -> None:
     assembly = _command(experiments, "assembly", _evaluate_assembly, "whole assemblies under several methods")
     assembly.add_argument("--run", type=Path, metavar="RUN", help="folder of a training run")
     assembly.add_argument(
-        "--methods", default="failure_only,failure_position,full", metavar="A,B", help="default: %(default)s"
+        "--methods",
+        default="failure_only,failure_position,full,oracle",
+        metavar="A,B",
+        help="default: %(default)s",
     )
     for command in (attempt, assembly):
         command.add_argument("--out", type=Path, required=True, metavar="FILE.json")

@@ -1,5 +1,6 @@
 """The whole pipeline, small: data, training, evaluation and report within minutes on two cores."""
 
+from dataclasses import dataclass
 from pathlib import Path
 
 from rich.console import Console
@@ -13,13 +14,28 @@ from mjx_fit.report.run_figures import read_metrics
 from mjx_fit.report.terminal import print_summary
 from mjx_fit.training.loop import train
 
-EPISODES, STEPS = 240, 100
-ATTEMPTS = 50
-ASSEMBLIES = 8
-METHODS = "failure_only,full"
+METHODS = "failure_only,full,oracle"
+POLICY = "mixed"
 
 
-def demo(config: Config, out: Path) -> None:
+@dataclass(frozen=True)
+class Size:
+    """How much the demo does: about eight minutes on two cores by default.
+
+    Attributes:
+        episodes: Interactions that are collected.
+        steps: Most actions in one.
+        attempts: Single attempts for each shape, and mismatched ones in all.
+        assemblies: Trials of the assembly experiment.
+    """
+
+    episodes: int = 1500
+    steps: int = 100
+    attempts: int = 50
+    assemblies: int = 8
+
+
+def demo(config: Config, out: Path, size: Size) -> None:
     """Runs every stage into ``out``; a stage that is done is not done again.
 
     Raises:
@@ -28,8 +44,8 @@ def demo(config: Config, out: Path) -> None:
     console = Console(highlight=False)
     data, run = out / "data", out / "train"
 
-    console.rule(f"1/4  {EPISODES} interactions of up to {STEPS} actions")
-    collect(config, data, EPISODES, STEPS, "mixed", "auto", seed=0, batch=128)
+    console.rule(f"1/4  {size.episodes} interactions of up to {size.steps} actions")
+    collect(config, data, size.episodes, size.steps, POLICY, "auto", seed=0, batch=250)
 
     console.rule("2/4  train sensors and filters on them")
     train(store.load(data), config, run, seed=0)
@@ -40,8 +56,8 @@ def demo(config: Config, out: Path) -> None:
     )
 
     console.rule("3/4  evaluate")
-    attempts = experiments.attempt(config, out / "attempt.json", ATTEMPTS, 0, "auto")
-    assemblies = experiments.assembly(config, out / "assembly.json", run, METHODS, ASSEMBLIES, 0, "auto")
+    attempts = experiments.attempt(config, out / "attempt.json", size.attempts, 0, "auto")
+    assemblies = experiments.assembly(config, out / "assembly.json", run, METHODS, size.assemblies, 0, "auto")
     print_summary(attempts)
     print_summary(assemblies)
 

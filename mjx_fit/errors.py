@@ -1,4 +1,4 @@
-"""The one error that means: the request was wrong, nothing was done."""
+"""The two errors that the command line turns into one line."""
 
 
 class RequestError(ValueError):
@@ -7,3 +7,7 @@ class RequestError(ValueError):
     The message is one line that names the field, the value and what is allowed. The command line prints it
     and exits with code 2.
     """
+
+
+class WorkError(RuntimeError):
+    """Work that was asked for rightly and failed all the same; the command line exits with code 1."""

@@ -19,6 +19,7 @@ from jaxtyping import Float
 
 from mjx_fit import resources
 from mjx_fit.config import SceneConfig
+from mjx_fit.errors import RequestError
 from mjx_fit.shapes import SHAPES, Boxes, hole_boxes, peg_boxes, plate_top_m
 
 JOINTS = tuple(f"joint{i}" for i in range(1, 8))
@@ -88,12 +89,15 @@ def place_holes(rng: np.random.Generator, n_holes: int, config: SceneConfig) -> 
 
     Returns:
         Centres, m.
+
+    Raises:
+        RequestError: So many boxes of this size do not fit.
     """
     (x0, x1), (y0, y1) = HOLE_WORKSPACE_M
     wider = 0.1 if n_holes > 6 else 0.0
     low, high = np.array([x0, y0 - wider]), np.array([x1, y1 + wider])
     side = 2 * config.plate_half_width_m
-    while True:
+    for _ in range(1000):
         centres = np.empty((0, 2))
         for _ in range(100 * n_holes):
             candidate = rng.uniform(low, high)
@@ -101,6 +105,10 @@ def place_holes(rng: np.random.Generator, n_holes: int, config: SceneConfig) -> 
                 centres = np.vstack([centres, candidate])
             if len(centres) == n_holes:
                 return centres
+    raise RequestError(
+        f"config: task.n_holes: {n_holes} is not allowed: boxes of scene.plate_half_width_m = "
+        f"{config.plate_half_width_m} do not fit side by side in the workspace"
+    )
 
 
 def _arm_on_table(config: SceneConfig) -> mujoco.MjSpec:

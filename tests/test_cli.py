@@ -56,6 +56,8 @@ def test_config_of_wrong_type_or_range(refused, tmp_path):
     assert "'blob'" in refused(*out, "--set", "detector.kind=blob")
     assert "True" in refused(*out, "--set", "scene.friction=true")
     assert "section.key=value" in refused(*out, "--set", "clearance")
+    assert "no YAML value" in refused(*out, "--set", "scene.friction=[")
+    assert "2020-01-01" in refused(*out, "--set", "scene.friction=2020-01-01")
     assert "cannot be read" in refused(*out, "--config", tmp_path / "missing.yaml")
 
 
@@ -63,6 +65,32 @@ def test_negative_episodes(refused, tmp_path):
     err = refused("collect", "--out", tmp_path / "d", "--episodes", "-1")
     assert "--episodes: -1 is not allowed: it must be at least 1" in err
     assert not (tmp_path / "d").exists()
+
+
+def test_bad_seeds_and_places(refused, data, tmp_path):
+    (tmp_path / "file").write_text("")
+    assert "--seed: -1 is not allowed" in refused(
+        "train", "--data", data, "--out", tmp_path / "r", "--seed", -1
+    )
+    assert "--seed: -1 is not allowed" in refused(
+        "evaluate", "attempt", "--out", tmp_path / "r", "--seed", -1
+    )
+    assert "Not a directory" in refused("collect", "--out", tmp_path / "file" / "sub", "--episodes", 1)
+    crowded = ["--set", "scene.plate_half_width_m=0.2", "--methods", "oracle"]
+    assert "task.n_holes" in refused("evaluate", "assembly", "--out", tmp_path / "r", *crowded)
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_impossible_network_leaves_the_folder_free(refused, data, tmp_path):
+    command = ["train", "--data", data, "--out", tmp_path / "run", "--epochs", 1]
+    assert "sensor.heads" in refused(*command, "--set", "sensor.heads=3")
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_users_file_is_not_overwritten(refused, data, tmp_path):
+    (tmp_path / "config.yaml").write_text("mine: yes")
+    assert "holds other files" in refused("train", "--data", data, "--out", tmp_path, "--epochs", 1)
+    assert (tmp_path / "config.yaml").read_text() == "mine: yes"
 
 
 def test_unknown_engine(refused, tmp_path):
@@ -179,6 +207,8 @@ def test_data_to_training_to_assembly_to_report(data, tmp_path, capsys):
     assert cli.main([*command, "--out", str(out), *settings]) == 0
     result = results.read(out)
     assert {trial["method"] for trial in result.trials} == {"failure_only", "full", "oracle"}
+    assert result.config["sensor"]["width"] == 8
+    assert result.request["differs_from_training"] == []
     assert all(len(trial["attempts"]) == 2 and max(trial["attempts"]) <= 2 for trial in result.trials)
     assert cli.main(["report", str(out), str(run), str(data), "--out", str(tmp_path / "page")]) == 0
     page = (tmp_path / "page" / "index.html").read_text()

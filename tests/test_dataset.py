@@ -1,4 +1,5 @@
 import json
+from typing import Any
 
 import h5py
 import jax
@@ -12,7 +13,14 @@ from mjx_fit.dataset.collect import collect, draw_attempts, pair_of
 from mjx_fit.errors import RequestError
 from mjx_fit.randomness import root_key
 
-ASK = {"episodes": 10, "steps": 3, "policy": "mixed", "engine": "native", "seed": 5, "batch": 5}
+ASK: dict[str, Any] = {
+    "episodes": 10,
+    "steps": 3,
+    "policy": "mixed",
+    "engine": "native",
+    "seed": 5,
+    "batch": 5,
+}
 
 
 def files_of(folder):
@@ -66,7 +74,18 @@ def test_every_field_has_unit_frame_and_meaning(folder):
         for name in store.FIELDS:
             assert {"unit", "frame", "meaning"} <= set(file[name].attrs)
         assert file["trace/wrench_sensor"].shape == (5, 3, 50, 6)
-        assert list(file["episode"]) == [0, 1, 2, 3, 4]
+        assert np.asarray(file["episode"]).tolist() == [0, 1, 2, 3, 4]
+
+
+def test_both_engines_store_the_same_schema(folder, tmp_path):
+    collect(Config(), tmp_path / "mjx", **(ASK | {"episodes": 4, "steps": 2, "engine": "mjx"}))
+    assert store.describe(tmp_path / "mjx")["engine"] == "mjx"
+    with h5py.File(folder / "shard-00000000.h5") as c, h5py.File(tmp_path / "mjx/shard-00000000.h5") as mjx:
+        assert set(store.FIELDS) | {"episode", "trace"} >= set(mjx) == set(c)
+        for name in store.FIELDS:
+            assert mjx[name].dtype == c[name].dtype
+            assert dict(mjx[name].attrs) == dict(c[name].attrs)
+            assert mjx[name].shape[2:] == c[name].shape[2:]
 
 
 def test_load_gives_the_episodes_in_order(folder):
@@ -114,17 +133,29 @@ def test_killed_collection_goes_on_to_the_same_bytes(folder, tmp_path, monkeypat
             collect(Config(), out, **ASK)
     assert not store.read_manifest(out)["complete"]
     (out / "shard-00000005.h5.tmp").write_bytes(b"torn")
+    with pytest.raises(RequestError, match="it is not complete"):
+        store.load(out)
     collect(Config(), out, **ASK)
     assert files_of(out) == files_of(folder)
 
 
-def test_damaged_shard_is_made_again(folder, tmp_path):
+def test_a_start_that_was_killed_at_once_can_be_repeated(folder, tmp_path):
+    out = tmp_path / "begun"
+    out.mkdir()
+    (out / "manifest.json.tmp").write_text("{")
+    collect(Config(), out, **ASK)
+    assert files_of(out) == files_of(folder)
+
+
+def test_damaged_shard_is_noticed_and_made_again(folder, tmp_path):
     out = tmp_path / "damaged"
     collect(Config(), out, **ASK)
     shard = out / "shard-00000005.h5"
     content = bytearray(shard.read_bytes())
     content[len(content) // 2] ^= 1
     shard.write_bytes(content)
+    with pytest.raises(RequestError, match=r"shard-00000005\.h5 .* SHA-256"):
+        store.load(out)
     collect(Config(), out, **ASK)
     assert files_of(out) == files_of(folder)
 
@@ -140,9 +171,9 @@ def test_damaged_shard_is_made_again(folder, tmp_path):
         ({"engine": "warp9"}, "--engine: 'warp9' is not allowed"),
     ],
 )
-def test_bad_requests_are_refused_before_anything_is_written(change, message, tmp_path):
+def test_bad_requests_are_refused_before_anything_is_written(change: dict[str, Any], message, tmp_path):
     with pytest.raises(RequestError, match=message):
-        collect(Config(), tmp_path / "new", **(ASK | change))
+        collect(Config(), tmp_path / "new", **{**ASK, **change})
     assert not (tmp_path / "new").exists()
 
 

@@ -33,9 +33,7 @@ def assembly(methods: dict[str, float], n_trials: int) -> Result:
                  "attempts": np.minimum(needed, 30).tolist(), "human": (needed > 30).tolist()}
             )  # fmt: skip
     tree = config.to_tree(config.Config())
-    return Result(
-        "assembly", tree, 0, {}, "native", "cpu", {"jax": "0.10"}, summarise_assembly(trials), trials
-    )
+    return Result("assembly", tree, 0, "native", "cpu", {"jax": "0.10"}, summarise_assembly(trials), trials)
 
 
 def attempt() -> Result:
@@ -43,7 +41,7 @@ def attempt() -> Result:
     pairs = [["cross", "cross"], ["square", "square"], ["cross", "square"]]
     trials = [
         {"trial": i, "pair": pairs[i % 3], "matched": i % 3 < 2, "inserted": bool(rng.random() < 0.3),
-         "length": 100, "peak_force_n": 8.0, "error_m": float(rng.uniform(0, 0.028))}
+         "valid": True, "length": 100, "peak_force_n": 8.0, "error_m": float(rng.uniform(0, 0.028))}
         for i in range(60)
     ]  # fmt: skip
     other = assembly({"full": 1.0}, 1)

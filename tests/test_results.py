@@ -26,8 +26,8 @@ ASSEMBLY = [
     trial(1, "failure_only", [30, 30, 6], [True, True, False]),
 ]
 ATTEMPTS = [
-    {"trial": i, "pair": list(pair), "matched": pair[0] == pair[1], "inserted": inserted, "length": 40,
-     "peak_force_n": 9.5, "error_m": 0.012}
+    {"trial": i, "pair": list(pair), "matched": pair[0] == pair[1], "inserted": inserted, "valid": True,
+     "length": 40, "peak_force_n": 9.5, "error_m": 0.012}
     for i, (*pair, inserted) in enumerate(
         [("cross", "cross", True), ("cross", "cross", False), ("square", "square", True),
          ("cross", "square", False), ("square", "cross", False)]
@@ -90,6 +90,19 @@ def test_attempt_rows_are_the_hand_count():
     assert [row.group for row in summarise_attempt(ATTEMPTS[3:])] == ["mismatched"]
 
 
+def test_broken_simulations_are_not_counted():
+    broken = [trial | {"valid": False, "inserted": False} for trial in ATTEMPTS]
+    assert summarise_attempt(ATTEMPTS + broken) == summarise_attempt(ATTEMPTS)
+
+
+def test_a_file_without_a_request_can_be_read(tmp_path: Path):
+    results.write(tmp_path / "a.json", RESULT)
+    tree = json.loads((tmp_path / "a.json").read_text())
+    del tree["request"]
+    (tmp_path / "a.json").write_text(json.dumps(tree))
+    assert results.read(tmp_path / "a.json") == replace(RESULT, request={})
+
+
 def test_a_result_comes_back_as_it_was(tmp_path: Path):
     path = tmp_path / "new" / "assembly.json"
     results.write(path, RESULT)
@@ -100,6 +113,7 @@ def test_a_result_comes_back_as_it_was(tmp_path: Path):
     assert [entry.name for entry in path.parent.iterdir()] == ["assembly.json"]
     assert list(json.loads(first)) == [
         "experiment", "config", "seed", "engine", "device", "versions", "summary", "trials",
+        "request",
     ]  # fmt: skip
 
 

@@ -4,13 +4,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from flax import nnx
 from hypothesis import given
 from hypothesis import strategies as st
 
 from mjx_fit.config import Config
 from mjx_fit.errors import RequestError
+from mjx_fit.filters.belief import initial_belief
 from mjx_fit.task import assembly, learning, methods, pomdp
-from mjx_fit.types import Interaction, Trace
+from mjx_fit.types import Attempt, Interaction, Observation, Trace
 
 CONFIG = dataclasses.replace(Config(), task=dataclasses.replace(Config().task, n_holes=4, max_attempts=6))
 
@@ -153,11 +155,46 @@ def test_methods_share_the_wiggles_and_done_rows_are_not_simulated():
     assert sum(int(seen[1].sum()) for seen in engine.seen) == sum(sum(row["attempts"]) for row in rows)
 
 
+class StubSensor(nnx.Module):
+    """Says the same of every trace: the hole is 6 mm further in x, and probably a match."""
+
+    def __call__(self, reading):
+        n = len(reading.peg_type)
+        match_model = jnp.log(jnp.array([[0.2, 0.8], [0.7, 0.3], [0.6, 0.4]]))
+        return Observation(
+            innovation=jnp.tile(jnp.array([0.006, 0.0]), (n, 1)),
+            pos_noise_cov=jnp.tile(1e-4 * jnp.eye(2), (n, 1, 1)),
+            match_logits=jnp.tile(jnp.array([0.0, 1.0]), (n, 1)),
+            match_model_logp=jnp.tile(match_model, (n, 1, 1)),
+        )
+
+
+def test_each_method_learns_what_it_may_and_no_more():
+    """Rows: neither, position alone, both; then the same with a success, which changes nothing.
+
+    By hand: Σ = R = 1 cm² each, so the mean moves half of 6 mm and Σ halves; the peg is a cross, so ξ is
+    multiplied by (1 - α, 1, 1), and by H(match | c) = (0.8, 0.3, 0.4) where the trace may be used.
+    """
+    n = 6
+    trials = assembly.draw_trials(CONFIG, 0, n)
+    before = initial_belief(jnp.asarray(trials.estimate_world[:, 0]), 0.01, 3)
+    done = FakeEngine().run(dataclasses.replace(_attempts(trials), peg_type=np.zeros(n, int)), 2)
+    done = dataclasses.replace(done, inserted=np.arange(n) >= 3, valid=np.ones(n, bool))
+    position, kind = np.array([0, 1, 1] * 2, bool), np.array([0, 0, 1] * 2, bool)
+    learn = learning.learner(CONFIG, StubSensor())  # pyright: ignore[reportArgumentType]
+    after = learn(before, done, jax.random.split(jax.random.key(0), n), position, kind)
+    moved = np.asarray(after.pos_mean_world - before.pos_mean_world)
+    assert moved == pytest.approx(np.array([[0, 0], [0.003, 0], [0.003, 0], *[[0, 0]] * 3]), abs=1e-6)
+    assert np.asarray(after.pos_cov)[:, 0, 0] == pytest.approx([1e-4, 5e-5, 5e-5, 1e-4, 1e-4, 1e-4], rel=1e-4)
+    a = CONFIG.task.success_probability[0]
+    failure, felt = np.array([1 - a, 1, 1]), np.array([(1 - a) * 0.8, 0.3, 0.4])
+    want = [failure / failure.sum(), failure / failure.sum(), felt / felt.sum(), *[np.ones(3) / 3] * 3]
+    assert np.exp(after.type_logp) == pytest.approx(np.array(want), abs=1e-5)
+
+
 def test_success_and_broken_worlds_leave_beliefs_alone():
     config = CONFIG
     trials = assembly.draw_trials(config, 0, 3)
-    from mjx_fit.filters.belief import initial_belief
-
     beliefs = initial_belief(jnp.asarray(trials.estimate_world[:, 0]), 0.01, 3)
     interaction = FakeEngine().run(dataclasses.replace(_attempts(trials), peg_type=np.zeros(3, int)), 2)
     interaction = dataclasses.replace(
@@ -172,8 +209,6 @@ def test_success_and_broken_worlds_leave_beliefs_alone():
 
 
 def _attempts(trials):
-    from mjx_fit.types import Attempt
-
     n = len(trials.hole_type)
     keys = jax.random.split(jax.random.key(0), n)
     zero = np.zeros(n, int)

@@ -14,7 +14,7 @@ from synthetic import make_interactions
 
 from mjx_fit.config import Config, SensorConfig, TrainConfig, load
 from mjx_fit.dataset.windows import sample_windows
-from mjx_fit.errors import RequestError
+from mjx_fit.errors import RequestError, WorkError
 from mjx_fit.training.checkpoint import LAST, from_arrays, load_sensor, to_arrays
 from mjx_fit.training.loop import _batches, train
 from mjx_fit.training.loss import filter_loss
@@ -190,7 +190,7 @@ def test_runs_that_cannot_be_loaded_are_named(run, tmp_path):
 
 def test_a_diverged_training_says_so(tmp_path):
     broken = replace(DATA, hole_pos_world=np.full((EPISODES, 2), np.nan, np.float32))
-    with pytest.raises(RuntimeError, match="epoch 0 is not finite"):
+    with pytest.raises(WorkError, match="epoch 0 is not finite"):
         train(broken, CONFIG, tmp_path / "run", 0)
 
 

@@ -22,7 +22,7 @@ from mjx_fit.simulate.engine import create, even_batch, resolve
 from mjx_fit.types import SUBSTEPS, Array, Attempt
 
 POLICIES = (*policies.POLICIES, "mixed")
-_MISMATCHED = np.array(list(permutations(range(len(SHAPES)), 2)))
+MISMATCHED = np.array(list(permutations(range(len(SHAPES)), 2)))
 MAX_ACTIONS = 1000
 
 
@@ -119,7 +119,7 @@ def pair_of(episodes: Int[np.ndarray, "n"]) -> tuple[Int[np.ndarray, "n"], Int[n
     turn = episodes // 2
     matched = (episodes % 2 == 0)[:, None]
     same = np.stack([turn % len(SHAPES)] * 2, 1)
-    pair = np.where(matched, same, _MISMATCHED[turn % len(_MISMATCHED)])
+    pair = np.where(matched, same, MISMATCHED[turn % len(MISMATCHED)])
     return pair[:, 0], pair[:, 1]
 
 

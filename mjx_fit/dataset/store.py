@@ -62,19 +62,23 @@ class Writer:
 
     def __init__(self, folder: Path, request: dict[str, Any], config: Config):
         self._folder = folder
-        request = request | {"config": config_.to_tree(config), "versions": provenance.versions()}
+        request = request | {"config": config_.to_tree(config)}
         if folder.exists() and not folder.is_dir():
             raise RequestError(f"--out: {folder} is not allowed: it must be a folder")
         if (folder / MANIFEST).is_file():
             self._manifest = read_manifest(folder)
             _require_same(folder, self._manifest["request"], request)
+            if not self._manifest["complete"]:  # other versions may compute other bytes
+                _require_same(folder, self._manifest, {"versions": provenance.versions()})
         else:
-            foreign = sorted(path.name for path in folder.iterdir()) if folder.is_dir() else []
+            there = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
+            foreign = sorted(there - {f"{MANIFEST}.tmp"})  # a kill may have left that
             if foreign:
                 raise RequestError(f"--out: {folder} is not allowed: it holds other files ({foreign[0]})")
             self._manifest = {
                 "format": FORMAT,
                 "request": request,
+                "versions": provenance.versions(),
                 "device": provenance.device(),
                 "shapes": list(NAMES),
                 "complete": False,
@@ -121,23 +125,23 @@ def read_manifest(folder: Path) -> dict[str, Any]:
         RequestError: The folder is not there, or holds no data set.
     """
     if not folder.is_dir():
-        raise RequestError(f"--data: {folder} is not allowed: there is no such folder")
+        raise RequestError(f"data: {folder} is not allowed: there is no such folder")
     try:
         manifest = json.loads((folder / MANIFEST).read_text())
         if manifest["format"] != FORMAT:
             raise RequestError(
-                f"--data: {folder} is not allowed: its format is {manifest['format']}, not {FORMAT}"
+                f"data: {folder} is not allowed: its format is {manifest['format']}, not {FORMAT}"
             )
         if not isinstance(manifest["shards"], list) or not isinstance(manifest["request"], dict):
             raise TypeError
     except FileNotFoundError:
         raise RequestError(
-            f"--data: {folder} is not allowed: it holds no {MANIFEST}, so it is no data set"
+            f"data: {folder} is not allowed: it holds no {MANIFEST}, so it is no data set"
         ) from None
     except (OSError, ValueError, KeyError, TypeError) as error:
         if isinstance(error, RequestError):
             raise
-        raise RequestError(f"--data: {folder} is not allowed: its {MANIFEST} cannot be read") from None
+        raise RequestError(f"data: {folder} is not allowed: its {MANIFEST} cannot be read") from None
     return manifest
 
 
@@ -145,12 +149,12 @@ def load(folder: Path) -> Interaction:
     """All valid interactions of a data set, stacked in the order of their episode ids, as NumPy arrays.
 
     Raises:
-        RequestError: The folder holds no data set, no episode, or a damaged shard.
+        RequestError: The folder holds no data set, an unfinished one, or a damaged shard.
     """
     manifest = read_manifest(folder)
-    if not manifest["shards"]:
-        raise RequestError(f"--data: {folder} is not allowed: it holds no episodes")
-    parts = [_read_shard(folder / shard["name"]) for shard in manifest["shards"]]
+    if not manifest["complete"]:
+        raise RequestError(f"data: {folder} is not allowed: it is not complete; repeat its collect command")
+    parts = [_read_shard(folder / shard["name"], shard["sha256"]) for shard in manifest["shards"]]
     ids = np.concatenate([np.asarray(shard["episodes"]) for shard in manifest["shards"]])
     order = np.argsort(ids, kind="stable")
     stacked = jax.tree.map(lambda *leaves: np.concatenate(leaves)[order], *parts)
@@ -175,7 +179,6 @@ def describe(folder: Path) -> dict[str, Any]:
     return {
         "episodes": stored,
         "invalid": stored - len(data.length),
-        "complete": manifest["complete"],
         "steps": request["steps"],
         "actions": int(data.length.sum()),
         "pairs": dict(sorted(pairs.items())),
@@ -218,12 +221,14 @@ def _write_shard(path: Path, episodes: np.ndarray, interactions: Interaction) ->
             dataset.attrs.update(unit=unit, frame=frame, meaning=meaning)
 
 
-def _read_shard(path: Path) -> Interaction:
+def _read_shard(path: Path, sha256: str) -> Interaction:
     try:
+        if files.sha256(path) != sha256:
+            raise ValueError("its SHA-256 is not the manifest's")
         with h5py.File(path, "r") as file:
             fields = {name: np.asarray(file[name]) for name in FIELDS}
     except (OSError, KeyError, ValueError) as error:
-        raise RequestError(f"--data: {path.name} in {path.parent} is damaged or missing: {error}") from None
+        raise RequestError(f"data: {path.name} in {path.parent} is damaged or missing: {error}") from None
     trace = {
         name.removeprefix("trace/"): value for name, value in fields.items() if name.startswith("trace/")
     }

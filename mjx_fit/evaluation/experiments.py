@@ -1,6 +1,6 @@
 """The experiments: what is run, and what of it is kept. Each writes one result file."""
 
-from itertools import permutations
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ from jaxtyping import Float, Int
 from mjx_fit import config as config_
 from mjx_fit import provenance
 from mjx_fit.config import Config
-from mjx_fit.dataset.collect import draw_places
+from mjx_fit.dataset.collect import MISMATCHED, draw_places
 from mjx_fit.errors import RequestError
 from mjx_fit.evaluation import results
 from mjx_fit.evaluation.results import Result
@@ -95,13 +95,18 @@ def assembly(
     reading = [method.name for method in picked if method.needs_sensor]
     if reading and run is None:
         raise RequestError(f"--run: none is not allowed: {reading[0]} needs the folder of a training run")
-    sensor = checkpoint.load_sensor(run)[0] if reading and run is not None else None
+    sensor, differs = None, []
+    if reading and run is not None:
+        sensor, trained = checkpoint.load_sensor(run)
+        config = replace(config, sensor=trained.sensor, train=trained.train)
+        differs = config_.differences(trained, config)
     request = {
         "methods": [method.name for method in picked],
         "trials": trials,
         "sensor": provenance.fingerprint(checkpoint.to_arrays(nnx.state(sensor)))
         if sensor is not None
         else None,
+        "differs_from_training": differs,
     }
     done = _finished(out, "assembly", config, seed, request, engine)
     if done is not None:
@@ -115,8 +120,7 @@ def assembly(
 
 def _attempt_pairs(trials: int) -> tuple[Int[np.ndarray, "n"], Int[np.ndarray, "n"]]:
     matched = np.repeat(np.arange(len(SHAPES)), trials)
-    mismatched = np.array(list(permutations(range(len(SHAPES)), 2)))
-    others = mismatched[np.arange(trials) % len(mismatched)]
+    others = MISMATCHED[np.arange(trials) % len(MISMATCHED)]
     return np.concatenate([matched, others[:, 0]]), np.concatenate([matched, others[:, 1]])
 
 
@@ -129,6 +133,7 @@ def _attempt_rows(interactions: Interaction, ids: Int[np.ndarray, "n"]) -> list[
             "pair": [NAMES[interactions.peg_type[i]], NAMES[interactions.hole_type[i]]],
             "matched": bool(interactions.peg_type[i] == interactions.hole_type[i]),
             "inserted": bool(interactions.inserted[i]),
+            "valid": bool(interactions.valid[i]),
             "length": int(interactions.length[i]),
             "peak_force_n": float(force[i]),
             "error_m": float(error[i]),

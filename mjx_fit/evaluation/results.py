@@ -41,6 +41,7 @@ class AttemptTrial(TypedDict):
     pair: tuple[str, str]
     matched: bool
     inserted: bool
+    valid: bool
     length: int
     peak_force_n: float | None
     error_m: float
@@ -60,23 +61,24 @@ class Result:
         experiment: ``attempt``, ``position``, ``insertion`` or ``assembly``.
         config: The resolved configuration (``config.to_tree``).
         seed: Root seed.
-        request: The rest of what was asked for: methods, trials, the trained run by its fingerprint.
         engine: Engine that simulated.
         device: Device it ran on.
         versions: Version of each library that matters.
         summary: What was counted.
         trials: What it was counted from; rows such as ``AssemblyTrial``.
+        request: The rest of what was asked for: methods, number of trials, the sensor by its fingerprint, and
+            in what its training's configuration differs from this one.
     """
 
     experiment: str
     config: dict[str, Any]
     seed: int
-    request: dict[str, Any]
     engine: str
     device: str
     versions: dict[str, str]
     summary: list[Row]
     trials: list[dict[str, Any]]
+    request: dict[str, Any] = dataclasses.field(default_factory=dict)
 
 
 def write(path: Path, result: Result) -> None:
@@ -153,6 +155,8 @@ def summarise_assembly(trials: list[dict[str, Any]]) -> list[Row]:
 def summarise_attempt(trials: list[dict[str, Any]]) -> list[Row]:
     """Success rate of matched attempts, of mismatched ones, and of the matched attempts of each shape.
 
+    Attempts whose simulation broke (``valid`` is false) are left out, so n shows them.
+
     Args:
         trials: Rows as in ``AttemptTrial``.
     """
@@ -160,6 +164,8 @@ def summarise_attempt(trials: list[dict[str, Any]]) -> list[Row]:
     for shape in sorted({trial["pair"][0] for trial in trials if trial["matched"]}):
         groups[shape] = []
     for trial in trials:
+        if not trial["valid"]:
+            continue
         groups["matched" if trial["matched"] else "mismatched"].append(trial["inserted"])
         if trial["matched"]:
             groups[trial["pair"][0]].append(trial["inserted"])

@@ -28,16 +28,16 @@ def learner(config: Config, sensor: ContactSensor | None) -> Learn:
         config: Gives α, the wrist's noise and the plate's height.
         sensor: The trained sensor; None when no method reads traces.
     """
-    alpha = jnp.asarray(config.task.success_probability)
+    alpha, hard = jnp.asarray(config.task.success_probability), config.task.hard_match
     graph, state = nnx.split(sensor) if sensor is not None else (None, None)
 
     def learn(state, beliefs, interactions, keys, learns_position, learns_type):
         failed = interactions.valid & ~interactions.inserted
-        updated = update_type(beliefs, None, interactions.peg_type, alpha, hard=True)
+        updated = update_type(beliefs, None, interactions.peg_type, alpha, hard=hard)
         if graph is not None:
             observation = nnx.merge(graph, state)(_readings(interactions, keys, config))
             moved = update_position(beliefs, observation)
-            felt = update_type(beliefs, observation, interactions.peg_type, alpha, hard=True)
+            felt = update_type(beliefs, observation, interactions.peg_type, alpha, hard=hard)
             updated = Belief(
                 pos_mean_world=_where(learns_position, moved.pos_mean_world, beliefs.pos_mean_world),
                 pos_cov=_where(learns_position, moved.pos_cov, beliefs.pos_cov),

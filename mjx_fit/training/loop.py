@@ -21,7 +21,7 @@ from jaxtyping import Float, Int, Key, PyTree
 from mjx_fit import provenance
 from mjx_fit.config import Config
 from mjx_fit.dataset.windows import sample_windows, split, usable
-from mjx_fit.errors import RequestError
+from mjx_fit.errors import RequestError, WorkError
 from mjx_fit.progress import Progress
 from mjx_fit.randomness import require_seed, root_key
 from mjx_fit.sensors.model import ContactSensor, InputScale
@@ -64,7 +64,7 @@ def train(
 
     Raises:
         RequestError: The folder holds something else, or data or configuration cannot be trained with.
-        RuntimeError: The loss is no longer finite.
+        WorkError: The loss is no longer finite.
     """
     out = Path(out)
     require_seed(seed)
@@ -74,12 +74,11 @@ def train(
     epochs_done, arrays = checkpoint.load(out / checkpoint.LAST) or (0, None)
     if epochs_done >= config.train.epochs:
         return
-    run_folder.write(out, config, seed, data_id)
-    run_folder.keep_metrics(out, epochs_done)
-
     data = jax.tree.map(jnp.asarray, data)
     init_key, epoch_root, val_key = jax.random.split(root_key(seed, "train"), 3)
     graphdef, state = _initial_state(data, train_ids, config, init_key)
+    run_folder.write(out, config, seed, data_id)
+    run_folder.keep_metrics(out, epochs_done)
     saver = _Saver(out, checkpoint_every_s)
     if arrays is not None:
         saver.best_nll = float(arrays.pop("best_nll"))
@@ -228,7 +227,7 @@ def _metrics(epoch: int, training: Loss, validation: Loss) -> dict:
     """One line of ``metrics.jsonl``: training terms by their names, validation terms as ``val_...``."""
     train_terms, val_terms = ({k: float(v) for k, v in vars(loss).items()} for loss in (training, validation))
     if not all(map(math.isfinite, [*train_terms.values(), *val_terms.values()])):
-        raise RuntimeError(f"training diverged: the loss of epoch {epoch} is not finite")
+        raise WorkError(f"training diverged: the loss of epoch {epoch} is not finite")
     del train_terms["prior_nll"]
     prior_nll = val_terms.pop("prior_nll")
     row = {"epoch": epoch, **train_terms, **{f"val_{name}": value for name, value in val_terms.items()}}

@@ -29,19 +29,18 @@ def check(out: Path, config: Config, seed: int, data: str) -> None:
     if out.exists() and not out.is_dir():
         raise RequestError(f"--out: {out} is not allowed: it must be a folder")
     if not (out / RUN).is_file():
-        foreign = sorted(path.name for path in out.iterdir() if path.stem != "config") if out.is_dir() else []
-        if foreign:
-            raise RequestError(
-                f"--out: {out} is not allowed: it holds other files ({foreign[0]}); choose a new folder"
-            )
+        _require_free(out, config)
         return
-    there = json.loads((out / RUN).read_text())
-    differences = [
-        f"{name} is {there[name]} there and {here} here"
-        for name, here in (("seed", seed), ("data", data))
-        if there[name] != here
-    ]
-    differences += _config_differences(config_.load(out / CONFIG), config)
+    try:
+        there = json.loads((out / RUN).read_text())
+        differences = [
+            f"{name} is {there[name]} there and {here} here"
+            for name, here in (("seed", seed), ("data", data))
+            if there[name] != here
+        ]
+    except (ValueError, KeyError, TypeError):
+        raise RequestError(f"--out: {out} is not allowed: its {RUN} cannot be read") from None
+    differences += config_.differences(*map(without_epochs, (config_.load(out / CONFIG), config)))
     if differences:
         raise RequestError(
             f"--out: {out} is not allowed: it holds another run ({differences[0]}); choose a new folder"
@@ -76,11 +75,12 @@ def append_metrics(out: Path, row: dict) -> None:
         file.write(json.dumps(row) + "\n")
 
 
-def _config_differences(there: Config, here: Config) -> list[str]:
-    trees = [config_.to_tree(without_epochs(config)) for config in (there, here)]
-    return [
-        f"{section}.{key} is {value} there and {trees[1][section][key]} here"
-        for section, values in trees[0].items()
-        for key, value in values.items()
-        if value != trees[1][section][key]
-    ]
+def _require_free(out: Path, config: Config) -> None:
+    """A folder without a run may hold what a killed start of this very run left behind, and nothing else."""
+    begun = {CONFIG: config_.to_yaml(config)}
+    for path in sorted(out.iterdir()) if out.is_dir() else ():
+        torn = path.name in (f"{CONFIG}.tmp", f"{RUN}.tmp")
+        if not torn and not (path.is_file() and path.read_text(errors="replace") == begun.get(path.name)):
+            raise RequestError(
+                f"--out: {out} is not allowed: it holds other files ({path.name}); choose a new folder"
+            )
