@@ -78,7 +78,7 @@ def test_every_field_has_unit_frame_and_meaning(folder):
 
 
 def test_both_engines_store_the_same_schema(folder, tmp_path):
-    collect(Config(), tmp_path / "mjx", **(ASK | {"episodes": 4, "steps": 2, "engine": "mjx"}))
+    collect(Config(), tmp_path / "mjx", **{**ASK, "episodes": 4, "steps": 2, "engine": "mjx"})
     assert store.describe(tmp_path / "mjx")["engine"] == "mjx"
     with h5py.File(folder / "shard-00000000.h5") as c, h5py.File(tmp_path / "mjx/shard-00000000.h5") as mjx:
         assert set(store.FIELDS) | {"episode", "trace"} >= set(mjx) == set(c)
@@ -180,7 +180,7 @@ def test_bad_requests_are_refused_before_anything_is_written(change: dict[str, A
 def test_folder_of_another_run_is_refused_and_untouched(folder, tmp_path):
     before = files_of(folder)
     with pytest.raises(RequestError, match=r"holds another run .its seed differs: 5 there, 6 here"):
-        collect(Config(), folder, **(ASK | {"seed": 6}))
+        collect(Config(), folder, **{**ASK, "seed": 6})
     with pytest.raises(RequestError, match=r"holds another run .its config differs"):
         collect(load(None, ["scene.friction=0.2"]), folder, **ASK)
     assert files_of(folder) == before

@@ -19,11 +19,11 @@ from mjx_fit.randomness import require_seed, root_key
 from mjx_fit.scene import HOLE_WORKSPACE_M
 from mjx_fit.shapes import SHAPES
 from mjx_fit.simulate.engine import create, even_batch, resolve
-from mjx_fit.types import SUBSTEPS, Array, Attempt
+from mjx_fit.types import Array, Attempt, Interaction
 
 POLICIES = (*policies.POLICIES, "mixed")
 MISMATCHED = np.array(list(permutations(range(len(SHAPES)), 2)))
-MAX_ACTIONS = 1000
+MAX_ACTIONS, MAX_BATCH = 1000, 65536
 
 
 def collect(
@@ -47,35 +47,27 @@ def collect(
     Raises:
         RequestError: A value is not allowed, or the folder holds something else.
     """
-    _require(episodes >= 1, "--episodes", episodes, "at least 1")
-    _require(1 <= steps <= MAX_ACTIONS, "--steps", steps, f"between 1 and {MAX_ACTIONS}")
-    _require(policy in POLICIES, "--policy", policy, f"one of {', '.join(POLICIES)}")
-    require_seed(seed)
-    _require(1 <= batch <= 65536, "--batch", batch, "between 1 and 65536")
+    _check(episodes, steps, policy, seed, batch)
     batch = even_batch(episodes, batch)
     request = {"episodes": episodes, "steps": steps, "policy": policy, "seed": seed, "batch": batch}
     writer = Writer(out, request | {"engine": resolve(engine)}, config)
-    starts = [start for start in range(0, episodes, batch) if not writer.has(_shard_name(start))]
-    simulator = create(engine, config) if starts else None
+    missing = [start for start in range(0, episodes, batch) if not writer.has(_shard_name(start))]
+    if not missing:
+        writer.finish()
+        return
+    simulator = create(engine, config)
     root = root_key(seed, "collect")
-    with Progress(
-        "collect", episodes, episodes - sum(min(batch, episodes - start) for start in starts)
-    ) as progress:
-        inserted = 0
-        for start in starts:
-            assert simulator is not None
+    done = episodes - sum(min(batch, episodes - start) for start in missing)
+    inserted = 0
+    with Progress("collect", episodes, done) as progress:
+        for start in missing:
             ids = np.arange(start, start + batch)
-            interactions = simulator.run(
-                draw_attempts(root, jnp.asarray(ids), policy, config.detector), steps
-            )
-            kept = min(batch, episodes - start)
-            interactions = jax.tree.map(lambda leaf, kept=kept: leaf[:kept], interactions)
-            writer.write(_shard_name(start), ids[:kept], interactions)
-            inserted += int(interactions.inserted.sum())
-            progress(
-                start + kept,
-                f"{inserted} inserted, {interactions.length.sum() * SUBSTEPS} physics steps in shard",
-            )
+            attempts = draw_attempts(root, jnp.asarray(ids), policy, config.detector)
+            wanted = ids[ids < episodes]
+            interactions = _first(len(wanted), simulator.run(attempts, steps, ids < episodes))
+            writer.write(_shard_name(start), wanted, interactions)
+            done, inserted = done + len(wanted), inserted + int(interactions.inserted.sum())
+            progress(done, f"{inserted} inserted")
     writer.finish()
 
 
@@ -123,10 +115,21 @@ def pair_of(episodes: Int[np.ndarray, "n"]) -> tuple[Int[np.ndarray, "n"], Int[n
     return pair[:, 0], pair[:, 1]
 
 
+def _first(n: int, interactions: Interaction) -> Interaction:
+    return jax.tree.map(lambda leaf: leaf[:n], interactions)
+
+
 def _shard_name(start: int) -> str:
     return f"shard-{start:08d}.h5"
 
 
-def _require(allowed: bool, field: str, value, expected: str) -> None:
-    if not allowed:
-        raise RequestError(f"{field}: {value!r} is not allowed: it must be {expected}")
+def _check(episodes: int, steps: int, policy: str, seed: int, batch: int) -> None:
+    for field, value, allowed, expected in (
+        ("--episodes", episodes, episodes >= 1, "at least 1"),
+        ("--steps", steps, 1 <= steps <= MAX_ACTIONS, f"between 1 and {MAX_ACTIONS}"),
+        ("--policy", policy, policy in POLICIES, f"one of {', '.join(POLICIES)}"),
+        ("--batch", batch, 1 <= batch <= MAX_BATCH, f"between 1 and {MAX_BATCH}"),
+    ):
+        if not allowed:
+            raise RequestError(f"{field}: {value!r} is not allowed: it must be {expected}")
+    require_seed(seed)
