@@ -169,11 +169,13 @@ class StubSensor(nnx.Module):
         )
 
 
-def test_each_method_learns_what_it_may_and_no_more():
+@pytest.mark.parametrize("hard", [True, False])
+def test_each_method_learns_what_it_may_and_no_more(hard):
     """Rows: neither, position alone, both; then the same with a success, which changes nothing.
 
     By hand: Σ = R = 1 cm² each, so the mean moves half of 6 mm and Σ halves; the peg is a cross, so ξ is
-    multiplied by (1 - α, 1, 1), and by H(match | c) = (0.8, 0.3, 0.4) where the trace may be used.
+    multiplied by (1 - α, 1, 1), and where the trace may be used by H(match | c) = (0.8, 0.3, 0.4), or by the
+    mean of that and of H(mismatch | c) under the sensor's own 1 / (1 + e).
     """
     n = 6
     trials = assembly.draw_trials(CONFIG, 0, n)
@@ -181,13 +183,17 @@ def test_each_method_learns_what_it_may_and_no_more():
     done = FakeEngine().run(dataclasses.replace(_attempts(trials), peg_type=np.zeros(n, int)), 2)
     done = dataclasses.replace(done, inserted=np.arange(n) >= 3, valid=np.ones(n, bool))
     position, kind = np.array([0, 1, 1] * 2, bool), np.array([0, 0, 1] * 2, bool)
-    learn = learning.learner(CONFIG, StubSensor())  # pyright: ignore[reportArgumentType]
+    config = dataclasses.replace(CONFIG, task=dataclasses.replace(CONFIG.task, hard_match=hard))
+    learn = learning.learner(config, StubSensor())  # pyright: ignore[reportArgumentType]
     after = learn(before, done, jax.random.split(jax.random.key(0), n), position, kind)
     moved = np.asarray(after.pos_mean_world - before.pos_mean_world)
     assert moved == pytest.approx(np.array([[0, 0], [0.003, 0], [0.003, 0], *[[0, 0]] * 3]), abs=1e-6)
     assert np.asarray(after.pos_cov)[:, 0, 0] == pytest.approx([1e-4, 5e-5, 5e-5, 1e-4, 1e-4, 1e-4], rel=1e-4)
     a = CONFIG.task.success_probability[0]
-    failure, felt = np.array([1 - a, 1, 1]), np.array([(1 - a) * 0.8, 0.3, 0.4])
+    miss = 0.0 if hard else 1 / (1 + np.e)
+    likelihood = (1 - miss) * np.array([0.8, 0.3, 0.4]) + miss * np.array([0.2, 0.7, 0.6])
+    failure = np.array([1 - a, 1, 1])
+    felt = failure * likelihood
     want = [failure / failure.sum(), failure / failure.sum(), felt / felt.sum(), *[np.ones(3) / 3] * 3]
     assert np.exp(after.type_logp) == pytest.approx(np.array(want), abs=1e-5)
 
