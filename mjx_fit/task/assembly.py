@@ -71,6 +71,8 @@ def run(
 ) -> list[dict]:
     """Runs every method on every trial to the end.
 
+    An attempt whose simulation broke counts as a failed one from which nothing was learned.
+
     Args:
         config: Task, detector and physics.
         methods: What to compare.
