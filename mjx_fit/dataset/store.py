@@ -209,14 +209,19 @@ def _require_same(folder: Path, there: dict[str, Any], here: dict[str, Any]) -> 
 
 
 def _write_shard(path: Path, episodes: np.ndarray, interactions: Interaction) -> None:
-    # libver and track_times keep clock and library chatter out: equal data gives equal bytes.
+    # Equal data gives equal bytes: no time stamps, and gzip, since lzf's output depends on what lay in memory.
     with h5py.File(path, "w", libver="latest") as file:
         file.attrs["format"] = FORMAT
         file.attrs["shapes"] = list(NAMES)
         file.create_dataset("episode", data=episodes.astype(np.int64), track_times=False)
         for name, (unit, frame, meaning) in FIELDS.items():
             dataset = file.create_dataset(
-                name, data=_field(interactions, name), compression="lzf", shuffle=True, track_times=False
+                name,
+                data=_field(interactions, name),
+                compression="gzip",
+                compression_opts=1,
+                shuffle=True,
+                track_times=False,
             )
             dataset.attrs.update(unit=unit, frame=frame, meaning=meaning)
 
