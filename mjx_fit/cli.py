@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import os
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -33,12 +34,21 @@ def main(argv: Sequence[str] | None = None) -> int:
         args.command(args)
     except RequestError as error:
         return _refuse(str(error), 2)
-    except (NotADirectoryError, FileExistsError, IsADirectoryError, PermissionError) as error:
+    except (
+        FileNotFoundError,
+        NotADirectoryError,
+        FileExistsError,
+        IsADirectoryError,
+        PermissionError,
+    ) as error:
         return _refuse(f"{error.filename} cannot be used: {error.strerror}", 2)
     except (WorkError, OSError) as error:
         return _refuse(str(error), 1)
     except KeyboardInterrupt:
-        return _refuse("stopped; collect, train and demo go on when the same command is given again", 1)
+        _refuse("stopped; collect, train and demo go on when the same command is given again", 1)
+        # At once: XLA may still be compiling in a thread of its own, and an orderly exit would crash in it.
+        sys.stderr.flush()
+        os._exit(1)
     return 0
 
 
@@ -59,6 +69,7 @@ def _collect(args: argparse.Namespace) -> None:
     collect(
         _config(args), args.out, args.episodes, args.steps, args.policy, args.engine, args.seed, args.batch
     )
+    print(f"{args.out}: complete")
 
 
 def _data_info(args: argparse.Namespace) -> None:
@@ -77,6 +88,7 @@ def _train(args: argparse.Namespace) -> None:
             raise RequestError(f"--epochs: {args.epochs} is not allowed: it must be at least 1")
         config = replace(config, train=replace(config.train, epochs=args.epochs))
     train(load(args.data), config, args.out, args.seed)
+    print(f"{args.out}: trained for {config.train.epochs} epochs")
 
 
 def _evaluate_attempt(args: argparse.Namespace) -> None:
@@ -205,9 +217,13 @@ def _evaluations(evaluate: argparse.ArgumentParser) -> None:
         metavar="A,B",
         help="default: %(default)s",
     )
+    trials = {
+        attempt: "matched attempts for each shape, and mismatched ones in all (default 100)",
+        assembly: "assemblies under each method (default 100)",
+    }
     for command in (attempt, assembly):
         command.add_argument("--out", type=Path, required=True, metavar="FILE.json")
-        command.add_argument("--trials", type=int, default=100, metavar="N")
+        command.add_argument("--trials", type=int, default=100, metavar="N", help=trials[command])
         _simulating(command)
         _configurable(command)
 

@@ -8,6 +8,7 @@ from rich.console import Console
 from mjx_fit.config import Config
 from mjx_fit.dataset import store
 from mjx_fit.dataset.collect import collect
+from mjx_fit.errors import RequestError
 from mjx_fit.evaluation import experiments
 from mjx_fit.report.build import build
 from mjx_fit.report.run_figures import read_metrics
@@ -39,8 +40,12 @@ def demo(config: Config, out: Path, size: Size) -> None:
     """Runs every stage into ``out``; a stage that is done is not done again.
 
     Raises:
-        RequestError: The folder holds the demo of another configuration.
+        RequestError: The folder holds the demo of another configuration, or other files.
     """
+    parts = {"data", "train", "attempt.json", "assembly.json", "figures", "index.html"}
+    foreign = sorted({path.name for path in out.iterdir()} - parts) if out.is_dir() else []
+    if foreign:
+        raise RequestError(f"--out: {out} is not allowed: it holds other files ({foreign[0]})")
     console = Console(highlight=False)
     data, run = out / "data", out / "train"
 

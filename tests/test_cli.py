@@ -138,6 +138,15 @@ def test_report_of_what_is_not_there(refused, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+def test_report_and_demo_leave_foreign_folders_alone(refused, data, tmp_path):
+    (tmp_path / "thesis.txt").write_text("precious")
+    assert "holds other files (thesis.txt)" in refused("report", data, "--out", tmp_path)
+    assert "holds other files (thesis.txt)" in refused("demo", "--out", tmp_path)
+    (tmp_path / "index.html").write_text("<html>mine</html>")
+    assert "index.html of something else" in refused("report", data, "--out", tmp_path)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["index.html", "thesis.txt"]
+
+
 def test_data_info_tells_what_was_asked_for(data, capsys):
     assert cli.main(["data", "info", str(data), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
@@ -185,7 +194,7 @@ def test_attempt_from_command_to_file(tmp_path, capsys, refused):
     assert (tmp_path / "again" / "attempt.json").read_bytes() == content
 
 
-def test_data_to_training_to_assembly_to_report(data, tmp_path, capsys):
+def test_data_to_training_to_assembly_to_report(data, tmp_path, capsys, refused):
     """The whole chain on real physics, as small as it gets."""
     run, out = tmp_path / "run", tmp_path / "assembly.json"
     small = {"sensor": {"width": 8, "layers": 1, "feedforward": 8, "conv_channels": [4, 4, 4, 4, 4]}}
@@ -210,6 +219,9 @@ def test_data_to_training_to_assembly_to_report(data, tmp_path, capsys):
     assert result.config["sensor"]["width"] == 8
     assert result.request["differs_from_training"] == []
     assert all(len(trial["attempts"]) == 2 and max(trial["attempts"]) <= 2 for trial in result.trials)
+    capsys.readouterr()
+    other = ["--out", tmp_path / "other.json", *settings[2:], "--set", "sensor.width=16"]
+    assert "sensor.width is 8 there and 16 here" in refused(*command, *other)
     assert cli.main(["report", str(out), str(run), str(data), "--out", str(tmp_path / "page")]) == 0
     page = (tmp_path / "page" / "index.html").read_text()
     assert page.count("<svg") >= 3

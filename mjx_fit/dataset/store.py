@@ -209,7 +209,7 @@ def _require_same(folder: Path, there: dict[str, Any], here: dict[str, Any]) -> 
 
 
 def _write_shard(path: Path, episodes: np.ndarray, interactions: Interaction) -> None:
-    # Equal data gives equal bytes: no time stamps, and gzip, since lzf's output depends on what lay in memory.
+    # Equal data gives equal bytes: no time stamps; gzip, since lzf's output depends on what lay in memory.
     with h5py.File(path, "w", libver="latest") as file:
         file.attrs["format"] = FORMAT
         file.attrs["shapes"] = list(NAMES)

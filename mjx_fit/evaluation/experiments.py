@@ -98,7 +98,7 @@ def assembly(
     sensor, differs = None, []
     if reading and run is not None:
         sensor, trained = checkpoint.load_sensor(run)
-        config = replace(config, sensor=trained.sensor, train=trained.train)
+        config = _with_network_of(trained, config)
         differs = config_.differences(trained, config)
     request = {
         "methods": [method.name for method in picked],
@@ -116,6 +116,18 @@ def assembly(
     with Progress("assembly pegs", len(picked) * trials * config.task.n_holes) as progress:
         rows = assembly_.run(config, picked, drawn, seed, simulator, learn, progress)
     return _write(out, "assembly", config, seed, request, engine, results.summarise_assembly(rows), rows)
+
+
+def _with_network_of(trained: Config, config: Config) -> Config:
+    """The configuration with the sensor and training of a run, which may not be asked to be others."""
+    for section in ("sensor", "train"):
+        asked, there = getattr(config, section), getattr(trained, section)
+        if asked not in (there, getattr(Config(), section)):
+            word = next(
+                word for word in config_.differences(trained, config) if word.startswith(f"{section}.")
+            )
+            raise RequestError(f"config: {word}: it is a property of the --run and cannot be changed")
+    return replace(config, sensor=trained.sensor, train=trained.train)
 
 
 def _attempt_pairs(trials: int) -> tuple[Int[np.ndarray, "n"], Int[np.ndarray, "n"]]:

@@ -9,7 +9,7 @@ from mjx_fit import files
 from mjx_fit.errors import RequestError
 from mjx_fit.evaluation import results
 from mjx_fit.report import sections
-from mjx_fit.report.page import page
+from mjx_fit.report.page import GENERATOR, page
 from mjx_fit.report.sections import Section
 
 _Maker = Callable[[str], Section]
@@ -27,10 +27,12 @@ def build(inputs: list[Path], out: Path) -> Path:
         The page.
 
     Raises:
-        RequestError: An input does not exist, is damaged, or holds nothing to show. Nothing is written.
+        RequestError: An input does not exist, is damaged, or holds nothing to show; or the folder holds other
+            things than a report or the inputs. Nothing is written.
     """
     if out.exists() and not out.is_dir():
         raise RequestError(f"report: --out {out} is a file; it must be a folder")
+    _require_ours(inputs, out)
     found: dict[Path, tuple[str, _Maker]] = {}
     for path in inputs:
         if not path.exists():
@@ -47,6 +49,17 @@ def build(inputs: list[Path], out: Path) -> Path:
     index = out / "index.html"
     files.write_text(index, page(made))
     return index
+
+
+def _require_ours(inputs: list[Path], out: Path) -> None:
+    """A page may go to a new folder, over a page of ours, or beside the inputs in a folder that is one."""
+    index = out / "index.html"
+    if index.exists() and GENERATOR not in index.read_text(encoding="utf-8", errors="replace"):
+        raise RequestError(f"report: --out {out} is not allowed: it holds an index.html of something else")
+    beside = out.resolve() in [path.resolve() for path in inputs]
+    foreign = sorted(path.name for path in out.iterdir()) if out.is_dir() else []
+    if foreign and not index.exists() and not beside:
+        raise RequestError(f"report: --out {out} is not allowed: it holds other files ({foreign[0]})")
 
 
 def _find(path: Path, depth: int = 1) -> dict[Path, tuple[str, _Maker]]:

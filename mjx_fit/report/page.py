@@ -37,12 +37,17 @@ summary{cursor:pointer}
 """
 
 
+GENERATOR = '<meta name="generator" content="mjx_fit">'
+"""What tells a page of ours from one that must not be overwritten."""
+
+
 def page(sections: Sequence[Section]) -> str:
     """The whole report as HTML."""
     links = "".join(f'<li><a href="#{one.slug}">{escape(one.title)}</a></li>' for one in sections)
     body = "\n".join(_section(one) for one in sections)
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        f"{GENERATOR}\n"
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         f"<title>mjx_fit report</title>\n<style>{_CSS}</style>\n</head>\n<body>\n<main>\n"
         f"<h1>mjx_fit report</h1>\n<nav><ul>{links}</ul></nav>\n{body}\n</main>\n</body>\n</html>\n"

@@ -113,7 +113,8 @@ def _assembly(result: Result) -> list[_Drawing]:
         ),
         (
             "interventions",
-            f"Share of all pegs that a human had to insert after {cap} attempts, with 95 % intervals.",
+            f"Share of all pegs that a human had to insert after {cap} attempts, with 95 % intervals by "
+            "bootstrap over trials; where it was none or every peg, Wilson's for that many trials, which is wide.",
             lambda: figures.intervention_rate(result.summary),
         ),
         (
@@ -131,7 +132,7 @@ def _attempt(result: Result) -> list[_Drawing]:
         (
             "success",
             f"Success of single attempts by pair, detector “{kind}”, with Wilson 95 % intervals; the paper's "
-            "rate is of matched pairs.",
+            "rate is of matched pairs, and its figures look like the detector “disc”.",
             lambda: figures.attempt_success(result.summary),
         )
     ]

@@ -110,7 +110,7 @@ class _Saver:
     def __init__(self, out: Path, every_s: float):
         self.out, self.best_nll, self.every_s = out, math.inf, every_s
         self.best: tuple[int, checkpoint.Arrays] | None = None
-        self.saved_at = time.monotonic()
+        self.saved_at = -math.inf  # the first epoch, which compiles, is worth keeping
 
     def after_epoch(self, epochs_done: int, state: TrainState, val_nll: float, *, final: bool) -> None:
         if val_nll < self.best_nll:
