@@ -114,7 +114,7 @@ def _assembly(result: Result) -> list[_Drawing]:
         (
             "interventions",
             f"Share of all pegs that a human had to insert after {cap} attempts, with 95 % intervals by "
-            "bootstrap over trials; where it was none or every peg, Wilson's for that many trials, which is wide.",
+            "bootstrap over trials; where it was none or every peg, Wilson's for that many trials: wide.",
             lambda: figures.intervention_rate(result.summary),
         ),
         (
