@@ -17,7 +17,7 @@ from jax.scipy.linalg import cho_factor, cho_solve
 from jaxtyping import Float
 
 from mjx_fit.config import ControlConfig
-from mjx_fit.kinematics import POSTURE, STRAIGHT_DOWN, jacobian, rotation_error
+from mjx_fit.kinematics import STRAIGHT_DOWN, jacobian, posture_towards, rotation_error
 from mjx_fit.types import Array, pytree
 
 TORQUE_LIMIT_NM = np.array([87, 87, 87, 87, 12, 12, 12], np.float32)
@@ -88,9 +88,8 @@ def torque(arm: ArmState, goal_pos_world: Float[Array, "3"], gains: ControlConfi
     task_acc = stiffness * error - 2 * jnp.sqrt(stiffness) * (jac @ arm.qvel)
 
     # The posture turns with the first joint, so that it never pulls the arm to the middle of the workspace.
-    bearing = jnp.arctan2(arm.tip_pos_world[1], arm.tip_pos_world[0])
-    posture = jnp.asarray(POSTURE).at[0].add(bearing).at[6].add(bearing)
-    posture_acc = gains.kp_posture * (posture - arm.qpos) - 2 * jnp.sqrt(gains.kp_posture) * arm.qvel
+    posture_error = posture_towards(arm.tip_pos_world) - arm.qpos
+    posture_acc = gains.kp_posture * posture_error - 2 * jnp.sqrt(gains.kp_posture) * arm.qvel
 
     mass = arm.mass_matrix + _DAMPING_MASS * jnp.eye(7)
     inverse_inertia = jac @ cho_solve(cho_factor(mass), jac.T) + _DAMPING_TASK * jnp.eye(6)

@@ -1,5 +1,6 @@
 """Files that are written whole or not at all."""
 
+import errno
 import hashlib
 import os
 from collections.abc import Callable
@@ -22,6 +23,17 @@ def replace_with(path: Path, write: Callable[[Path], object]) -> None:
     _sync(temporary)
     temporary.replace(path)
     _sync(path.parent)
+
+
+def require_writable(path: Path) -> None:
+    """Makes sure that a file can be written, and its folder with it.
+
+    Raises:
+        OSError: It cannot; the error names the path.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if not os.access(path.parent, os.W_OK):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
 
 
 def sha256(path: Path) -> str:

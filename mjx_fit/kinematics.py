@@ -89,14 +89,18 @@ def rotation_error(frame_world: Float[Array, "3 3"], goal_world: Float[Array, "3
     return 0.5 * jnp.cross(frame_world, goal_world, axisa=0, axisb=0, axisc=0).sum(1)
 
 
+def posture_towards(tip_pos_world: Float[Array, "3"]) -> Float[Array, "7"]:
+    """``POSTURE`` (rad), turned about the base towards a point, the peg's sides still along the axes."""
+    bearing = jnp.arctan2(tip_pos_world[1], tip_pos_world[0])
+    return jnp.asarray(POSTURE).at[0].add(bearing).at[6].add(bearing)
+
+
 def inverse(chain: Chain, tip_pos_world: Float[Array, "3"]) -> Float[Array, "7"]:
     """Joint angles (rad) that put the tip at a point, straight down, sides along the world's axes.
 
     Gauss-Newton with damped least squares from ``POSTURE``, turned towards the point. The damping shrinks no
     step near the solution, so the result is accurate to float32 over the workspace; tests bound it by 20 µm.
     """
-    bearing = jnp.arctan2(tip_pos_world[1], tip_pos_world[0])
-    start = jnp.asarray(POSTURE).at[0].add(bearing).at[6].add(bearing)
 
     def step(qpos, _):
         position, frame, jac = forward(chain, qpos)
@@ -104,7 +108,7 @@ def inverse(chain: Chain, tip_pos_world: Float[Array, "3"]) -> Float[Array, "7"]
         gain = jac @ jac.T + _DAMPING * jnp.eye(6)
         return qpos + jac.T @ jnp.linalg.solve(gain, error), None
 
-    return jax.lax.scan(step, start, length=_ITERATIONS)[0]
+    return jax.lax.scan(step, posture_towards(tip_pos_world), length=_ITERATIONS)[0]
 
 
 STRAIGHT_DOWN = np.diag([1.0, -1.0, -1.0]).astype(np.float32)

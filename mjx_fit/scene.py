@@ -114,7 +114,7 @@ def place_holes(rng: np.random.Generator, n_holes: int, config: SceneConfig) -> 
 def _arm_on_table(config: SceneConfig) -> mujoco.MjSpec:
     spec = mujoco.MjSpec.from_file(str(resources.folder("models") / "table.xml"))
     spec.body("peg").add_site(name="tip", pos=[0, 0, config.peg_length_m], group=4)
-    # MJX sizes its contact arrays by these two; it wants them first among the numerics.
+    # MJX sizes its contact arrays by this and looks for it among the numerics.
     spec.add_numeric(name="max_contact_points", data=[config.max_contacts])
     return spec
 

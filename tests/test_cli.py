@@ -76,6 +76,8 @@ def test_bad_seeds_and_places(refused, data, tmp_path):
         "evaluate", "attempt", "--out", tmp_path / "r", "--seed", -1
     )
     assert "Not a directory" in refused("collect", "--out", tmp_path / "file" / "sub", "--episodes", 1)
+    for command in (["evaluate", "attempt"], ["evaluate", "assembly", "--methods", "oracle"]):
+        assert "cannot be used" in refused(*command, "--out", "/proc/nowhere/x.json")
     crowded = ["--set", "scene.plate_half_width_m=0.2", "--methods", "oracle"]
     assert "task.n_holes" in refused("evaluate", "assembly", "--out", tmp_path / "r", *crowded)
     assert [path.name for path in tmp_path.iterdir()] == ["file"]

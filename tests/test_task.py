@@ -55,6 +55,7 @@ def test_trials_are_fair():
     fewer = assembly.draw_trials(CONFIG, 3, 5)
     assert np.array_equal(fewer.hole_type, trials.hole_type[:5])
     assert np.array_equal(fewer.hole_pos_world, trials.hole_pos_world[:5])
+    assert np.array_equal(fewer.estimate_world, trials.estimate_world[:5])
 
 
 class FakeEngine:

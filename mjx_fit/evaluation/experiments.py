@@ -10,7 +10,7 @@ from flax import nnx
 from jaxtyping import Float, Int
 
 from mjx_fit import config as config_
-from mjx_fit import provenance
+from mjx_fit import files, provenance
 from mjx_fit.config import Config
 from mjx_fit.dataset.collect import MISMATCHED, draw_places
 from mjx_fit.errors import RequestError
@@ -166,12 +166,14 @@ def _finished(
 ) -> Result | None:
     """The result, if this very request was finished before."""
     require_seed(seed)
+    engine = resolve(engine)
     if not out.exists():
+        files.require_writable(out)  # before minutes of work, not behind them
         return None
     if out.is_dir():
         raise RequestError(f"--out: {out} is not allowed: it is a folder; name a .json file")
     there = results.read(out)
-    here = (experiment, config_.to_tree(config), seed, request, resolve(engine))
+    here = (experiment, config_.to_tree(config), seed, request, engine)
     if (there.experiment, there.config, there.seed, there.request, there.engine) != here:
         raise RequestError(f"--out: {out} is not allowed: it holds another result; choose a new file")
     return there

@@ -33,9 +33,11 @@ class AssemblyTrial(TypedDict):
 
 
 class AttemptTrial(TypedDict):
-    """One attempt: ``pair`` is the shapes of peg and hole, ``length`` counts actions, ``error_m`` is the
-    distance of the detector's estimate from the hole, ``peak_force_n`` the largest contact force.
-    """  # noqa: D205
+    """One attempt.
+
+    ``pair`` is the shapes of peg and hole, ``length`` counts actions, ``error_m`` is the distance of the
+    detector's estimate from the hole, ``peak_force_n`` the largest tared force.
+    """
 
     trial: int
     pair: tuple[str, str]

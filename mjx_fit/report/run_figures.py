@@ -18,9 +18,9 @@ VIEW_CM = 6.0
 
 
 def read_metrics(path: Path) -> list[dict[str, Any]]:
-    """The epochs of a ``metrics.jsonl``, the last record of each, in order.
+    """The epochs of a ``metrics.jsonl`` in order; should one stand there twice, its last record.
 
-    A run that was killed may have left half a line at the end, and repeats epochs when it goes on.
+    A run that is at work, or was killed, may have left half a line at the end.
 
     Raises:
         RequestError: The file cannot be read, or holds no epoch.

@@ -12,7 +12,7 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, Key
 
 from mjx_fit.config import Config
 from mjx_fit.detector import detect
@@ -25,7 +25,7 @@ from mjx_fit.simulate.engine import Engine
 from mjx_fit.task import pomdp
 from mjx_fit.task.learning import Learn
 from mjx_fit.task.methods import Method
-from mjx_fit.types import Attempt, Belief
+from mjx_fit.types import Array, Attempt, Belief, Interaction
 
 _LOG_IMPOSSIBLE = -30.0
 """ln ξ of a type that is known to be wrong: small enough to mean never, and finite."""
@@ -88,8 +88,10 @@ def run(
     table = _Table(config, methods, trials, seed)
     while table.active.any():
         chosen = table.choose()
-        interactions = engine.run(table.attempts(chosen), config.task.attempt_actions, table.active)
-        table.learn(chosen, interactions, learn)
+        wiggle_keys, noise_keys = table.keys()
+        attempts = table.attempts(chosen, wiggle_keys)
+        interactions = engine.run(attempts, config.task.attempt_actions, table.active)
+        table.learn(chosen, interactions, noise_keys, learn)
         table.record(chosen, np.asarray(interactions.inserted))
         progress(int(table.pegs_done.sum()), f"{table.active.sum()} of {len(table.active)} assemblies open")
     return table.rows()
@@ -123,28 +125,35 @@ class _Table:
         """The hole that each row tries next."""
         return np.asarray(self._choose(self._beliefs.type_logp, self._peg(), self._filled, self._tries))
 
-    def attempts(self, chosen: Int[np.ndarray, "R"]) -> Attempt:
+    def keys(self) -> tuple[Key[Array, "R"], Key[Array, "R"]]:
+        """Sources of the wiggle and of the sensor noise of each row's next attempt."""
+        return self._keys(self._trial, self._peg_number(), self._attempt_number())
+
+    def attempts(self, chosen: Int[np.ndarray, "R"], wiggle_keys: Key[Array, "R"]) -> Attempt:
         """The attempts of a round."""
         rows = np.arange(len(chosen))
-        self._wiggle_keys, self._noise_keys = self._keys(
-            self._trial, self._peg_number(), self._attempt_number()
-        )
         return Attempt(
             peg_type=jnp.asarray(self._peg()),
             hole_type=jnp.asarray(self._world["hole_type"][rows, chosen]),
             hole_pos_world=jnp.asarray(self._world["hole_pos_world"][rows, chosen]),
             estimate_world=jnp.asarray(self._beliefs.pos_mean_world[rows, chosen]),
             policy=jnp.full(len(chosen), SPIRAL),
-            key=self._wiggle_keys,
+            key=wiggle_keys,
         )
 
-    def learn(self, chosen: Int[np.ndarray, "R"], interactions, learn: Learn) -> None:
+    def learn(
+        self,
+        chosen: Int[np.ndarray, "R"],
+        interactions: Interaction,
+        noise_keys: Key[Array, "R"],
+        learn: Learn,
+    ) -> None:
         """Updates the beliefs about the holes that were tried."""
         rows = np.arange(len(chosen))
         before = jax.tree.map(lambda leaf: leaf[rows, chosen], self._beliefs)
         position = np.repeat([method.learns_position for method in self._methods], self._n_trials)
         kind = np.repeat([method.learns_type for method in self._methods], self._n_trials)
-        after = learn(before, interactions, self._noise_keys, position, kind)
+        after = learn(before, interactions, noise_keys, position, kind)
         open_rows = rows[self.active]
         for leaf, new in zip(jax.tree.leaves(self._beliefs), jax.tree.leaves(after), strict=True):
             leaf[open_rows, chosen[open_rows]] = np.asarray(new)[open_rows]

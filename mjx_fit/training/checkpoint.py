@@ -25,8 +25,7 @@ Arrays = dict[str, np.ndarray]
 
 def to_arrays(tree) -> Arrays:
     """The leaves of a pytree by their paths, as NumPy arrays on the host."""
-    leaves = jax.tree_util.tree_leaves_with_path(tree)
-    return {jax.tree_util.keystr(path, simple=True, separator="."): np.asarray(leaf) for path, leaf in leaves}
+    return {name: np.asarray(leaf) for name, leaf in _named(tree).items()}
 
 
 def from_arrays(template, arrays: Arrays):
@@ -35,7 +34,7 @@ def from_arrays(template, arrays: Arrays):
     Raises:
         RequestError: The arrays do not fit the template.
     """
-    expected = {name: leaf.shape for name, leaf in _abstract(template).items()}
+    expected = {name: leaf.shape for name, leaf in _named(template).items()}
     found = {name: leaf.shape for name, leaf in arrays.items()}
     if expected != found:
         name = sorted(expected.items() ^ found.items())[0][0]
@@ -83,8 +82,9 @@ def load_sensor(run: Path) -> tuple[ContactSensor, Config]:
     return nnx.merge(graphdef, from_arrays(template, checkpoint[1])), config
 
 
-def _abstract(template) -> dict:
-    leaves = jax.tree_util.tree_leaves_with_path(template)
+def _named(tree) -> dict:
+    """The leaves, abstract or not, by their paths."""
+    leaves = jax.tree_util.tree_leaves_with_path(tree)
     return {jax.tree_util.keystr(path, simple=True, separator="."): leaf for path, leaf in leaves}
 
 
