@@ -16,13 +16,14 @@ from concurrent.futures import ProcessPoolExecutor
 import jax
 import jax.numpy as jnp
 import numpy as np
+from mujoco.batch import Batch
 from rich.console import Console
 from rich.table import Table
 
 from mjx_fit import provenance
 from mjx_fit.config import Config
 from mjx_fit.dataset.collect import draw_attempts
-from mjx_fit.simulate.mjx import MjxEngine
+from mjx_fit.simulate.engine import create
 from mjx_fit.simulate.native import NativeEngine
 from mjx_fit.types import SUBSTEPS, Attempt
 
@@ -52,7 +53,7 @@ def _measure(name: str, config: Config) -> dict:
     if name == "raw_batch":
         first_s, second_s, steps = _raw_batch(config, attempts, actions)
     else:
-        engine = MjxEngine(config) if name == "mjx" else NativeEngine(config, os.cpu_count() or 1)
+        engine = create(name, config)
         first_s, _ = _timed(lambda: engine.run(attempts, actions))
         second_s, interactions = _timed(lambda: engine.run(attempts, actions))
         # MJX computes worlds that are done as well, but only those at work count.
@@ -68,16 +69,22 @@ def _measure(name: str, config: Config) -> dict:
 
 
 def _raw_batch(config: Config, attempts: Attempt, actions: int) -> tuple[float, float, int]:
-    torques: list[np.ndarray] = []
-    engine = NativeEngine(config, os.cpu_count() or 1, on_torque=lambda torque: torques.append(torque.copy()))
+    n = len(attempts.peg_type)
+    torques = np.zeros((n, actions * SUBSTEPS, 7))
+    done = np.zeros(n, int)
+
+    def record(ids: np.ndarray, batch: Batch) -> None:
+        torques[ids, done[ids]] = batch.bind("ctrl")
+        done[ids] += 1
+
+    engine = NativeEngine(config, os.cpu_count() or 1, on_step=record)
     engine.run(attempts, actions)
-    control = np.stack(torques, 1).astype(np.float64)
 
     def replay():
-        batch = engine.worlds(attempts).batch
-        return _timed(lambda: batch.rollout(control.shape[1], control, record=("sensordata",)))[0]
+        batch = engine.batch_at_rest(attempts)
+        return _timed(lambda: batch.rollout(torques.shape[1], torques, record=("sensordata",)))[0]
 
-    return replay(), replay(), control.shape[0] * control.shape[1]
+    return replay(), replay(), n * torques.shape[1]
 
 
 def _timed(work):

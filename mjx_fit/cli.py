@@ -31,6 +31,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     try:
         args = _parser().parse_args(argv)
+        if args.computes:
+            from mjx_fit import runtime
+
+            runtime.configure()
         args.command(args)
     except RequestError as error:
         return _refuse(str(error), 2)
@@ -232,7 +236,7 @@ def _command(
     commands: argparse._SubParsersAction, name: str, run: Callable[[argparse.Namespace], None], text: str
 ) -> argparse.ArgumentParser:
     parser = commands.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".")
-    parser.set_defaults(command=run)
+    parser.set_defaults(command=run, computes=False)
     return parser
 
 
@@ -242,6 +246,7 @@ def _simulating(parser: argparse.ArgumentParser) -> None:
 
 
 def _configurable(parser: argparse.ArgumentParser) -> None:
+    parser.set_defaults(computes=True)
     parser.add_argument(
         "--config", type=Path, metavar="FILE", help="YAML with what differs from the defaults"
     )

@@ -45,7 +45,7 @@ class SceneConfig:
     hole_depth_m: Annotated[float, Field(ge=0.03, le=0.08)] = 0.035
     peg_length_m: Annotated[float, Field(ge=0.05, le=0.15)] = 0.07
     friction: Annotated[float, Field(ge=0, le=2)] = 0.3
-    contact_time_s: Annotated[float, Field(ge=0.004, le=0.05)] = 0.02
+    contact_time_s: Annotated[float, Field(ge=0.004, le=0.05)] = 0.01
     contact_width_m: Annotated[float, Field(gt=0, le=0.001)] = 0.00025
     max_contacts: Annotated[int, Field(ge=4, le=64)] = 8
 
@@ -280,6 +280,11 @@ def to_tree(config: Config) -> dict[str, Any]:
 def to_yaml(config: Config) -> str:
     """The whole configuration as YAML; ``load`` reads it back unchanged."""
     return yaml.safe_dump(to_tree(config), sort_keys=False)
+
+
+def from_yaml(text: str) -> Config:
+    """What ``to_yaml`` wrote."""
+    return from_tree(yaml.load(text, _Loader))
 
 
 def differences(one: Config, other: Config) -> list[str]:

@@ -13,9 +13,9 @@ which is the usual sum of Jᵀ Λ a and the posture torque M q̈₀ projected by
 
 import jax.numpy as jnp
 import numpy as np
-from jax.scipy.linalg import cho_factor, cho_solve
 from jaxtyping import Float
 
+from mjx_fit import spd
 from mjx_fit.config import ControlConfig
 from mjx_fit.kinematics import STRAIGHT_DOWN, jacobian, posture_towards, rotation_error
 from mjx_fit.types import Array, pytree
@@ -91,8 +91,9 @@ def torque(arm: ArmState, goal_pos_world: Float[Array, "3"], gains: ControlConfi
     posture_error = posture_towards(arm.tip_pos_world) - arm.qpos
     posture_acc = gains.kp_posture * posture_error - 2 * jnp.sqrt(gains.kp_posture) * arm.qvel
 
-    mass = arm.mass_matrix + _DAMPING_MASS * jnp.eye(7)
-    inverse_inertia = jac @ cho_solve(cho_factor(mass), jac.T) + _DAMPING_TASK * jnp.eye(6)
-    force = cho_solve(cho_factor(inverse_inertia), task_acc - jac @ posture_acc)
+    # With M = L Lᵀ, J M⁻¹ Jᵀ = (L⁻¹ Jᵀ)ᵀ (L⁻¹ Jᵀ): half a solve, and symmetric by construction.
+    whitened = spd.solve_lower(spd.factor(arm.mass_matrix + _DAMPING_MASS * jnp.eye(7)), jac.T)
+    inverse_inertia = (whitened[:, :, None] * whitened[:, None, :]).sum(0) + _DAMPING_TASK * jnp.eye(6)
+    force = spd.solve(spd.factor(inverse_inertia), task_acc - jac @ posture_acc)
     unlimited = jac.T @ force + arm.mass_matrix @ posture_acc + arm.bias
     return jnp.clip(unlimited, -TORQUE_LIMIT_NM, TORQUE_LIMIT_NM)

@@ -1,10 +1,15 @@
-"""How far long work is: a bar with the time left on a terminal, plain lines elsewhere. On stderr."""
+"""How far long work is: a bar with the time left on a terminal, plain lines elsewhere. On stderr.
+
+A watchdog ends the process when the work stands still.
+"""
 
 import time
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.progress import Progress as Bar
+
+from mjx_fit.watchdog import Watchdog
 
 SECONDS_BETWEEN_LINES = 5.0
 
@@ -20,6 +25,7 @@ class Progress:
 
     def __init__(self, name: str, total: int, done: int = 0):
         self._name, self._total, self._first = name, total, done
+        self._watchdog = Watchdog(name)
         self._started = time.monotonic()
         self._last_line = self._started - SECONDS_BETWEEN_LINES
         self._console = Console(stderr=True, highlight=False)
@@ -30,16 +36,19 @@ class Progress:
             self._task = self._bar.add_task("", total=total, completed=done)
 
     def __enter__(self) -> "Progress":
+        self._watchdog.__enter__()
         if self._bar is not None:
             self._bar.start()
         return self
 
     def __exit__(self, *error) -> None:
+        self._watchdog.__exit__(*error)
         if self._bar is not None:
             self._bar.stop()
 
     def __call__(self, done: int, text: str = "") -> None:
         """Shows that ``done`` of the total is done."""
+        self._watchdog.beat()
         if self._bar is not None:
             self._bar.update(self._task, completed=done, description=text)
             return

@@ -86,7 +86,9 @@ class Interaction:
         hole_pos_world: As in the request, m.
         estimate_world: As in the request, m: this interaction's own μ0.
         tare_sensor: Clean reading at rest in free space just before the attempt, N and N·m.
-        valid: False where the simulation turned non-finite; the rest of such a row means nothing.
+        end_qpos: Joint angles at the end, rad; where the simulation broke, before the action that broke it.
+        end_qvel: The same of the joint velocities, rad/s.
+        valid: False where the simulation turned non-finite, in the last action counted by ``length``.
     """
 
     trace: Trace
@@ -97,6 +99,8 @@ class Interaction:
     hole_pos_world: Float[Array, "*batch 2"]
     estimate_world: Float[Array, "*batch 2"]
     tare_sensor: Float[Array, "*batch 6"]
+    end_qpos: Float[Array, "*batch 7"]
+    end_qvel: Float[Array, "*batch 7"]
     valid: Bool[Array, "*batch"]
 
 

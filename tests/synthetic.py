@@ -45,6 +45,8 @@ def make_interactions(
         hole_pos_world=_device(hole_pos),
         estimate_world=_device(estimate),
         tare_sensor=_device(rng.normal(0, 1, (episodes, 6))),
+        end_qpos=_device(np.zeros((episodes, 7))),
+        end_qvel=_device(np.zeros((episodes, 7))),
         valid=_device(np.ones(episodes, bool)),
     )
 

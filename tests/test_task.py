@@ -81,7 +81,8 @@ class FakeEngine:
         )  # fmt: skip
         return Interaction(
             trace, active * 2, active & match & (error < 0.005), attempts.peg_type, attempts.hole_type,
-            attempts.hole_pos_world, attempts.estimate_world, zeros((n, 6)), np.ones(n, bool),
+            attempts.hole_pos_world, attempts.estimate_world, zeros((n, 6)), zeros((n, 7)), zeros((n, 7)),
+            np.ones(n, bool),
         )  # fmt: skip
 
 

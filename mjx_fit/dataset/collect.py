@@ -18,6 +18,7 @@ from mjx_fit.progress import Progress
 from mjx_fit.randomness import require_seed, root_key
 from mjx_fit.scene import HOLE_WORKSPACE_M
 from mjx_fit.shapes import SHAPES
+from mjx_fit.simulate.broken import report
 from mjx_fit.simulate.engine import create, even_batch, resolve
 from mjx_fit.types import Array, Attempt, Interaction
 
@@ -58,16 +59,17 @@ def collect(
     simulator = create(engine, config)
     root = root_key(seed, "collect")
     done = episodes - sum(min(batch, episodes - start) for start in missing)
-    inserted = 0
+    inserted = broken = 0
     with Progress("collect", episodes, done) as progress:
         for start in missing:
             ids = np.arange(start, start + batch)
             attempts = draw_attempts(root, jnp.asarray(ids), policy, config.detector)
             wanted = ids[ids < episodes]
             interactions = _first(len(wanted), simulator.run(attempts, steps, ids < episodes))
+            broken += report(interactions, attempts, wanted, steps, config, out / "broken")
             writer.write(_shard_name(start), wanted, interactions)
             done, inserted = done + len(wanted), inserted + int(interactions.inserted.sum())
-            progress(done, f"{inserted} inserted")
+            progress(done, f"{inserted} inserted" + (f", {broken} broken" if broken else ""))
     writer.finish()
 
 

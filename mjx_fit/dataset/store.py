@@ -43,6 +43,8 @@ FIELDS = {
     "hole_pos_world": ("m", "world", "true centre of the hole"),
     "estimate_world": ("m", "world", "estimate over which the interaction started"),
     "tare_sensor": ("N, N·m", "sensor", "clean reading at rest in free space before the interaction"),
+    "end_qpos": ("rad", "-", "joint angles at the end; where it broke, before the action that broke it"),
+    "end_qvel": ("rad/s", "-", "joint velocities at the same moment"),
     "valid": ("1", "-", "false where the simulation turned non-finite"),
 }
 """Unit, frame and meaning of each data set of a shard."""

@@ -20,6 +20,7 @@ from mjx_fit.policies import SPIRAL
 from mjx_fit.progress import Progress
 from mjx_fit.randomness import require_seed, root_key
 from mjx_fit.shapes import NAMES, SHAPES
+from mjx_fit.simulate.broken import Reporting, report
 from mjx_fit.simulate.engine import create, even_batch, resolve
 from mjx_fit.task import assembly as assembly_
 from mjx_fit.task.learning import learner
@@ -67,6 +68,7 @@ def attempt(config: Config, out: Path, trials: int, seed: int, engine: str) -> R
                 key=wiggle,
             )
             interactions = simulator.run(attempts, config.task.attempt_actions, ids < n)
+            report(interactions, attempts, ids, config.task.attempt_actions, config, _broken(out))
             rows += _attempt_rows(interactions, ids[ids < n])
             progress(len(rows), f"{sum(row['inserted'] for row in rows)} inserted")
     return _write(out, "attempt", config, seed, request, engine, results.summarise_attempt(rows), rows)
@@ -112,10 +114,16 @@ def assembly(
     if done is not None:
         return done
     drawn = assembly_.draw_trials(config, seed, trials)
-    simulator, learn = create(engine, config), learner(config, sensor)
+    simulator = Reporting(create(engine, config), config, _broken(out))
+    learn = learner(config, sensor)
     with Progress("assembly pegs", len(picked) * trials * config.task.n_holes) as progress:
         rows = assembly_.run(config, picked, drawn, seed, simulator, learn, progress)
     return _write(out, "assembly", config, seed, request, engine, results.summarise_assembly(rows), rows)
+
+
+def _broken(out: Path) -> Path:
+    """Where the broken worlds of a result file are kept."""
+    return out.with_suffix(".broken")
 
 
 def _with_network_of(trained: Config, config: Config) -> Config:

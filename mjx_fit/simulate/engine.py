@@ -34,7 +34,7 @@ class Engine(Protocol):
         Args:
             attempts: A batch (n,) of attempts. An engine compiles once for each n.
             actions: J, the most actions in one attempt: also the spiral's horizon.
-            active: Which of them to run; the others come back with length 0. None: all.
+            active: Which of them to run; of the others nothing comes back but zeros. None: all.
 
         Returns:
             A batch (n,) of interactions with J rows each, as NumPy arrays.
@@ -64,7 +64,7 @@ def create(name: str, config: Config) -> Engine:
     from mjx_fit.simulate.mjx import MjxEngine
     from mjx_fit.simulate.native import NativeEngine
 
-    return MjxEngine(config) if resolve(name) == "mjx" else NativeEngine(config, os.cpu_count() or 1)
+    return (MjxEngine if resolve(name) == "mjx" else NativeEngine)(config, os.cpu_count() or 1)
 
 
 def even_batch(n: int, at_most: int) -> int:

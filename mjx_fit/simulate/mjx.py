@@ -20,6 +20,7 @@ from mjx_fit.config import Config
 from mjx_fit.kinematics import chain_of
 from mjx_fit.scene import Scene, pair_index, simulation_scene
 from mjx_fit.simulate.engine import start_qpos
+from mjx_fit.simulate.threads import on_threads
 from mjx_fit.types import SUBSTEPS, Array, Attempt, Interaction, Trace
 
 
@@ -29,23 +30,58 @@ def compiler_options() -> dict[str, bool]:
 
 
 class MjxEngine:
-    """Runs attempts in MJX; see ``mjx_fit.simulate.engine.Engine``."""
+    """Runs attempts in MJX; see ``mjx_fit.simulate.engine.Engine``.
+
+    On a CPU, XLA runs this computation on one thread, so each host thread takes a part of the batch through
+    it. On an accelerator the batch is one computation.
+    """
 
     name = "mjx"
 
-    def __init__(self, config: Config):
+    def __init__(self, config: Config, threads: int):
+        """Compiles the scene.
+
+        Args:
+            config: The configuration.
+            threads: Host threads, where the device is the CPU.
+        """
         self.scene = simulation_scene(config.scene)
         self._models, self._axes = stacked_models(self.scene)
         self._chain = chain_of(self.scene.models[0])
         self._config = config
-        self._run = jax.jit(self._rollout, static_argnames="actions", compiler_options=compiler_options())
+        self._threads = threads if jax.default_backend() == "cpu" else 1
+        self._jitted = jax.jit(self._rollout, static_argnames="actions", compiler_options=compiler_options())
+        self._compiled: dict[tuple[int, int], jax.stages.Compiled] = {}
 
     def run(
         self, attempts: Attempt, actions: int, active: Bool[np.ndarray, "n"] | None = None
     ) -> Interaction:
         """See ``Engine.run``."""
-        active = np.ones(len(attempts.peg_type), bool) if active is None else active
-        return jax.tree.map(np.asarray, self._run(attempts, active, actions=actions))
+        n = len(attempts.peg_type)
+        active = np.ones(n, bool) if active is None else active
+        rows = -(-n // min(n, self._threads))
+        rollout = self._executable(attempts, rows, actions)
+        starts = range(0, n, rows)
+        done: dict[int, Interaction] = {}
+
+        def run_part(start: int) -> None:
+            ids = np.arange(start, start + rows)
+            part = jax.tree.map(lambda leaf: leaf[np.minimum(ids, n - 1)], attempts)
+            done[start] = jax.tree.map(np.asarray, rollout(part, active[np.minimum(ids, n - 1)] & (ids < n)))
+
+        on_threads(len(starts), run_part, starts)
+        return jax.tree.map(lambda *parts: np.concatenate(parts)[:n], *(done[start] for start in starts))
+
+    def _executable(self, attempts: Attempt, rows: int, actions: int) -> jax.stages.Compiled:
+        if (rows, actions) not in self._compiled:
+
+            def shape(leaf):
+                return jax.ShapeDtypeStruct((rows, *leaf.shape[1:]), leaf.dtype)
+
+            active = jax.ShapeDtypeStruct((rows,), bool)
+            lowered = self._jitted.lower(jax.tree.map(shape, attempts), active, actions=actions)
+            self._compiled[rows, actions] = lowered.compile()
+        return self._compiled[rows, actions]
 
     def _rollout(self, attempts: Attempt, active: Bool[Array, "n"], actions: int) -> Interaction:
         pair = pair_index(attempts.peg_type, attempts.hole_type)
@@ -78,13 +114,13 @@ def rollout_world(
         after, (wrench, touched) = hold(model, data, arm.tip_pos_world + action, config, scene)
         row = _trace_row(model, after, scene, wrench, touched.any(), action)
         inserted = row.tip_pos_world[2] <= scene.plate_top_m - config.task.insertion_depth_m
-        finite = jnp.all(jnp.isfinite(after.qpos))
-        # A world that is done, or broken, is frozen: the others of its batch go on.
+        finite = jnp.isfinite(after.qpos).all() & jnp.isfinite(after.qvel).all()
+        # A world that is done, or about to break, is frozen: the others of its batch go on.
         data = jax.tree.map(partial(jnp.where, running & finite), after, data)
         row = jax.tree.map(lambda leaf: jnp.where(running, leaf, jnp.zeros_like(leaf)), row)
         return (data, running & ~inserted & finite), (row, running, running & inserted, running & ~finite)
 
-    (data, _), (trace, ran, inserted, broke) = jax.lax.scan(act, (data, active), jnp.arange(actions))
+    (end, _), (trace, ran, inserted, broke) = jax.lax.scan(act, (data, active), jnp.arange(actions))
     return Interaction(
         trace=trace,
         length=ran.sum(),
@@ -93,7 +129,9 @@ def rollout_world(
         hole_type=attempt.hole_type,
         hole_pos_world=attempt.hole_pos_world,
         estimate_world=attempt.estimate_world,
-        tare_sensor=tare,
+        tare_sensor=jnp.where(active, tare, 0),
+        end_qpos=jnp.where(active, end.qpos, 0),
+        end_qvel=jnp.where(active, end.qvel, 0),
         valid=~broke.any(),
     )
 
@@ -163,6 +201,10 @@ def _trace_row(model, data, scene, wrench, touched, action) -> Trace:
     )
 
 
+_LINE_SEARCH = 8
+"""Steps of the solver's line search. MJX always makes all of them, and its own search halves the interval as
+well, so that 8 of them converge (see experiments/physics) where C's may need 50."""
+
 _GEOMETRY = ("geom_pos", "geom_size", "geom_rbound")
 """The model's fields in which the nine pairs differ."""
 
@@ -170,6 +212,7 @@ _GEOMETRY = ("geom_pos", "geom_size", "geom_rbound")
 def stacked_models(scene: Scene) -> tuple[mjx.Model, mjx.Model]:
     """The nine models as one, with a leading axis on the geometry, and the tree of vmap axes."""
     model = mjx.put_model(scene.models[0])
+    model = model.replace(opt=model.opt.replace(ls_iterations=_LINE_SEARCH))
     stacked = {
         name: jnp.asarray(np.stack([getattr(pair, name) for pair in scene.models]), jnp.float32)
         for name in _GEOMETRY

@@ -1,31 +1,32 @@
 """The native engine: MuJoCo's C engine on host threads, with the control and policies of the MJX engine.
 
-Control is one jitted function over all worlds; each substep sends it one array and takes one back, since on a
-CPU the cost of a dispatch grows with the number of its arguments.
+Each host thread takes a block of worlds through its attempts: few enough to stay in its cache, many enough
+that control, one jitted function over a block, is cheap for each. Its shape is always the same, whatever the
+batch and the machine, so that an attempt's trace does not depend on which others are run beside it.
 """
-
-# MuJoCo's extension module has no stubs.
-# pyright: reportAttributeAccessIssue=false
 
 from collections.abc import Callable
 from functools import partial
 
 import jax
-import mujoco
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from mujoco.batch import Batch
 
 from mjx_fit import control, policies
 from mjx_fit.config import Config
 from mjx_fit.kinematics import chain_of
-from mjx_fit.scene import pair_index, simulation_scene
+from mjx_fit.scene import simulation_scene
+from mjx_fit.simulate.block import Block, Layout, batch_at_rest
 from mjx_fit.simulate.engine import start_qpos
+from mjx_fit.simulate.threads import on_threads, parts_of
 from mjx_fit.types import SUBSTEPS, Array, Attempt, Interaction, Trace
 
-# Position- and velocity-dependent fields are current after each step; a persistent batch then continues from
-# them, so that they are computed once.
-_OBSERVED = mujoco.mjtStage.mjSTAGE_VEL
+BLOCK = 64
+"""Rows of the controller: most worlds in a block."""
+
+OnStep = Callable[[Int[np.ndarray, "m"], Batch], None]
 
 
 class NativeEngine:
@@ -33,19 +34,20 @@ class NativeEngine:
 
     name = "native"
 
-    def __init__(self, config: Config, threads: int, on_torque: Callable[[np.ndarray], None] | None = None):
+    def __init__(self, config: Config, threads: int, on_step: OnStep | None = None):
         """Compiles the scene.
 
         Args:
             config: The configuration.
             threads: Host threads that step the worlds.
-            on_torque: Told the torques (n, 7) of every step, N·m; the benchmark replays them.
+            on_step: Told, after every step of a block, which worlds it holds and their batch; from several
+                threads at once. For benchmarks and experiments.
         """
         self.scene = simulation_scene(config.scene)
         self._config = config
-        self._threads, self._on_torque = threads, on_torque
+        self._threads, self._on_step = threads, on_step
         model = self.scene.models[0]
-        self._layout = _Layout(model)
+        self._layout = Layout(model)
         self._start = jax.jit(partial(start_qpos, chain_of(model), scene=self.scene))
         self._torque = jax.jit(jax.vmap(self._torque_of))
         self._begin_action = jax.jit(jax.vmap(self._begin_action_of, (0, 0, None, None)), static_argnums=3)
@@ -55,45 +57,105 @@ class NativeEngine:
         self, attempts: Attempt, actions: int, active: Bool[np.ndarray, "n"] | None = None
     ) -> Interaction:
         """See ``Engine.run``."""
-        worlds = self.worlds(attempts)
-        trace = _empty_trace(len(attempts.peg_type), actions)
-        n = worlds.n
-        length = np.zeros(n, np.int32)
-        inserted, valid = np.zeros(n, bool), np.ones(n, bool)
-        asked = np.ones(n, bool) if active is None else active
+        done = _nothing_done(attempts, actions)
+        wanted = np.arange(len(done.length)) if active is None else np.flatnonzero(active)
+        parts = [wanted[part] for part in parts_of(len(wanted), self._threads, BLOCK)]
+
+        def run_part(ids: Int[np.ndarray, "m"]) -> None:
+            self._run_block(ids, _rows(attempts, ids), actions, done)
+
+        on_threads(self._threads, run_part, parts)
+        return done
+
+    def act(
+        self,
+        attempts: Attempt,
+        qpos: Float[np.ndarray, "m 7"],
+        qvel: Float[np.ndarray, "m 7"],
+        step: int,
+        actions: int,
+    ) -> Interaction:
+        """One action of a few attempts, up to ``BLOCK``, from any state: only its row is filled.
+
+        Args:
+            attempts: A batch (m,).
+            qpos: Joint angles, rad.
+            qvel: Joint velocities, rad/s.
+            step: Number j of the action.
+            actions: J.
+        """
+        done, ids = _nothing_done(attempts, actions), np.arange(len(qpos))
+        block = Block(self.scene, self._layout, attempts, qpos, BLOCK)
+        block.move(qpos, qvel)
+        self._act(block, ids, _rows(attempts, ids), ids, step, actions, done)
+        return done
+
+    def batch_at_rest(self, attempts: Attempt) -> Batch:
+        """All these attempts as one batch of C simulations on all threads, at rest where they start."""
+        ids = np.arange(len(attempts.peg_type))
+        parts = [ids[i : i + BLOCK] for i in range(0, len(ids), BLOCK)]
+        qpos = np.concatenate([self._start_of(_rows(attempts, part))[: len(part)] for part in parts])
+        return batch_at_rest(self.scene, attempts, qpos, self._threads)
+
+    def _run_block(self, ids: Int[np.ndarray, "m"], rows: Attempt, actions: int, done: Interaction) -> None:
+        """Runs the attempts with these ids and writes what comes of them into their rows of ``done``.
+
+        Args:
+            ids: Which attempts.
+            rows: They, padded to ``BLOCK`` rows.
+            actions: Most actions in one attempt.
+            done: Arrays over all attempts.
+        """
+        own = jax.tree.map(lambda leaf: leaf[: len(ids)], rows)
+        block = Block(self.scene, self._layout, own, self._start_of(rows)[: len(ids)], BLOCK)
+        done.tare_sensor[ids] = block.tare_sensor
         depth = self.scene.plate_top_m - self._config.task.insertion_depth_m
-
+        running = np.arange(len(ids))
         for step in range(actions):
-            running = np.flatnonzero(asked & valid & ~inserted)
+            before = block.qpos.copy(), block.qvel.copy()
+            self._act(block, ids, rows, running, step, actions, done)
+            finite = block.finite()
+            inserted = finite & (block.tip_pos_world[:, 2] <= depth)
+            done.length[ids[running]] = step + 1
+            done.valid[ids[running]] = finite[running]
+            done.inserted[ids[running]] = inserted[running]
+            done.end_qpos[ids[running]] = np.where(finite[:, None], block.qpos, before[0])[running]
+            done.end_qvel[ids[running]] = np.where(finite[:, None], block.qvel, before[1])[running]
+            running = running[(finite & ~inserted)[running]]
             if not len(running):
-                break
-            action, goal = self._begin_action(attempts, worlds.packed(), step, actions)
-            trace.action_world[running, step] = np.asarray(action)[running]
-            worlds.hold(goal, running, trace, step)
-            velocity, quaternion = (np.asarray(value)[running] for value in self._observe(worlds.packed()))
-            trace.tip_pos_world[running, step] = worlds.tip_pos[running]
-            trace.tip_quat_world[running, step] = quaternion
-            trace.tip_linvel_world[running, step] = velocity[:, :3]
-            trace.tip_angvel_world[running, step] = velocity[:, 3:]
-            length[running] = step + 1
-            valid[running] = np.isfinite(worlds.qpos[running]).all(1)
-            inserted[running] = valid[running] & (worlds.tip_pos[running, 2] <= depth)
+                return
 
-        return Interaction(
-            trace=trace,
-            length=length,
-            inserted=inserted,
-            peg_type=np.asarray(attempts.peg_type),
-            hole_type=np.asarray(attempts.hole_type),
-            hole_pos_world=np.asarray(attempts.hole_pos_world),
-            estimate_world=np.asarray(attempts.estimate_world),
-            tare_sensor=worlds.tare,
-            valid=valid,
+    def _act(
+        self,
+        block: Block,
+        ids: Int[np.ndarray, "m"],
+        rows: Attempt,
+        running: Int[np.ndarray, "r"],
+        step: int,
+        actions: int,
+        done: Interaction,
+    ) -> None:
+        """One action of the running attempts: pulls each tip to its goal, and records what happens."""
+        action, goal = self._begin_action(rows, block.packed(), step, actions)
+        for substep in range(SUBSTEPS):
+            block.step(np.asarray(self._torque(block.packed(), goal)), running, substep)
+            if self._on_step is not None:
+                self._on_step(ids, block.batch)
+        velocity, quaternion = self._observe(block.packed())
+        row = Trace(
+            wrench_sensor=block.wrench.swapaxes(0, 1),
+            tip_pos_world=block.tip_pos_world,
+            tip_quat_world=np.asarray(quaternion),
+            tip_linvel_world=np.asarray(velocity)[:, :3],
+            tip_angvel_world=np.asarray(velocity)[:, 3:],
+            contact=block.touched(),
+            action_world=np.asarray(action),
         )
+        for stored, now in zip(jax.tree.leaves(done.trace), jax.tree.leaves(row), strict=True):
+            stored[ids[running], step] = now[running]
 
-    def worlds(self, attempts: Attempt) -> "_Worlds":
-        """Simulations at rest at the start of these attempts."""
-        return _Worlds(self, attempts)
+    def _start_of(self, rows: Attempt) -> Float[np.ndarray, "rows 7"]:
+        return np.asarray(self._start(attempts=rows))
 
     def _torque_of(self, packed: Float[Array, "k"], goal_pos_world: Float[Array, "3"]) -> Float[Array, "7"]:
         return control.torque(self._layout.unpack(packed), goal_pos_world, self._config.control)
@@ -108,90 +170,23 @@ class NativeEngine:
         return control.tip_velocity(arm), control.tip_quaternion(arm)
 
 
-class _Layout:
-    """How the controller's inputs lie in one row of float32 numbers."""
+def _rows(attempts: Attempt, ids: Int[np.ndarray, "m"]) -> Attempt:
+    """The attempts with these ids, padded to ``BLOCK`` rows."""
+    padded = np.concatenate([ids, np.repeat(ids[-1:], BLOCK - len(ids))])
 
-    FIELDS = ("qpos", "qvel", "qfrc_bias", "M", "xanchor", "xaxis", "site_xpos", "site_xmat")
+    def take(leaf):
+        if jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key):
+            return jax.random.wrap_key_data(jnp.asarray(np.asarray(jax.random.key_data(leaf))[padded]))
+        return np.asarray(leaf)[padded]
 
-    def __init__(self, model: mujoco.MjModel):
-        self.tip = model.site("tip").id
-        sizes = {"M": model.nM, "xanchor": 21, "xaxis": 21, "site_xpos": 3, "site_xmat": 9}
-        ends = np.cumsum([sizes.get(name, model.nv) for name in self.FIELDS])
-        self.width = int(ends[-1])
-        self.slices = {
-            name: slice(int(end) - sizes.get(name, model.nv), int(end))
-            for name, end in zip(self.FIELDS, ends, strict=True)
-        }
-        # Dense index of MuJoCo's sparse lower triangle, mirrored.
-        rows = np.repeat(np.arange(model.nv), model.M_rownnz)
-        self.mass_index = np.zeros((model.nv, model.nv), int)
-        self.mass_index[rows, model.M_colind] = np.arange(model.nM)
-        self.mass_index[model.M_colind, rows] = np.arange(model.nM)
-
-    def unpack(self, packed: Float[Array, "k"]) -> control.ArmState:
-        part = {name: packed[where] for name, where in self.slices.items()}
-        return control.ArmState(
-            qpos=part["qpos"],
-            qvel=part["qvel"],
-            mass_matrix=part["M"][self.mass_index],
-            bias=part["qfrc_bias"],
-            tip_pos_world=part["site_xpos"],
-            tip_frame_world=part["site_xmat"].reshape(3, 3),
-            joint_anchor_world=part["xanchor"].reshape(7, 3),
-            joint_axis_world=part["xaxis"].reshape(7, 3),
-        )
+    return jax.tree.map(take, attempts)
 
 
-class _Worlds:
-    """A batch of simulations at the start of their attempts."""
-
-    def __init__(self, engine: NativeEngine, attempts: Attempt):
-        scene, layout = engine.scene, engine._layout
-        pair = np.asarray(pair_index(attempts.peg_type, attempts.hole_type))
-        self.n = len(pair)
-        self._engine = engine
-        self.batch = batch = Batch(scene.models[0], self.n, engine._threads, persistent=True)
-        batch.set_models([scene.models[i] for i in pair])
-        self.qpos, self._ctrl = batch.bind("qpos"), batch.bind("ctrl")
-        self._sensordata, self._contact_force = batch.bind("sensordata"), batch.bind("qfrc_constraint")
-        self.tip_pos = batch.bind("site_xpos")[:, layout.tip]
-        self._fields = []
-        for name, where in layout.slices.items():
-            field = batch.bind(name)
-            if name.startswith("site"):
-                field = field[:, layout.tip]
-            self._fields.append((where, field.reshape(self.n, -1)))
-        self._packed = np.empty((self.n, layout.width), np.float32)
-
-        self.qpos[:] = np.asarray(engine._start(attempts=attempts))
-        hole = np.asarray(attempts.hole_pos_world)
-        batch.bind("mocap_pos")[:, 0] = np.column_stack([hole, np.full(self.n, scene.plate_top_m)])
-        batch.forward(stage=_OBSERVED)
-        self._ctrl[:] = batch.bind("qfrc_bias")
-        batch.forward()
-        self.tare = self._sensordata.astype(np.float32)
-
-    def packed(self) -> np.ndarray:
-        """The controller's inputs of all worlds, (n, k), in a buffer that the next call overwrites."""
-        for where, field in self._fields:
-            self._packed[:, where] = field
-        return self._packed
-
-    def hold(self, goal_pos_world: Array, running: np.ndarray, trace: Trace, step: int) -> None:
-        """Pulls the tips of the running worlds to their goals for one action, and records what they feel."""
-        for substep in range(SUBSTEPS):
-            torque = np.asarray(self._engine._torque(self.packed(), goal_pos_world))
-            if self._engine._on_torque is not None:
-                self._engine._on_torque(torque)
-            self._ctrl[:] = torque
-            self.batch.step(running, stage=_OBSERVED)
-            trace.wrench_sensor[running, step, substep] = self._sensordata[running]
-            trace.contact[running, step] |= (self._contact_force[running] != 0).any(1)
-
-
-def _empty_trace(n: int, actions: int) -> Trace:
+def _nothing_done(attempts: Attempt, actions: int) -> Interaction:
+    """Interactions of length 0, as arrays to write into."""
+    n = len(attempts.peg_type)
     zeros = partial(np.zeros, dtype=np.float32)
-    return Trace(
+    trace = Trace(
         wrench_sensor=zeros((n, actions, SUBSTEPS, 6)),
         tip_pos_world=zeros((n, actions, 3)),
         tip_quat_world=zeros((n, actions, 4)),
@@ -199,4 +194,17 @@ def _empty_trace(n: int, actions: int) -> Trace:
         tip_angvel_world=zeros((n, actions, 3)),
         contact=np.zeros((n, actions), bool),
         action_world=zeros((n, actions, 3)),
+    )
+    return Interaction(
+        trace=trace,
+        length=np.zeros(n, np.int32),
+        inserted=np.zeros(n, bool),
+        peg_type=np.asarray(attempts.peg_type),
+        hole_type=np.asarray(attempts.hole_type),
+        hole_pos_world=np.asarray(attempts.hole_pos_world),
+        estimate_world=np.asarray(attempts.estimate_world),
+        tare_sensor=zeros((n, 6)),
+        end_qpos=zeros((n, 7)),
+        end_qvel=zeros((n, 7)),
+        valid=np.ones(n, bool),
     )

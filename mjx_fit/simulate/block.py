@@ -1,0 +1,141 @@
+"""A block of worlds in MuJoCo's C engine, and what the controller sees of them: a row of numbers for each."""
+
+# MuJoCo's extension module has no stubs.
+# pyright: reportAttributeAccessIssue=false
+
+import mujoco
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from mujoco.batch import Batch
+
+from mjx_fit import control
+from mjx_fit.scene import Scene, pair_index
+from mjx_fit.types import SUBSTEPS, Array, Attempt
+
+# Position- and velocity-dependent fields are current after each step; a persistent batch then continues from
+# them, so that they are computed once.
+_OBSERVED = mujoco.mjtStage.mjSTAGE_VEL
+
+
+class Layout:
+    """How the controller's inputs lie in one row of float32 numbers.
+
+    Attributes:
+        width: Numbers in a row.
+        slices: Where each field lies.
+    """
+
+    _FIELDS = ("qpos", "qvel", "qfrc_bias", "M", "xanchor", "xaxis", "site_xpos", "site_xmat")
+
+    def __init__(self, model: mujoco.MjModel):
+        self.tip = model.site("tip").id
+        sizes = {"M": model.nM, "xanchor": 21, "xaxis": 21, "site_xpos": 3, "site_xmat": 9}
+        ends = np.cumsum([sizes.get(name, model.nv) for name in self._FIELDS])
+        self.width = int(ends[-1])
+        self.slices = {
+            name: slice(int(end) - sizes.get(name, model.nv), int(end))
+            for name, end in zip(self._FIELDS, ends, strict=True)
+        }
+        # Dense index of MuJoCo's sparse lower triangle, mirrored.
+        rows = np.repeat(np.arange(model.nv), model.M_rownnz)
+        self._mass_index = np.zeros((model.nv, model.nv), int)
+        self._mass_index[rows, model.M_colind] = np.arange(model.nM)
+        self._mass_index[model.M_colind, rows] = np.arange(model.nM)
+
+    def unpack(self, packed: Float[Array, "k"]) -> control.ArmState:
+        """The arm's state from one row."""
+        part = {name: packed[where] for name, where in self.slices.items()}
+        return control.ArmState(
+            qpos=part["qpos"],
+            qvel=part["qvel"],
+            mass_matrix=part["M"][self._mass_index],
+            bias=part["qfrc_bias"],
+            tip_pos_world=part["site_xpos"],
+            tip_frame_world=part["site_xmat"].reshape(3, 3),
+            joint_anchor_world=part["xanchor"].reshape(7, 3),
+            joint_axis_world=part["xaxis"].reshape(7, 3),
+        )
+
+
+def batch_at_rest(scene: Scene, attempts: Attempt, qpos: Float[np.ndarray, "n 7"], threads: int) -> Batch:
+    """A persistent batch of C simulations at the start of these attempts, held at rest against gravity."""
+    pair = np.asarray(pair_index(attempts.peg_type, attempts.hole_type))
+    batch = Batch(scene.models[0], len(pair), threads, persistent=True)
+    batch.set_models([scene.models[i] for i in pair])
+    batch.bind("qpos")[:] = qpos
+    hole = np.asarray(attempts.hole_pos_world)
+    batch.bind("mocap_pos")[:, 0] = np.column_stack([hole, np.full(len(pair), scene.plate_top_m)])
+    batch.forward(stage=_OBSERVED)
+    batch.bind("ctrl")[:] = batch.bind("qfrc_bias")
+    return batch
+
+
+class Block:
+    """Simulations of a few attempts, stepped together by one host thread.
+
+    Attributes:
+        batch: The simulations.
+        tare_sensor: What their sensors read at rest (m, 6), N and N·m.
+        qpos: Live view of the joint angles (m, 7), rad.
+        qvel: Live view of the joint velocities (m, 7), rad/s.
+        tip_pos_world: Live view of the tips (m, 3), m.
+    """
+
+    def __init__(
+        self, scene: Scene, layout: Layout, attempts: Attempt, qpos: Float[np.ndarray, "m 7"], rows: int
+    ):
+        """Makes the simulations.
+
+        Args:
+            scene: Their scene.
+            layout: How they are shown to the controller.
+            attempts: What they are to do (m,).
+            qpos: Joint angles at which they start, rad.
+            rows: Rows that the controller is shown; those beyond m mean nothing.
+        """
+        self.batch = batch = batch_at_rest(scene, attempts, qpos, threads=1)
+        self.qpos, self.qvel, self._ctrl = (batch.bind(name) for name in ("qpos", "qvel", "ctrl"))
+        self._sensordata, self._contact_force = batch.bind("sensordata"), batch.bind("qfrc_constraint")
+        self.tip_pos_world = batch.bind("site_xpos")[:, layout.tip]
+        self._fields = []
+        for name, where in layout.slices.items():
+            field = batch.bind(name)
+            if name.startswith("site"):
+                field = field[:, layout.tip]
+            self._fields.append((where, field.reshape(len(qpos), -1)))
+        self._packed = np.zeros((rows, layout.width), np.float32)
+        self.wrench = np.empty((SUBSTEPS, len(qpos), 6), np.float32)
+        self._pushed, self._applied = np.empty((2, SUBSTEPS, *qpos.shape), np.float32)
+        batch.forward()
+        self.tare_sensor = self._sensordata.astype(np.float32)
+
+    def move(self, qpos: Float[np.ndarray, "m 7"], qvel: Float[np.ndarray, "m 7"]) -> None:
+        """Puts the simulations into another state."""
+        self.qpos[:], self.qvel[:] = qpos, qvel
+        self.batch.forward(stage=_OBSERVED)
+
+    def packed(self) -> Float[np.ndarray, "rows k"]:
+        """The controller's inputs, in a buffer that the next call overwrites."""
+        m = len(self.qpos)
+        for where, field in self._fields:
+            self._packed[:m, where] = field
+        return self._packed
+
+    def step(self, torque: Float[np.ndarray, "rows 7"], running: Int[np.ndarray, "r"], substep: int) -> None:
+        """One step of the running simulations under these torques (N·m); notes what they feel."""
+        self._ctrl[:] = self._applied[substep] = torque[: len(self._ctrl)]
+        self.batch.step(running, stage=_OBSERVED)
+        self.wrench[substep] = self._sensordata
+        self._pushed[substep] = self._contact_force
+
+    def finite(self) -> Bool[np.ndarray, "m"]:
+        """Whether the state is finite (m,), and so were all torques of the last action.
+
+        MuJoCo takes a torque that is not finite for zero: the arm would go limp and nobody would know.
+        """
+        state = np.concatenate([self.qpos, self.qvel], 1)
+        return np.logical_and(np.isfinite(state).all(1), np.isfinite(self._applied).all((0, 2)))
+
+    def touched(self) -> Bool[np.ndarray, "m"]:
+        """Whether a contact force acted (m,) at any step of the last action."""
+        return (self._pushed != 0).any((0, 2))

@@ -1,0 +1,107 @@
+"""Worlds whose simulation turned non-finite: reported by name, and kept for replay."""
+
+import sys
+from pathlib import Path
+
+import jax
+import numpy as np
+from jaxtyping import Bool, Int
+
+from mjx_fit import config as config_
+from mjx_fit import files
+from mjx_fit.config import Config
+from mjx_fit.simulate.engine import Engine
+from mjx_fit.simulate.native import NativeEngine
+from mjx_fit.types import Attempt, Interaction
+
+
+def report(
+    interactions: Interaction,
+    attempts: Attempt,
+    ids: Int[np.ndarray, "n"],
+    actions: int,
+    config: Config,
+    folder: Path,
+) -> int:
+    """Names the broken worlds of a batch on stderr and writes each into a file that ``replay`` reads.
+
+    Args:
+        interactions: What came of a batch (n,).
+        attempts: What it was asked, with n rows or more.
+        ids: Episode or trial ids of the batch.
+        actions: Most actions in one attempt.
+        config: The configuration.
+        folder: Where the files go, ``broken-<id>.npz``; made if it is needed.
+
+    Returns:
+        How many there are.
+    """
+    broken = np.flatnonzero(~interactions.valid)
+    for i in broken:
+        path = folder / f"broken-{ids[i]:08d}.npz"
+        arrays = {
+            "qpos": interactions.end_qpos[i],
+            "qvel": interactions.end_qvel[i],
+            "step": interactions.length[i] - 1,
+            "actions": actions,
+            "config": config_.to_yaml(config),
+            "key": jax.random.key_data(attempts.key[i]),
+            **{name: np.asarray(getattr(attempts, name))[i] for name in _PLAIN},
+        }
+        files.replace_with(path, lambda temporary, arrays=arrays: _save(temporary, arrays))
+        print(
+            f"mjx-fit: episode {ids[i]}: the simulation turned non-finite in action {arrays['step']}; "
+            f"it is left out, and its state before that action is in {path}",
+            file=sys.stderr,
+        )
+    return len(broken)
+
+
+def replay(path: Path) -> Interaction:
+    """Does the action that broke a world again, in the C engine, from the state before it.
+
+    Args:
+        path: A file that ``report`` wrote.
+
+    Returns:
+        A batch of one interaction with that action's row filled.
+    """
+    with np.load(path) as kept:
+        config = config_.from_yaml(str(kept["config"]))
+        key = jax.random.wrap_key_data(kept["key"][None])
+        attempt = Attempt(key=key, **{name: kept[name][None] for name in _PLAIN})
+        step, actions = int(kept["step"]), int(kept["actions"])
+        return NativeEngine(config, 1).act(attempt, kept["qpos"][None], kept["qvel"][None], step, actions)
+
+
+class Reporting:
+    """An engine that reports the broken worlds of all its batches, numbered one after the other.
+
+    Args:
+        engine: Runs the attempts.
+        config: Its configuration.
+        folder: Where the files go.
+    """
+
+    def __init__(self, engine: Engine, config: Config, folder: Path):
+        self.name = engine.name
+        self._engine, self._config, self._folder = engine, config, folder
+        self._seen = 0
+
+    def run(
+        self, attempts: Attempt, actions: int, active: Bool[np.ndarray, "n"] | None = None
+    ) -> Interaction:
+        """See ``Engine.run``."""
+        interactions = self._engine.run(attempts, actions, active)
+        ids = self._seen + np.arange(len(interactions.length))
+        report(interactions, attempts, ids, actions, self._config, self._folder)
+        self._seen += len(ids)
+        return interactions
+
+
+_PLAIN = ("peg_type", "hole_type", "hole_pos_world", "estimate_world", "policy")
+
+
+def _save(path: Path, arrays: dict) -> None:
+    with path.open("wb") as file:  # given a name, savez would add .npz to the temporary one
+        np.savez(file, **arrays)
