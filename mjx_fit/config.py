@@ -151,7 +151,7 @@ class TaskConfig:
     max_attempts: Count = 30
     attempt_actions: Annotated[int, Field(ge=1, le=400)] = 100
     insertion_depth_m: Annotated[float, Field(gt=0, le=0.025)] = 0.01
-    success_probability: tuple[Probability, Probability, Probability] = (0.151, 0.152, 0.152)
+    success_probability: tuple[Probability, Probability, Probability] = (0.151, 0.141, 0.147)
     hard_match: bool = False
 
 

@@ -20,8 +20,9 @@ from mjx_fit.scene import simulation_scene
 from mjx_fit.simulate import broken, engine
 from mjx_fit.simulate import mjx as mjx_engine
 from mjx_fit.simulate import native as native_engine
-from mjx_fit.simulate.mjx import MjxEngine, accelerate, compiler_options, models_of, observe, stacked_models
+from mjx_fit.simulate.mjx import MjxEngine, compiler_options
 from mjx_fit.simulate.native import NativeEngine
+from mjx_fit.simulate.stages import accelerate, models_of, observe, stacked_models
 from mjx_fit.types import Attempt
 
 CONFIG = Config()

@@ -3,23 +3,20 @@
 # MuJoCo's extension module has no stubs.
 # pyright: reportAttributeAccessIssue=false
 
-import io
-from contextlib import redirect_stdout
 from functools import partial
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int
-
-with redirect_stdout(io.StringIO()):  # it prints that Warp is missing, which would spoil --json
-    from mujoco import mjx
+from jaxtyping import Bool, Float
+from mujoco import mjx
 
 from mjx_fit import control, policies
 from mjx_fit.config import Config
 from mjx_fit.kinematics import chain_of
 from mjx_fit.scene import Scene, pair_index, simulation_scene
 from mjx_fit.simulate.engine import start_qpos
+from mjx_fit.simulate.stages import accelerate, models_of, observe, stacked_models
 from mjx_fit.simulate.threads import on_threads
 from mjx_fit.types import SUBSTEPS, Array, Attempt, Interaction, Trace
 
@@ -154,17 +151,6 @@ def hold(
     return jax.lax.scan(substep, data, length=SUBSTEPS)
 
 
-def observe(model: mjx.Model, data: mjx.Data) -> mjx.Data:
-    """The stages of ``mjx.forward`` that depend on position and velocity."""
-    return mjx.fwd_velocity(model, mjx.fwd_position(model, data))
-
-
-def accelerate(model: mjx.Model, data: mjx.Data) -> mjx.Data:
-    """The other stages of ``mjx.forward``, those that need the torques."""
-    data = mjx.fwd_acceleration(model, mjx.fwd_actuation(model, data))
-    return mjx.sensor_acc(model, mjx.solve(model, data))
-
-
 def arm_state(model: mjx.Model, data: mjx.Data, scene: Scene) -> control.ArmState:
     """What the controller needs, from data whose position and velocity stages are current."""
     tip = scene.models[0].site("tip").id
@@ -199,28 +185,3 @@ def _trace_row(model, data, scene, wrench, touched, action) -> Trace:
         contact=touched,
         action_world=action,
     )
-
-
-_LINE_SEARCH = 8
-"""Steps of the solver's line search. MJX always makes all of them, and its own search halves the interval as
-well, so that 8 of them converge (see experiments/physics) where C's may need 50."""
-
-_GEOMETRY = ("geom_pos", "geom_size", "geom_rbound")
-"""The model's fields in which the nine pairs differ."""
-
-
-def stacked_models(scene: Scene) -> tuple[mjx.Model, mjx.Model]:
-    """The nine models as one, with a leading axis on the geometry, and the tree of vmap axes."""
-    model = mjx.put_model(scene.models[0])
-    model = model.replace(opt=model.opt.replace(ls_iterations=_LINE_SEARCH))
-    stacked = {
-        name: jnp.asarray(np.stack([getattr(pair, name) for pair in scene.models]), jnp.float32)
-        for name in _GEOMETRY
-    }
-    axes = jax.tree.map(lambda _: None, model).replace(**dict.fromkeys(_GEOMETRY, 0))
-    return model.replace(**stacked), axes
-
-
-def models_of(stacked: mjx.Model, pair: Int[Array, "n"]) -> mjx.Model:
-    """The models of a batch of worlds: the geometry of each world's pair."""
-    return stacked.replace(**{name: getattr(stacked, name)[pair] for name in _GEOMETRY})

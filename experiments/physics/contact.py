@@ -1,0 +1,129 @@
+"""How deep do contacts penetrate, how hard do they hit, and does a peg ever enter another's hole?
+
+    python experiments/physics/contact.py
+
+Spiral attempts of all nine pairs in the C engine; at every step of 500 Hz the deepest contact is asked of
+MuJoCo itself. The controller's own push is the task-space force that its impedance commands, |Λ kp e|, with e
+from the tip to the goal: what it would press with, were the peg held where it is.
+"""
+
+# pyright: reportAttributeAccessIssue=false
+import jax
+import mujoco
+import numpy as np
+import shared
+from matplotlib.figure import Figure
+
+from mjx_fit.config import Config
+from mjx_fit.dataset.collect import MISMATCHED
+from mjx_fit.kinematics import jacobian
+from mjx_fit.report import style
+from mjx_fit.shapes import SHAPES
+from mjx_fit.simulate.native import NativeEngine
+from mjx_fit.types import SUBSTEPS
+
+MATCHED, OTHERS = 102, 600
+ALLOWED_SHARE = 0.1
+"""Penetration that is allowed, of the clearance."""
+ALLOWED_FACTOR = 2
+"""Largest force that is allowed, in multiples of the largest that the controller commands. A peg that lands
+or runs into an edge is stopped within a few milliseconds: an impact may exceed a push."""
+
+
+def main() -> None:
+    """Runs the attempts and counts."""
+    config = Config()
+    peg = np.concatenate([np.arange(MATCHED) % len(SHAPES), MISMATCHED[np.arange(OTHERS) % 6, 0]])
+    hole = np.concatenate([np.arange(MATCHED) % len(SHAPES), MISMATCHED[np.arange(OTHERS) % 6, 1]])
+    attempts = shared.spiral_attempts(config, "contact", peg, hole)
+    n, actions = len(peg), config.task.attempt_actions
+    depth = np.full((n, actions * SUBSTEPS), np.nan, np.float32)
+    iterations = np.zeros((n, actions * SUBSTEPS), np.int16)
+    step = np.zeros(n, int)
+
+    def look(ids: np.ndarray, batch) -> None:
+        data = mujoco.MjData(engine.scene.models[0])
+        for i, world in enumerate(ids):
+            batch.get_data(i, data)
+            if data.ncon:
+                depth[world, step[world]] = -data.contact.dist.min()
+            iterations[world, step[world]] = data.solver_niter[0]
+        step[ids] += 1
+
+    engine = NativeEngine(config, 2, on_step=look)
+    done = engine.run(attempts, actions)
+    felt = shared.force(done)
+    real = np.isfinite(felt)
+    depth[~real] = np.nan
+    depth[depth <= 0] = np.nan
+    pushed = commanded(config, engine, done)
+    peak = np.nanmax(felt, 1)
+    levels = (0.5, 0.9, 0.99, 0.999, 1)
+    deepest = shared.quantiles(depth, levels)
+    results = {
+        "attempts": n,
+        "contact_samples": int(np.isfinite(depth).sum()),
+        "clearance_m": config.scene.clearance_m,
+        "penetration_m": deepest,
+        "penetration_allowed_m": ALLOWED_SHARE * config.scene.clearance_m,
+        "force_n": shared.quantiles(felt, levels),
+        "peak_force_of_an_attempt_n": shared.quantiles(peak, (0.5, 0.9, 0.99, 1)),
+        "commanded_force_n": shared.quantiles(pushed, (0.5, 0.99, 1)),
+        "peak_over_largest_command": float(peak.max() / np.nanmax(pushed)),
+        "peak_over_command_in_the_same_attempt": shared.quantiles(peak / np.nanmax(pushed, 1), (0.5, 0.9, 1)),
+        "allowed_factor": ALLOWED_FACTOR,
+        "solver_iterations": shared.quantiles(iterations[real].astype(float), levels),
+        "mismatched_attempts": OTHERS,
+        "mismatched_inserted": int(done.inserted[MATCHED:].sum()),
+        "broken": int((~done.valid).sum()),
+        "holds": {
+            "penetration": deepest["q99.9"] < ALLOWED_SHARE * config.scene.clearance_m,
+            "force": bool(peak.max() < ALLOWED_FACTOR * np.nanmax(pushed)),
+            "no_mismatched_insertion": not done.inserted[MATCHED:].any(),
+        },
+    }
+    shared.save("contact", results)
+    shared.draw("contact", lambda: _figure(depth, peak, np.nanmax(pushed, 1), config))
+
+
+def commanded(config: Config, engine: NativeEngine, done) -> np.ndarray:
+    """|Λ kp e| at the start of each action (n, J), N, with Λ of the posture at the attempt's end."""
+    model = engine.scene.models[0]
+    data = mujoco.MjData(model)
+    forces = np.full(done.trace.contact.shape, np.nan)
+    for i, qpos in enumerate(done.end_qpos):
+        data.qpos[:] = qpos
+        mujoco.mj_fwdPosition(model, data)
+        mass = np.zeros((7, 7))
+        mujoco.mj_fullM(model, data, mass)
+        jac = np.asarray(jacobian(data.xanchor, data.xaxis, data.site("tip").xpos))
+        inertia = np.linalg.inv(jac @ np.linalg.solve(mass, jac.T))[:, :3]
+        goal = config.control.kp_position * done.trace.action_world[i, : done.length[i]]
+        forces[i, : done.length[i]] = np.linalg.norm((goal @ inertia.T)[:, :3], axis=1)
+    return forces
+
+
+def _figure(depth: np.ndarray, peak: np.ndarray, pushed: np.ndarray, config: Config) -> Figure:
+    figure = Figure(figsize=(9, 3.6))
+    left, right = figure.subplots(1, 2)
+    microns = np.sort(1e6 * depth[np.isfinite(depth)])
+    left.plot(microns, 1 - np.arange(len(microns)) / len(microns), color=style.MATCHED_COLOUR)
+    left.axvline(1e6 * ALLOWED_SHARE * config.scene.clearance_m, color=style.PAPER_COLOUR, linestyle="--")
+    left.axhline(1e-3, color=style.PAPER_COLOUR, linewidth=0.8, linestyle=":")
+    left.set(
+        xlabel="Penetration [µm]", ylabel="Share of contact samples beyond", yscale="log", xlim=(0, None)
+    )
+    left.text(1e6 * ALLOWED_SHARE * config.scene.clearance_m + 3, 0.3, "10 % of the\nclearance")
+    left.text(microns.max(), 1.15e-3, "0.1 %", ha="right")
+    bins = np.linspace(0, 1.05 * peak.max(), 40)
+    right.hist(peak, bins, color=style.MISMATCHED_COLOUR, alpha=0.8, label="measured peak of an attempt")
+    right.hist(pushed, bins, color=style.MATCHED_COLOUR, alpha=0.8, label="largest commanded force")
+    right.set(xlabel="Force [N]", ylabel="Attempts")
+    right.legend(loc="upper right")
+    return figure
+
+
+if __name__ == "__main__":
+    shared.begin()
+    jax.block_until_ready(jax.numpy.zeros(1))
+    main()

@@ -1,0 +1,260 @@
+"""Is MJX the same simulation as C MuJoCo? Step by step, and over whole attempts.
+
+    python experiments/physics/parity.py step
+    python experiments/physics/parity.py attempts
+
+``step``: one evaluation of the dynamics from the same states in both. Free states are random; states in contact
+are those of spiral and random attempts in the C engine, as they come. ``attempts``: the same 600 attempts in
+both engines. Contact is chaotic, so that paths part; what is compared is distributions, attempt by attempt.
+"""
+
+# pyright: reportAttributeAccessIssue=false
+import sys
+import time
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+import shared
+from matplotlib.figure import Figure
+from mujoco import mjx
+
+from mjx_fit.config import Config
+from mjx_fit.dataset.collect import MISMATCHED, draw_attempts
+from mjx_fit.evaluation.statistics import bootstrap_mean, bootstrap_means
+from mjx_fit.policies import POLICIES
+from mjx_fit.report import style
+from mjx_fit.scene import Scene, pair_index, simulation_scene
+from mjx_fit.shapes import SHAPES
+from mjx_fit.simulate.engine import create
+from mjx_fit.simulate.mjx import compiler_options
+from mjx_fit.simulate.native import NativeEngine
+from mjx_fit.simulate.stages import accelerate, models_of, observe, stacked_models
+
+FREE = 216
+ATTEMPTS = 600
+STEPS_BETWEEN = 170
+SUCCESS_MARGIN, FORCE_MARGIN = 0.06, 0.10
+
+
+def steps() -> None:
+    """Compares smooth dynamics, accelerations and readings from free states and from states in contact."""
+    config = Config()
+    scene = simulation_scene(config.scene)
+    free, touching = _free_states(scene), _contact_states(config)
+    results: dict = {"free_states": FREE, "contact_states": len(touching["pair"])}
+    for name, states in (("free", free), ("contact", touching)):
+        in_c, in_mjx = _in_c(scene, states), _in_mjx(scene, states)
+        results[name] = {
+            what: shared.quantiles(_relative(in_mjx[what], in_c[what]), (0.5, 0.75, 0.9, 1))
+            for what in ("qacc_smooth", "qacc")
+        }
+        results[name]["force_error_n"] = shared.quantiles(
+            np.linalg.norm((in_mjx["sensordata"] - in_c["sensordata"])[:, :3], axis=1), (0.5, 0.75, 0.9, 1)
+        )
+        results[name]["force_n"] = shared.quantiles(
+            np.linalg.norm(in_c["sensordata"][:, :3], axis=1), (0.5, 0.9)
+        )
+        if name == "contact":
+            same = in_mjx["points"] == in_c["points"]
+            results[name]["states_with_equal_contact_points"] = float(same.mean())
+            results[name]["qacc_where_they_are_equal"] = shared.quantiles(
+                _relative(in_mjx["qacc"], in_c["qacc"])[same], (0.5, 0.75, 0.9, 1)
+            )
+            results[name]["mean_contacts"] = {"c": in_c["slots"].mean(), "mjx": in_mjx["slots"].mean()}
+            results[name]["mean_distinct_contacts"] = {
+                "c": in_c["points"].mean(),
+                "mjx": in_mjx["points"].mean(),
+            }
+    smooth = max(results[name]["qacc_smooth"]["max"] for name in ("free", "contact"))
+    results["holds"] = {"smooth_within_1e-4": smooth < 1e-4}
+    shared.save("parity_step", results)
+
+
+def _free_states(scene: Scene) -> dict[str, np.ndarray]:
+    rng = np.random.default_rng(0)
+    low, high = scene.models[0].jnt_range.T
+    return {
+        "pair": np.arange(FREE) % 9,
+        "qpos": rng.uniform(0.9 * low, 0.9 * high, (FREE, 7)),
+        "qvel": rng.normal(0, 0.5, (FREE, 7)),
+        "qacc_warmstart": np.zeros((FREE, 7)),
+        "ctrl": rng.normal(0, 10, (FREE, 7)),
+        "mocap_pos": np.tile([0, 5, -5], (FREE, 1)),
+    }
+
+
+def _contact_states(config: Config) -> dict[str, np.ndarray]:
+    """States of attempts in which something touches, every so many steps."""
+    n = 90
+    attempts = draw_attempts(jax.random.key(3), jnp.arange(n), "mixed", config.detector)
+    pair = np.asarray(pair_index(attempts.peg_type, attempts.hole_type))
+    names = ("qpos", "qvel", "qacc_warmstart", "ctrl", "mocap_pos")
+    kept: dict[str, list] = {name: [] for name in ("pair", *names)}
+    step = np.zeros(n, int)
+
+    def look(ids: np.ndarray, batch) -> None:
+        step[ids] += 1
+        if step[ids[0]] % STEPS_BETWEEN == 0:
+            touching = np.flatnonzero((batch.bind("qfrc_constraint") != 0).any(1))
+            kept["pair"].append(pair[ids[touching]])
+            for name in names:
+                kept[name].append(batch.bind(name)[touching].reshape(len(touching), -1).copy())
+
+    NativeEngine(config, 1, on_step=look).run(attempts, 60)
+    return {name: np.concatenate(parts) for name, parts in kept.items()}
+
+
+def _in_c(scene: Scene, states: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    rows = []
+    for i, pair in enumerate(states["pair"]):
+        model = scene.models[pair]
+        data = mujoco.MjData(model)
+        for name in ("qpos", "qvel", "qacc_warmstart", "ctrl"):
+            getattr(data, name)[:] = states[name][i].astype(np.float32)
+        data.mocap_pos[0] = states["mocap_pos"][i].astype(np.float32)
+        mujoco.mj_forward(model, data)
+        points = data.contact.pos[data.contact.dist < 0]
+        rows.append((data.qacc_smooth, data.qacc, data.sensordata, _distinct(points), len(points)))
+    names = ("qacc_smooth", "qacc", "sensordata", "points", "slots")
+    return {name: np.array([np.array(row[k]) for row in rows]) for k, name in enumerate(names)}
+
+
+def _in_mjx(scene: Scene, states: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    stacked, axes = stacked_models(scene)
+
+    def one(model, qpos, qvel, qacc_warmstart, ctrl, mocap_pos):
+        data = mjx.make_data(model).replace(qpos=qpos, qvel=qvel, qacc_warmstart=qacc_warmstart)
+        data = accelerate(model, observe(model, data.replace(ctrl=ctrl, mocap_pos=mocap_pos[None])))
+        return data.qacc_smooth, data.qacc, data.sensordata, data._impl.contact.pos, data._impl.contact.dist
+
+    batched = jax.jit(
+        lambda models, *fields: jax.vmap(one, (axes, 0, 0, 0, 0, 0))(models, *fields),
+        compiler_options=compiler_options(),
+    )
+    fields = [np.asarray(value, np.float32) for name, value in states.items() if name != "pair"]
+    smooth, acc, sensor, pos, dist = map(np.asarray, batched(models_of(stacked, states["pair"]), *fields))
+    touching = [points[deep < 0] for points, deep in zip(pos, dist, strict=True)]
+    return {
+        "qacc_smooth": smooth,
+        "qacc": acc,
+        "sensordata": sensor,
+        "points": np.array([_distinct(points) for points in touching]),
+        "slots": np.array([len(points) for points in touching]),
+    }
+
+
+def _distinct(points: np.ndarray) -> int:
+    """Number of contact points that are further apart than a hundredth of a millimetre."""
+    return len(np.unique(np.round(points, 5), axis=0)) if len(points) else 0
+
+
+def _relative(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return np.linalg.norm(a - b, axis=1) / np.linalg.norm(b, axis=1)
+
+
+def attempts() -> None:
+    """Runs the same attempts in both engines and compares what comes of them."""
+    config = Config()
+    matched = np.arange(ATTEMPTS // 2) % len(SHAPES)
+    others = MISMATCHED[np.arange(ATTEMPTS // 2) % len(MISMATCHED)]
+    peg, hole = np.concatenate([matched, others[:, 0]]), np.concatenate([matched, others[:, 1]])
+    asked = shared.spiral_attempts(config, "parity", peg, hole)
+    measured, seconds = {}, {}
+    for name in ("native", "mjx"):
+        began = time.perf_counter()
+        measured[name] = _measure(create(name, config).run(asked, config.task.attempt_actions), config)
+        seconds[name] = time.perf_counter() - began
+    ids = np.arange(ATTEMPTS)
+    rows = {}
+    for what in measured["native"]:
+        c, x = measured["native"][what], measured["mjx"][what]
+        keep = peg == hole if what == "inserted" else np.ones(ATTEMPTS, bool)
+        difference = bootstrap_mean((x - c)[keep], ids[keep])
+        ratio = _ratio(x[keep], c[keep])
+        rows[what] = {
+            "native": c[keep].mean(),
+            "mjx": x[keep].mean(),
+            "difference": difference,
+            "ratio": ratio,
+        }
+    low, high = rows["inserted"]["difference"][1:]
+    results = {
+        "attempts_per_engine": ATTEMPTS,
+        "policy": POLICIES[0],
+        "seconds_with_compilation": seconds,
+        "rows": rows,
+        "holds": {
+            "success_within_6_points": bool(low > -SUCCESS_MARGIN and high < SUCCESS_MARGIN),
+            "mean_and_median_force_within_10_percent": all(
+                rows[what]["ratio"][1] > 1 - FORCE_MARGIN and rows[what]["ratio"][2] < 1 + FORCE_MARGIN
+                for what in ("mean_force_n", "median_force_n")
+            ),
+        },
+    }
+    shared.save("parity_attempts", results)
+    shared.draw("parity_attempts", lambda: _figure(measured, rows, peg == hole))
+
+
+def _measure(done, config: Config) -> dict[str, np.ndarray]:
+    assert done.valid.all()
+    felt = shared.force(done)
+    last = done.trace.tip_pos_world[np.arange(len(felt)), done.length - 1, 2]
+    return {
+        "inserted": done.inserted.astype(float),
+        "mean_force_n": np.nanmean(felt, 1),
+        "median_force_n": np.nanmedian(felt, 1),
+        "peak_force_n": np.nanmax(felt, 1),
+        "final_depth_mm": 1e3 * (simulation_scene(config.scene).plate_top_m - last),
+        "duration_s": 0.1 * done.length,
+    }
+
+
+def _ratio(x: np.ndarray, c: np.ndarray) -> tuple[float, float, float]:
+    """Ratio of the means, MJX to C, with a bootstrap interval that draws attempts."""
+    draws = np.random.default_rng(0).integers(len(x), size=(2000, len(x)))
+    low, high = np.quantile(x[draws].mean(1) / c[draws].mean(1), (0.025, 0.975))
+    return float(x.mean() / c.mean()), float(low), float(high)
+
+
+def _figure(measured: dict, rows: dict, matched: np.ndarray) -> Figure:
+    figure = Figure(figsize=(10, 5.6))
+    axes = figure.subplots(2, 3).ravel()
+    labels = {
+        "inserted": "Success of matched attempts",
+        "mean_force_n": "Mean force [N]",
+        "median_force_n": "Median force [N]",
+        "peak_force_n": "Peak force [N]",
+        "final_depth_mm": "Final depth of the tip [mm]",
+        "duration_s": "Duration [s]",
+    }
+    for ax, (what, label) in zip(axes, labels.items(), strict=True):
+        for x, (engine, colour) in enumerate(
+            (("native", style.MATCHED_COLOUR), ("mjx", style.MISMATCHED_COLOUR))
+        ):
+            values = measured[engine][what]
+            name = {"native": "C MuJoCo", "mjx": "MJX"}[engine]
+            if what == "inserted":
+                mean, low, high = bootstrap_means(values[matched, None], np.flatnonzero(matched))
+                ax.bar(x, mean[0], yerr=style.spread(mean, low, high), color=colour, width=0.6)
+                ax.set_xticks([0, 1], ["C MuJoCo", "MJX"])
+            else:
+                ordered = np.sort(values)
+                share = np.arange(1, len(ordered) + 1) / len(ordered)
+                ax.plot(ordered, share, color=colour, label=name, linestyle="-" if x == 0 else "--")
+        value, low, high = rows[what]["difference"] if what == "inserted" else rows[what]["ratio"]
+        word = "difference" if what == "inserted" else "ratio of means"
+        ax.set(xlabel=label, title=f"{word} {value:.3f} ({low:.3f} to {high:.3f})")
+        if what != "inserted":
+            ax.set_ylabel("Share of attempts")
+    axes[1].legend(loc="lower right")
+    return figure
+
+
+if __name__ == "__main__":
+    commands = {"step": steps, "attempts": attempts}
+    if len(sys.argv) != 2 or sys.argv[1] not in commands:
+        raise SystemExit(__doc__)
+    shared.begin()
+    commands[sys.argv[1]]()

@@ -1,0 +1,151 @@
+"""Does the wrist read what the controller commands, and does taring remove the weight everywhere?
+
+    python experiments/physics/statics.py
+
+A peg is pressed on the plate, off the hole, by a goal held a few millimetres below the surface (and, where
+friction holds it, to a side). At rest nothing depends on damping: the force that the controller commands is F = Λ kp e, computed here with NumPy from MuJoCo's mass matrix and Jacobian. The
+wrist, whose z axis points down, must read it, and its torque about the right axes.
+"""
+
+# pyright: reportAttributeAccessIssue=false
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+import shared
+
+from mjx_fit import control
+from mjx_fit.config import Config
+from mjx_fit.kinematics import STRAIGHT_DOWN, chain_of, inverse
+from mjx_fit.scene import HOLE_WORKSPACE_M, Scene, pair_index, simulation_scene
+
+N = 60
+SECONDS = 3.0
+OFFSET_M = 0.045
+"""From the hole's centre to where the peg is pressed: clear of every hole."""
+
+
+def main() -> None:
+    """Presses pegs of all shapes at random places."""
+    config = Config()
+    scene = simulation_scene(config.scene)
+    rng = np.random.default_rng(0)
+    torque = jax.jit(lambda arm, goal: control.torque(arm, goal, config.control))
+    chain = chain_of(scene.models[0])
+    rows = [_press(scene, config, chain, torque, rng, i) for i in range(N)]
+    pressed = {key: np.array([row[key] for row in rows]) for key in rows[0]}
+    force = np.linalg.norm(pressed["force_error"], axis=1) / np.linalg.norm(pressed["force"], axis=1)
+    push = np.abs(pressed["force_error"][:, 2] / pressed["force"][:, 2])
+    torque_error = np.linalg.norm(pressed["torque_error"], axis=1)
+    tare = _tare(scene, chain, rng)
+    results = {
+        "presses": N,
+        "push_n": shared.quantiles(pressed["force"][:, 2], (0, 0.5, 1)),
+        "relative_error_of_the_push": shared.quantiles(push, (0.5, 1)),
+        "relative_error_of_the_force_vector": shared.quantiles(force, (0.5, 1)),
+        "torque_nm": shared.quantiles(np.linalg.norm(pressed["torque"], axis=1), (0, 0.5, 1)),
+        "torque_error_nm": shared.quantiles(torque_error, (0.5, 1)),
+        "tared_reading_at_rest_n": float(tare[:, :3].max()),
+        "tared_reading_at_rest_nm": float(tare[:, 3:].max()),
+        "tared_postures": len(tare),
+        "holds": {
+            "push_within_2_percent": bool(push.max() < 0.02),
+            "torque_about_the_right_axis": bool(torque_error.max() < 0.05),
+            "tare_removes_weight": bool(tare[:, :3].max() < 0.01),
+        },
+    }
+    shared.save("statics", results)
+
+
+def _press(scene: Scene, config: Config, chain, torque, rng: np.random.Generator, i: int) -> dict:
+    """Presses one peg for some seconds and compares the last reading with the controller's force."""
+    model = scene.models[pair_index(i % 3, (i // 3) % 3)]
+    data = mujoco.MjData(model)
+    hole = rng.uniform(*np.array(HOLE_WORKSPACE_M).T)
+    angle = rng.uniform(0, 2 * np.pi)
+    start = np.append(hole + OFFSET_M * np.array([np.cos(angle), np.sin(angle)]), scene.plate_top_m + 1e-4)
+    push = rng.uniform(0.002, 0.005)
+    # A side force of at most half of what friction holds.
+    side = 0.5 * config.scene.friction * push * rng.uniform(-0.7, 0.7, 2)
+    goal = (start + np.append(side, -push)).astype(np.float32)
+    data.mocap_pos[0] = [*hole, scene.plate_top_m]
+    data.qpos[:] = inverse(chain, jnp.asarray(start, jnp.float32))
+    for _ in range(round(SECONDS / model.opt.timestep)):
+        mujoco.mj_step1(model, data)
+        data.ctrl[:] = torque(arm_state(model, data), goal)
+        mujoco.mj_step2(model, data)
+    mujoco.mj_forward(model, data)
+    expected = _expected(model, data, goal, config)
+    weight = -0.1 * 9.81  # of the peg behind the sensor, which points down: the arm holds it up
+    reading = data.sensordata - np.array([0, 0, weight, 0, 0, 0])
+    # Force of the arm on the peg, in the sensor's frame; the task-space force acts at the tip.
+    frame = data.site("wrist_sensor").xmat.reshape(3, 3)
+    force = frame.T @ expected[:3]
+    lever = frame.T @ (data.site("tip").xpos - data.site("wrist_sensor").xpos)
+    torque_there = frame.T @ expected[3:] + np.cross(lever, force)
+    return {
+        "force": force,
+        "force_error": reading[:3] - force,
+        "torque": torque_there,
+        "torque_error": reading[3:] - torque_there,
+    }
+
+
+def _expected(model, data, goal: np.ndarray, config: Config) -> np.ndarray:
+    """Λ kp e: what the controller commands at rest, force over torque, world frame."""
+    jac = np.zeros((6, 7))
+    mujoco.mj_jacSite(model, data, jac[:3], jac[3:], model.site("tip").id)
+    mass = np.zeros((7, 7))
+    mujoco.mj_fullM(model, data, mass)
+    frame = data.site("tip").xmat.reshape(3, 3)
+    turn = 0.5 * np.cross(frame, STRAIGHT_DOWN, axisa=0, axisb=0, axisc=0).sum(1)
+    error = np.concatenate([goal - data.site("tip").xpos, turn])
+    gains = np.repeat([config.control.kp_position, config.control.kp_orientation], 3)
+    inertia = np.linalg.inv(jac @ np.linalg.solve(mass, jac.T))
+    return inertia @ (gains * error)
+
+
+def arm_state(model, data) -> control.ArmState:
+    """The controller's inputs from one C simulation."""
+    mass = np.zeros((7, 7))
+    mujoco.mj_fullM(model, data, mass)
+    return control.ArmState(
+        qpos=data.qpos.astype(np.float32),
+        qvel=data.qvel.astype(np.float32),
+        mass_matrix=mass.astype(np.float32),
+        bias=data.qfrc_bias.astype(np.float32),
+        tip_pos_world=data.site("tip").xpos.astype(np.float32),
+        tip_frame_world=data.site("tip").xmat.reshape(3, 3).astype(np.float32),
+        joint_anchor_world=data.xanchor.astype(np.float32),
+        joint_axis_world=data.xaxis.astype(np.float32),
+    )
+
+
+def _tare(scene: Scene, chain, rng: np.random.Generator) -> np.ndarray:
+    """|tared reading| (n, 6) a second after the tare, held still in free space all over the workspace."""
+    config = Config()
+    torque = jax.jit(lambda arm, goal: control.torque(arm, goal, config.control))
+    model = scene.models[0]
+    rows = []
+    for x, y in np.stack(np.meshgrid(np.linspace(0.35, 0.65, 5), np.linspace(-0.3, 0.3, 5)), -1).reshape(
+        -1, 2
+    ):
+        place = np.array([x, y, scene.plate_top_m + rng.uniform(0.02, 0.1)], np.float32)
+        data = mujoco.MjData(model)
+        data.mocap_pos[0] = [0, 5, 0]
+        data.qpos[:] = inverse(chain, place)
+        mujoco.mj_forward(model, data)
+        data.ctrl[:] = data.qfrc_bias
+        mujoco.mj_forward(model, data)
+        tare = data.sensordata.copy()
+        for _ in range(500):
+            mujoco.mj_step1(model, data)
+            data.ctrl[:] = torque(arm_state(model, data), place)
+            mujoco.mj_step2(model, data)
+        rows.append(np.abs(data.sensordata - tare))
+    return np.array(rows)
+
+
+if __name__ == "__main__":
+    shared.begin()
+    main()

@@ -1,0 +1,71 @@
+"""The stages of a step in MJX, and the models of all pairs as one.
+
+``mjx.step`` computes positions and velocities at its start. The controller needs them before it, so the step
+is cut in two: ``observe`` ends one, ``accelerate`` begins the next.
+"""
+
+# MuJoCo's extension module has no stubs.
+# pyright: reportAttributeAccessIssue=false
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Int
+from mujoco import mjx
+
+from mjx_fit.scene import Scene
+from mjx_fit.types import Array
+
+
+def observe(model: mjx.Model, data: mjx.Data) -> mjx.Data:
+    """The stages of ``mjx.forward`` that depend on position and velocity, each contact point counted once."""
+    for stage in (mjx.kinematics, mjx.com_pos, mjx.crb, mjx.factor_m, mjx.collision):
+        data = stage(model, data)
+    data = mjx.make_constraint(model, _without_repeated_contacts(data))
+    return mjx.fwd_velocity(model, mjx.transmission(model, data))
+
+
+def _without_repeated_contacts(data: mjx.Data) -> mjx.Data:
+    """Moves contacts apart that stand in the same place between the same boxes as one before them.
+
+    MJX's box-box collision fills its four points by repeating them where there are fewer. Every contact is a
+    spring and damper of its own, so that a corner would push with the stiffness of four.
+    """
+    contact = data._impl.contact
+    near = jnp.abs(contact.pos[:, None] - contact.pos).max(-1) < _SAME_PLACE_M
+    same = near & (contact.geom[:, None] == contact.geom).all(-1)
+    repeated = jnp.tril(same, -1).any(1)
+    return data.tree_replace({"_impl.contact.dist": jnp.where(repeated, 1.0, contact.dist)})
+
+
+def accelerate(model: mjx.Model, data: mjx.Data) -> mjx.Data:
+    """The other stages of ``mjx.forward``, those that need the torques."""
+    data = mjx.fwd_acceleration(model, mjx.fwd_actuation(model, data))
+    return mjx.sensor_acc(model, mjx.solve(model, data))
+
+
+_SAME_PLACE_M = 1e-5
+
+_LINE_SEARCH = 8
+"""Steps of the solver's line search. MJX always makes all of them, and its own search halves the interval as
+well, so that 8 of them converge (see experiments/physics) where C's may need 50."""
+
+_GEOMETRY = ("geom_pos", "geom_size", "geom_rbound")
+"""The model's fields in which the nine pairs differ."""
+
+
+def stacked_models(scene: Scene) -> tuple[mjx.Model, mjx.Model]:
+    """The nine models as one, with a leading axis on the geometry, and the tree of vmap axes."""
+    model = mjx.put_model(scene.models[0])
+    model = model.replace(opt=model.opt.replace(ls_iterations=_LINE_SEARCH))
+    stacked = {
+        name: jnp.asarray(np.stack([getattr(pair, name) for pair in scene.models]), jnp.float32)
+        for name in _GEOMETRY
+    }
+    axes = jax.tree.map(lambda _: None, model).replace(**dict.fromkeys(_GEOMETRY, 0))
+    return model.replace(**stacked), axes
+
+
+def models_of(stacked: mjx.Model, pair: Int[Array, "n"]) -> mjx.Model:
+    """The models of a batch of worlds: the geometry of each world's pair."""
+    return stacked.replace(**{name: getattr(stacked, name)[pair] for name in _GEOMETRY})
