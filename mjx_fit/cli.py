@@ -120,7 +120,7 @@ def _report(args: argparse.Namespace) -> None:
 
 
 def _bench(args: argparse.Namespace) -> None:
-    from mjx_fit.bench import bench
+    from mjx_fit.bench.run import bench
 
     bench(_config(args), args.json)
 

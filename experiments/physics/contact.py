@@ -120,6 +120,8 @@ def _figure(depth: np.ndarray, peak: np.ndarray, pushed: np.ndarray, config: Con
     right.hist(pushed, bins, color=style.MATCHED_COLOUR, alpha=0.8, label="largest commanded force")
     right.set(xlabel="Force [N]", ylabel="Attempts")
     right.legend(loc="upper right")
+    right.set_ylim(0, 1.35 * right.get_ylim()[1])
+    left.yaxis.set_major_formatter(lambda share, _: f"{100 * share:g} %")
     return figure
 
 

@@ -3,9 +3,9 @@
     python experiments/physics/parity.py step
     python experiments/physics/parity.py attempts
 
-``step``: one evaluation of the dynamics from the same states in both. Free states are random; states in contact
-are those of spiral and random attempts in the C engine, as they come. ``attempts``: the same 600 attempts in
-both engines. Contact is chaotic, so that paths part; what is compared is distributions, attempt by attempt.
+``step``: one evaluation of the dynamics from the same states in both. Free states are random; states in
+contact are those of spiral and random attempts in the C engine, as they come. ``attempts``: the same 600
+attempts in both engines. Contact is chaotic, so that paths part; what is compared is distributions.
 """
 
 # pyright: reportAttributeAccessIssue=false
@@ -129,10 +129,7 @@ def _in_mjx(scene: Scene, states: dict[str, np.ndarray]) -> dict[str, np.ndarray
         data = accelerate(model, observe(model, data.replace(ctrl=ctrl, mocap_pos=mocap_pos[None])))
         return data.qacc_smooth, data.qacc, data.sensordata, data._impl.contact.pos, data._impl.contact.dist
 
-    batched = jax.jit(
-        lambda models, *fields: jax.vmap(one, (axes, 0, 0, 0, 0, 0))(models, *fields),
-        compiler_options=compiler_options(),
-    )
+    batched = jax.jit(jax.vmap(one, (axes, 0, 0, 0, 0, 0)), compiler_options=compiler_options())
     fields = [np.asarray(value, np.float32) for name, value in states.items() if name != "pair"]
     smooth, acc, sensor, pos, dist = map(np.asarray, batched(models_of(stacked, states["pair"]), *fields))
     touching = [points[deep < 0] for points, deep in zip(pos, dist, strict=True)]
@@ -171,7 +168,7 @@ def attempts() -> None:
     for what in measured["native"]:
         c, x = measured["native"][what], measured["mjx"][what]
         keep = peg == hole if what == "inserted" else np.ones(ATTEMPTS, bool)
-        difference = bootstrap_mean((x - c)[keep], ids[keep])
+        difference = bootstrap_mean((x - c)[keep], ids[keep].tolist())
         ratio = _ratio(x[keep], c[keep])
         rows[what] = {
             "native": c[keep].mean(),

@@ -3,8 +3,9 @@
     python experiments/physics/statics.py
 
 A peg is pressed on the plate, off the hole, by a goal held a few millimetres below the surface (and, where
-friction holds it, to a side). At rest nothing depends on damping: the force that the controller commands is F = Λ kp e, computed here with NumPy from MuJoCo's mass matrix and Jacobian. The
-wrist, whose z axis points down, must read it, and its torque about the right axes.
+friction holds it, to a side). At rest nothing depends on damping: the force that the controller commands is
+F = Λ kp e, computed here with NumPy from MuJoCo's mass matrix and Jacobian. The wrist, whose z axis points
+down, must read it, and its torque about the right axes.
 """
 
 # pyright: reportAttributeAccessIssue=false

@@ -68,7 +68,7 @@ def main() -> None:
 
 
 def follow(config: Config, start: np.ndarray, goal: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Tips (T, n, 3), their frames (T, n, 3, 3) and torques (T, n, 7) after the goal jumps away from the tip."""
+    """Tips (T, n, 3), their frames (T, n, 3, 3) and torques (T, n, 7) after the goal jumps away."""
     scene = simulation_scene(config.scene)
     layout, n = Layout(scene.models[0]), len(start)
     far = np.tile(np.array([0, 5], np.float32), (n, 1))  # the hole box is out of the way

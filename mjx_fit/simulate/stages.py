@@ -35,7 +35,8 @@ def _without_repeated_contacts(data: mjx.Data) -> mjx.Data:
     near = jnp.abs(contact.pos[:, None] - contact.pos).max(-1) < _SAME_PLACE_M
     same = near & (contact.geom[:, None] == contact.geom).all(-1)
     repeated = jnp.tril(same, -1).any(1)
-    return data.tree_replace({"_impl.contact.dist": jnp.where(repeated, 1.0, contact.dist)})
+    distance = jnp.where(repeated, 1.0, contact.dist)
+    return data.replace(_impl=data._impl.replace(contact=contact.replace(dist=distance)))
 
 
 def accelerate(model: mjx.Model, data: mjx.Data) -> mjx.Data:

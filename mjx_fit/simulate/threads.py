@@ -18,7 +18,7 @@ def parts_of(n: int, threads: int, at_most: int) -> list[Int[np.ndarray, "m"]]:
         threads: Host threads.
         at_most: Largest part.
     """
-    rounds = -(-n // (threads * at_most))
+    rounds = max(1, -(-n // (threads * at_most)))
     return [part for part in np.array_split(np.arange(n), threads * rounds) if len(part)]
 
 

@@ -1,0 +1,147 @@
+"""What is timed: each function prepares one way to simulate and says how to run it once more."""
+
+# MuJoCo's extension module has no stubs.
+# pyright: reportAttributeAccessIssue=false
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+from jaxtyping import Float
+from mujoco import mjx
+from mujoco.batch import Batch
+
+from mjx_fit.bench import reference
+from mjx_fit.config import Config
+from mjx_fit.dataset.collect import draw_attempts
+from mjx_fit.kinematics import chain_of
+from mjx_fit.scene import pair_index
+from mjx_fit.simulate.engine import create, start_qpos
+from mjx_fit.simulate.mjx import compiler_options
+from mjx_fit.simulate.native import NativeEngine
+from mjx_fit.simulate.stages import accelerate, models_of, observe, stacked_models
+from mjx_fit.simulate.threads import on_threads, parts_of
+from mjx_fit.types import SUBSTEPS, Attempt
+
+THREADS = os.cpu_count() or 1
+
+Run = Callable[[], int]
+"""Simulates once and returns the number of physics steps, of worlds that were at work."""
+
+
+@dataclass(frozen=True)
+class Contender:
+    """A way to simulate.
+
+    Attributes:
+        prepare: Makes its ``Run`` from a configuration, attempts, and a number of actions.
+        actions: Actions of 256 worlds that take a CPU some seconds.
+        one_world: Whether it simulates one world at a time, whatever the batch.
+    """
+
+    prepare: Callable[[Config, Attempt, int], Run]
+    actions: int
+    one_world: bool = False
+
+
+def attempts_of(config: Config, worlds: int) -> Attempt:
+    """The attempts that all contenders run: spirals of all nine pairs."""
+    return draw_attempts(jax.random.key(0), jnp.arange(worlds), "spiral", config.detector)
+
+
+def _engine(name: str, config: Config, attempts: Attempt, actions: int) -> Run:
+    engine = create(name, config)
+    # MJX computes worlds that are done as well, but only those at work count.
+    return lambda: int(engine.run(attempts, actions).length.sum()) * SUBSTEPS
+
+
+def _raw_batch(config: Config, attempts: Attempt, actions: int) -> Run:
+    """MuJoCo alone on all threads, under the torques that ``native`` applied: the arms make its contacts."""
+    torque, engine = _recorded(config, attempts, actions)
+
+    def run() -> int:
+        batch = engine.batch_at_rest(attempts)
+        batch.rollout(torque.shape[1], torque, record=("sensordata",))
+        return torque.shape[0] * torque.shape[1]
+
+    return run
+
+
+def _recorded(
+    config: Config, attempts: Attempt, actions: int
+) -> tuple[Float[np.ndarray, "n steps 7"], NativeEngine]:
+    n = len(attempts.peg_type)
+    torque, step = np.zeros((n, actions * SUBSTEPS, 7)), np.zeros(n, int)
+
+    def record(ids: np.ndarray, batch: Batch) -> None:
+        torque[ids, step[ids]] = batch.bind("ctrl")
+        step[ids] += 1
+
+    engine = NativeEngine(config, THREADS, on_step=record)
+    engine.run(attempts, actions)
+    return torque, engine
+
+
+def _mjx_step(config: Config, attempts: Attempt, actions: int) -> Run:
+    """MJX alone, under the torques that ``native`` applied."""
+    torque, engine = _recorded(config, attempts, actions)
+    stacked, axes = stacked_models(engine.scene)
+    chain = chain_of(engine.scene.models[0])
+    n = len(attempts.peg_type)
+    parts = parts_of(n, THREADS if jax.default_backend() == "cpu" else 1, n)
+
+    def world(model, qpos, hole, torque):
+        place = jnp.append(hole, engine.scene.plate_top_m)[None]
+        data = observe(model, mjx.make_data(model).replace(qpos=qpos, mocap_pos=place))
+
+        def step(data, ctrl):
+            data = accelerate(model, data.replace(ctrl=ctrl))
+            return observe(model, mjx.implicit(model, data)), data.sensordata
+
+        return jax.lax.scan(step, data, torque)[1].sum()
+
+    @partial(jax.jit, compiler_options=compiler_options())
+    def rollout(part: Attempt, torque):
+        models = models_of(stacked, pair_index(part.peg_type, part.hole_type))
+        qpos = start_qpos(chain, part, engine.scene)
+        with jax.default_matmul_precision("highest"):
+            return jax.vmap(world, (axes, 0, 0, 0))(models, qpos, part.hole_pos_world, torque)
+
+    work = [
+        (jax.tree.map(lambda leaf, ids=ids: leaf[ids], attempts), torque[ids].astype(np.float32))
+        for ids in parts
+    ]
+
+    def run() -> int:
+        on_threads(len(work), lambda item: jax.block_until_ready(rollout(*item)), work)
+        return n * torque.shape[1]
+
+    return run
+
+
+def _python_loop(config: Config, attempts: Attempt, actions: int) -> Run:
+    """What most scripts do: one world, ``mj_step`` in a loop, the same control law in NumPy."""
+    model, data, goal = reference.one_world(config, attempts)
+
+    def run() -> int:
+        for _ in range(actions * SUBSTEPS):
+            mujoco.mj_step1(model, data)
+            data.ctrl[:] = reference.torque(model, data, goal, config.control)
+            mujoco.mj_step2(model, data)
+        return actions * SUBSTEPS
+
+    return run
+
+
+CONTENDERS = {
+    "raw_batch": Contender(_raw_batch, 40),
+    "native": Contender(partial(_engine, "native"), 40),
+    "mjx_step": Contender(_mjx_step, 8),
+    "mjx": Contender(partial(_engine, "mjx"), 8),
+    "python_loop": Contender(_python_loop, 100, one_world=True),
+}

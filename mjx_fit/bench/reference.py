@@ -1,0 +1,54 @@
+"""The control law in NumPy on one C simulation, as most scripts have it. A peer, and a check on ours."""
+
+# MuJoCo's extension module has no stubs.
+# pyright: reportAttributeAccessIssue=false
+
+import jax
+import mujoco
+import numpy as np
+from jaxtyping import Float
+
+from mjx_fit.config import Config, ControlConfig
+from mjx_fit.control import TORQUE_LIMIT_NM
+from mjx_fit.kinematics import POSTURE, STRAIGHT_DOWN, chain_of
+from mjx_fit.scene import pair_index, simulation_scene
+from mjx_fit.simulate.engine import start_qpos
+from mjx_fit.types import Attempt
+
+
+def torque(
+    model, data, goal_pos_world: Float[np.ndarray, "3"], gains: ControlConfig
+) -> Float[np.ndarray, "7"]:
+    """Khatib's law with MuJoCo's own Jacobian and mass matrix, in double precision, N·m."""
+    tip = data.site("tip")
+    jac, mass = np.zeros((6, model.nv)), np.zeros((model.nv, model.nv))
+    mujoco.mj_jacSite(model, data, jac[:3], jac[3:], tip.id)
+    mujoco.mj_fullM(model, data, mass)
+    frame = tip.xmat.reshape(3, 3)
+    turn = 0.5 * np.cross(frame, STRAIGHT_DOWN, axisa=0, axisb=0, axisc=0).sum(1)
+    stiffness = np.repeat([gains.kp_position, gains.kp_orientation], 3)
+    error = np.concatenate([goal_pos_world - tip.xpos, turn])
+    task_acc = stiffness * error - 2 * np.sqrt(stiffness) * (jac @ data.qvel)
+    posture = np.array(POSTURE)
+    posture[[0, 6]] += np.arctan2(tip.xpos[1], tip.xpos[0])
+    posture_acc = gains.kp_posture * (posture - data.qpos) - 2 * np.sqrt(gains.kp_posture) * data.qvel
+    inertia = np.linalg.inv(jac @ np.linalg.solve(mass, jac.T))
+    force = inertia @ (task_acc - jac @ posture_acc)
+    return np.clip(jac.T @ force + mass @ posture_acc + data.qfrc_bias, -TORQUE_LIMIT_NM, TORQUE_LIMIT_NM)
+
+
+def one_world(
+    config: Config, attempts: Attempt
+) -> tuple[mujoco.MjModel, mujoco.MjData, Float[np.ndarray, "3"]]:
+    """The first of the attempts as one C simulation at its start, and a goal that presses it on the plate."""
+    scene = simulation_scene(config.scene)
+    first = jax.tree.map(lambda leaf: leaf[:1], attempts)
+    model = scene.models[int(pair_index(first.peg_type, first.hole_type)[0])]
+    data = mujoco.MjData(model)
+    data.qpos[:] = np.asarray(start_qpos(chain_of(model), first, scene))[0]
+    data.mocap_pos[0] = [*np.asarray(first.hole_pos_world)[0], scene.plate_top_m]
+    return (
+        model,
+        data,
+        np.append(np.asarray(first.estimate_world)[0], scene.plate_top_m - config.spiral.push_m),
+    )

@@ -1,0 +1,49 @@
+"""What the benchmark times does what its rows say."""
+
+import jax
+import mujoco
+import numpy as np
+import pytest
+
+from mjx_fit.bench import reference, run
+from mjx_fit.bench.engines import CONTENDERS, attempts_of
+from mjx_fit.config import Config
+
+CONFIG = Config()
+
+
+@pytest.mark.parametrize("name", ["raw_batch", "native", "python_loop"])
+def test_a_contender_counts_the_steps_that_it_makes(name):
+    worlds = 1 if CONTENDERS[name].one_world else 5
+    simulate = CONTENDERS[name].prepare(CONFIG, attempts_of(CONFIG, 5), 2)
+    assert simulate() == worlds * 2 * 50
+    assert simulate() == worlds * 2 * 50
+
+
+def test_the_peer_presses_its_peg_on_the_plate():
+    model, data, goal = reference.one_world(CONFIG, attempts_of(CONFIG, 1))
+    for _ in range(500):
+        mujoco.mj_step1(model, data)
+        data.ctrl[:] = reference.torque(model, data, goal, CONFIG.control)
+        mujoco.mj_step2(model, data)
+    reading = data.sensordata[2] + 0.1 * 9.81
+    assert 10 < reading < 40
+    assert np.abs(data.qvel).max() < 0.02
+
+
+def test_actions_shrink_with_worlds():
+    assert run._actions("native", 256) == CONTENDERS["native"].actions
+    assert run._actions("mjx", 4096) == 1
+    assert run._actions("python_loop", 4096) == CONTENDERS["python_loop"].actions
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_a_row_says_what_the_contract_says():
+    row = run.measure("native", CONFIG, 8)
+    names = "name worlds physics_steps_per_s actions_per_s compile_s cached_compile_s peak_memory_mb"
+    assert list(row) == names.split()
+    assert row["worlds"] == 8
+    assert row["physics_steps_per_s"] > 1000
+    assert row["cached_compile_s"] <= row["compile_s"] + 1
+    assert jax.default_backend() != "cpu" or row["peak_memory_mb"] > 50
