@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
+from mjx_fit import spd
 from mjx_fit.scene import JOINTS
 from mjx_fit.types import Array, pytree
 
@@ -106,7 +107,7 @@ def inverse(chain: Chain, tip_pos_world: Float[Array, "3"]) -> Float[Array, "7"]
         position, frame, jac = forward(chain, qpos)
         error = jnp.concatenate([tip_pos_world - position, rotation_error(frame, STRAIGHT_DOWN)])
         gain = jac @ jac.T + _DAMPING * jnp.eye(6)
-        return qpos + jac.T @ jnp.linalg.solve(gain, error), None
+        return qpos + jac.T @ spd.solve(spd.factor(gain), error), None
 
     return jax.lax.scan(step, posture_towards(tip_pos_world), length=_ITERATIONS)[0]
 

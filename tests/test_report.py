@@ -57,7 +57,17 @@ def interactions() -> Interaction:
     length = rng.integers(1, steps + 1, n)
     zeros = np.zeros
     trace: Any = zeros((n, steps, 1, 6)), tip, zeros((n, steps, 4)), tip, tip, zeros((n, steps), bool), tip
-    rest: Any = length, length < steps, np.arange(n) % 3, np.arange(n) % 2, hole, hole, zeros((n, 6))
+    rest: Any = (
+        length,
+        length < steps,
+        np.arange(n) % 3,
+        np.arange(n) % 2,
+        hole,
+        hole,
+        zeros((n, 6)),
+        zeros((n, 7)),
+        zeros((n, 7)),
+    )
     return Interaction(Trace(*trace), *rest, valid=np.arange(n) > 0)  # pyright: ignore[reportArgumentType]
 
 

@@ -26,6 +26,12 @@ def compiler_options() -> dict[str, bool]:
     return {"xla_cpu_use_fusion_emitters": False} if jax.default_backend() == "cpu" else {}
 
 
+_MOST_ROWS = 256
+"""Most worlds in one computation on a CPU. MJX's solver calls LAPACK for a batch of matrices; from somewhat
+over a thousand on (jaxlib 0.10) such a call spreads over XLA's pool of threads and waits for them, and when
+all of them wait in such calls nothing ever goes on: experiments/physics/deadlock.py shows it."""
+
+
 class MjxEngine:
     """Runs attempts in MJX; see ``mjx_fit.simulate.engine.Engine``.
 
@@ -56,7 +62,7 @@ class MjxEngine:
         """See ``Engine.run``."""
         n = len(attempts.peg_type)
         active = np.ones(n, bool) if active is None else active
-        rows = -(-n // min(n, self._threads))
+        rows = self._rows(n)
         rollout = self._executable(attempts, rows, actions)
         starts = range(0, n, rows)
         done: dict[int, Interaction] = {}
@@ -66,8 +72,15 @@ class MjxEngine:
             part = jax.tree.map(lambda leaf: leaf[np.minimum(ids, n - 1)], attempts)
             done[start] = jax.tree.map(np.asarray, rollout(part, active[np.minimum(ids, n - 1)] & (ids < n)))
 
-        on_threads(len(starts), run_part, starts)
+        on_threads(self._threads, run_part, starts)
         return jax.tree.map(lambda *parts: np.concatenate(parts)[:n], *(done[start] for start in starts))
+
+    def _rows(self, n: int) -> int:
+        """Worlds in one computation, so that parts of equal size keep all host threads busy."""
+        if jax.default_backend() != "cpu":
+            return n
+        rounds = -(-n // (self._threads * _MOST_ROWS))
+        return -(-n // min(n, self._threads * rounds))
 
     def _executable(self, attempts: Attempt, rows: int, actions: int) -> jax.stages.Compiled:
         if (rows, actions) not in self._compiled:
