@@ -1,3 +1,4 @@
+import jax
 import jax.numpy as jnp
 import mujoco
 import numpy as np
@@ -5,7 +6,7 @@ import pytest
 
 from mjx_fit import control
 from mjx_fit.config import ControlConfig
-from mjx_fit.kinematics import POSTURE, STRAIGHT_DOWN
+from mjx_fit.kinematics import POSTURE, STRAIGHT_DOWN, chain_of, inverse, rotation_error
 from mjx_fit.scene import JOINTS
 
 GAINS = ControlConfig()
@@ -89,6 +90,31 @@ def test_tip_velocity_and_quaternion_are_mujocos(scene):
         assert control.tip_velocity(arm) == pytest.approx(np.roll(velocity, 3), abs=1e-5)
         mujoco.mju_mat2Quat(quat, data.site("tip").xmat)
         assert control.tip_quaternion(arm) == pytest.approx(quat * np.sign(quat[1]), abs=1e-5)
+
+
+def test_the_wrist_reads_what_is_commanded(scene):
+    """A square peg pressed on the plate, off the hole: at rest the sensor reads Λ kp e, down and sideways."""
+    model = scene.models[8]
+    hole, place = np.array([0.45, 0.1]), np.array([0.49, 0.13, scene.plate_top_m])
+    data = mujoco.MjData(model)
+    data.mocap_pos[0] = [*hole, scene.plate_top_m]
+    data.qpos[:] = inverse(chain_of(model), jnp.asarray(place, jnp.float32))
+    goal = place + np.array([0.0003, -0.0002, -0.004])
+    command = jax.jit(lambda arm: control.torque(arm, jnp.asarray(goal, jnp.float32), GAINS))
+    for _ in range(1000):
+        mujoco.mj_step1(model, data)
+        data.ctrl[:] = command(arm_state(model, data)[0])
+        mujoco.mj_step2(model, data)
+    mujoco.mj_forward(model, data)
+    jac = np.zeros((6, 7))
+    mujoco.mj_jacSite(model, data, jac[:3], jac[3:], model.site("tip").id)
+    inertia = np.linalg.inv(jac @ np.linalg.solve(arm_state(model, data)[1], jac.T))
+    turn = np.asarray(rotation_error(data.site("tip").xmat.reshape(3, 3), STRAIGHT_DOWN))
+    commanded = GAINS.kp_position * inertia @ np.concatenate([goal - data.site("tip").xpos, turn])
+    frame = data.site("wrist_sensor").xmat.reshape(3, 3)
+    reading = frame @ (data.sensordata[:3] - np.array([0, 0, -0.1 * 9.81]))
+    assert commanded[2] < -10
+    assert reading == pytest.approx(commanded[:3], abs=0.02 * float(np.linalg.norm(commanded[:3])))
 
 
 def test_free_space_reach_settles_without_overshoot(scene):

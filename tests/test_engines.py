@@ -110,6 +110,51 @@ def test_states_in_contact_do_touch(one_step):
     assert touched[N_FREE:].mean() > 0.5
 
 
+def test_a_corner_on_the_plate_is_one_contact(scene):
+    """MJX repeats a contact point to fill its slots; counted once, its push is that of C."""
+    model = scene.models[8]
+    qpos = np.asarray(inverse(chain_of(model), jnp.array([0.5, 0.05, 0.05])))
+    qpos = qpos + np.array([0, 0, 0, 0, 0.01, 0.01, 0], np.float32)  # tilted about both axes
+    in_c = mujoco.MjData(model)
+    in_c.qpos[:] = qpos
+    mujoco.mj_kinematics(model, in_c)
+    corners = np.array([[x, y, 0] for x in (-0.015, 0.015) for y in (-0.015, 0.015)])
+    lowest = (in_c.site("tip").xpos + corners @ in_c.site("tip").xmat.reshape(3, 3).T)[:, 2].min()
+    hole = in_c.mocap_pos[0] = np.array([0.5, 0, lowest + 5e-5], np.float32)
+    mujoco.mj_forward(model, in_c)
+    assert (in_c.contact.dist < 0).sum() == 1
+    data = mjx.make_data(mjx.put_model(model)).replace(
+        qpos=jnp.asarray(qpos), mocap_pos=jnp.asarray(hole[None])
+    )
+    distance = observe(mjx.put_model(model), data)._impl.contact.dist
+    assert (distance < 0).sum() == 1
+    assert distance.min() == pytest.approx(in_c.contact.dist.min(), rel=0.05)
+
+
+def test_forces_are_pushes_and_not_artefacts(native):
+    """A solver that stops too early shows as single steps of hundreds of newtons, some in every attempt."""
+    attempts = draw_attempts(jax.random.key(5), jnp.arange(24), "spiral", CONFIG.detector)
+    done = native.run(attempts, 40)
+    force = np.linalg.norm((done.trace.wrench_sensor - done.tare_sensor[:, None, None])[..., :3], axis=-1)
+    assert np.median(force[:, 10:]) > 5
+    assert np.quantile(force.max((1, 2)), 0.9) < 120
+    assert force.max() < 200
+
+
+def test_starting_postures_need_no_lapack(scene):
+    """Its batched calls can wait for each other for ever inside XLA's pool of threads."""
+    attempts = draw_attempts(jax.random.key(5), jnp.arange(4), "spiral", CONFIG.detector)
+    start = jax.jit(lambda attempts: engine.start_qpos(chain_of(scene.models[0]), attempts, scene))
+    assert "lapack" not in start.lower(attempts).as_text()
+
+
+@pytest.mark.parametrize("n", [1, 2, 255, 512, 513, 4096])
+def test_mjx_computes_few_enough_rows_at_once_on_a_cpu(n):
+    rows = MjxEngine(CONFIG, 2)._rows(n)
+    assert rows <= (256 if jax.default_backend() == "cpu" else n)
+    assert -(-n // rows) <= max(2, n // 128)
+
+
 @pytest.fixture(scope="module")
 def rollouts(native):
     attempts = draw_attempts(jax.random.key(7), jnp.arange(12), "mixed", CONFIG.detector)
