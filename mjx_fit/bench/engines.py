@@ -13,7 +13,6 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 from jaxtyping import Float
-from mujoco import mjx
 from mujoco.batch import Batch
 
 from mjx_fit.bench import reference
@@ -22,9 +21,9 @@ from mjx_fit.dataset.collect import draw_attempts
 from mjx_fit.kinematics import chain_of
 from mjx_fit.scene import pair_index
 from mjx_fit.simulate.engine import create, start_qpos
-from mjx_fit.simulate.mjx import compiler_options
+from mjx_fit.simulate.mjx import MOST_ROWS, compiler_options
 from mjx_fit.simulate.native import NativeEngine
-from mjx_fit.simulate.stages import accelerate, models_of, observe, stacked_models
+from mjx_fit.simulate.stages import accelerate, mjx, models_of, observe, stacked_models
 from mjx_fit.simulate.threads import on_threads, parts_of
 from mjx_fit.types import SUBSTEPS, Attempt
 
@@ -93,7 +92,8 @@ def _mjx_step(config: Config, attempts: Attempt, actions: int) -> Run:
     stacked, axes = stacked_models(engine.scene)
     chain = chain_of(engine.scene.models[0])
     n = len(attempts.peg_type)
-    parts = parts_of(n, THREADS if jax.default_backend() == "cpu" else 1, n)
+    cpu = jax.default_backend() == "cpu"
+    parts = parts_of(n, THREADS if cpu else 1, MOST_ROWS if cpu else n)
 
     def world(model, qpos, hole, torque):
         place = jnp.append(hole, engine.scene.plate_top_m)[None]
@@ -118,7 +118,7 @@ def _mjx_step(config: Config, attempts: Attempt, actions: int) -> Run:
     ]
 
     def run() -> int:
-        on_threads(len(work), lambda item: jax.block_until_ready(rollout(*item)), work)
+        on_threads(THREADS, lambda item: jax.block_until_ready(rollout(*item)), work)
         return n * torque.shape[1]
 
     return run

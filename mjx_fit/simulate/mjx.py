@@ -26,7 +26,7 @@ def compiler_options() -> dict[str, bool]:
     return {"xla_cpu_use_fusion_emitters": False} if jax.default_backend() == "cpu" else {}
 
 
-_MOST_ROWS = 256
+MOST_ROWS = 256
 """Most worlds in one computation on a CPU. MJX's solver calls LAPACK for a batch of matrices; from somewhat
 over a thousand on (jaxlib 0.10) such a call spreads over XLA's pool of threads and waits for them, and when
 all of them wait in such calls nothing ever goes on: experiments/physics/deadlock.py shows it."""
@@ -79,7 +79,7 @@ class MjxEngine:
         """Worlds in one computation, so that parts of equal size keep all host threads busy."""
         if jax.default_backend() != "cpu":
             return n
-        rounds = -(-n // (self._threads * _MOST_ROWS))
+        rounds = -(-n // (self._threads * MOST_ROWS))
         return -(-n // min(n, self._threads * rounds))
 
     def _executable(self, attempts: Attempt, rows: int, actions: int) -> jax.stages.Compiled:
