@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from mjx_fit import control
+from mjx_fit.bench import reference
 from mjx_fit.config import ControlConfig
 from mjx_fit.kinematics import POSTURE, STRAIGHT_DOWN, chain_of, inverse, rotation_error
 from mjx_fit.scene import JOINTS
@@ -69,6 +70,7 @@ def test_torque_is_the_textbooks(scene):
         got = np.asarray(control.torque(arm, jnp.asarray(goal, jnp.float32), GAINS))
         want = textbook_torque(model, data, mass, goal)
         assert np.abs(got - want).max() < 2e-3 * np.abs(want).max()
+        assert reference.torque(model, data, goal, GAINS) == pytest.approx(want, rel=1e-6, abs=1e-6)
 
 
 def test_torques_stay_within_limits(scene):

@@ -14,6 +14,9 @@ from mjx_fit.simulate.engine import Engine
 from mjx_fit.simulate.native import NativeEngine
 from mjx_fit.types import Attempt, Interaction
 
+_PLAIN = ("peg_type", "hole_type", "hole_pos_world", "estimate_world", "policy")
+"""Fields of an attempt that are plain arrays."""
+
 
 def report(
     interactions: Interaction,
@@ -97,9 +100,6 @@ class Reporting:
         report(interactions, attempts, ids, actions, self._config, self._folder)
         self._seen += len(ids)
         return interactions
-
-
-_PLAIN = ("peg_type", "hole_type", "hole_pos_world", "estimate_world", "policy")
 
 
 def _save(path: Path, arrays: dict) -> None:

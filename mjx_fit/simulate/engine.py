@@ -32,7 +32,7 @@ class Engine(Protocol):
         """Runs every attempt until its peg is inserted or its actions are used up.
 
         Args:
-            attempts: A batch (n,) of attempts. An engine compiles once for each n.
+            attempts: A batch (n,) of attempts. MJX compiles once for each n.
             actions: J, the most actions in one attempt: also the spiral's horizon.
             active: Which of them to run; of the others nothing comes back but zeros. None: all.
 

@@ -49,7 +49,7 @@ _SAME_PLACE_M = 1e-5
 
 _LINE_SEARCH = 8
 """Steps of the solver's line search. MJX always makes all of them, and its own search halves the interval as
-well, so that 8 of them converge (see experiments/physics) where C's may need 50."""
+well, so that 8 of them do where C's may need 50: experiments/physics/parity.py compares what comes of it."""
 
 _GEOMETRY = ("geom_pos", "geom_size", "geom_rbound")
 """The model's fields in which the nine pairs differ."""
