@@ -8,7 +8,6 @@ from mjx_fit import control
 from mjx_fit.bench import reference
 from mjx_fit.config import ControlConfig
 from mjx_fit.kinematics import POSTURE, STRAIGHT_DOWN, chain_of, inverse, rotation_error
-from mjx_fit.scene import JOINTS
 
 GAINS = ControlConfig()
 
@@ -24,19 +23,10 @@ def random_states(model, n, seed=0):
         yield data
 
 
-def arm_state(model, data):
-    mass = np.zeros((7, 7))
-    mujoco.mj_fullM(model, mass, data.qM) if hasattr(data, "qM") else mujoco.mj_fullM(model, data, mass)
-    joints = [model.joint(name).id for name in JOINTS]
-    fields = (
-        data.qpos, data.qvel, mass, data.qfrc_bias, data.site("tip").xpos,
-        data.site("tip").xmat.reshape(3, 3), data.xanchor[joints], data.xaxis[joints],
-    )  # fmt: skip
-    return control.ArmState(*(jnp.asarray(field, jnp.float32) for field in fields)), mass
-
-
-def textbook_torque(model, data, mass, goal):
+def textbook_torque(model, data, goal):
     """Khatib's form with explicit inverses and projector, float64, from MuJoCo's own Jacobian."""
+    mass = np.zeros((7, 7))
+    mujoco.mj_fullM(model, data, mass)
     linear, angular = np.zeros((3, 7)), np.zeros((3, 7))
     mujoco.mj_jacSite(model, data, linear, angular, model.site("tip").id)
     jac = np.vstack([linear, angular])
@@ -66,9 +56,9 @@ def test_torque_is_the_textbooks(scene):
     rng = np.random.default_rng(5)
     for data in random_states(model, 30):
         goal = data.site("tip").xpos + rng.uniform(-0.02, 0.02, 3)
-        arm, mass = arm_state(model, data)
+        arm = reference.arm_state(model, data)
         got = np.asarray(control.torque(arm, jnp.asarray(goal, jnp.float32), GAINS))
-        want = textbook_torque(model, data, mass, goal)
+        want = textbook_torque(model, data, goal)
         assert np.abs(got - want).max() < 2e-3 * np.abs(want).max()
         assert reference.torque(model, data, goal, GAINS) == pytest.approx(want, rel=1e-6, abs=1e-6)
 
@@ -76,7 +66,7 @@ def test_torque_is_the_textbooks(scene):
 def test_torques_stay_within_limits(scene):
     model = scene.models[0]
     data = next(random_states(model, 1))
-    arm, _ = arm_state(model, data)
+    arm = reference.arm_state(model, data)
     got = np.asarray(control.torque(arm, jnp.array([3.0, -3.0, 3.0]), GAINS))
     assert (np.abs(got) <= control.TORQUE_LIMIT_NM).all()
     assert (np.abs(got) == control.TORQUE_LIMIT_NM).any()
@@ -85,7 +75,7 @@ def test_torques_stay_within_limits(scene):
 def test_tip_velocity_and_quaternion_are_mujocos(scene):
     model = scene.models[0]
     for data in random_states(model, 10, seed=2):
-        arm, _ = arm_state(model, data)
+        arm = reference.arm_state(model, data)
         velocity, quat = np.zeros(6), np.zeros(4)
         site = mujoco.mjtObj.mjOBJ_SITE
         mujoco.mj_objectVelocity(model, data, site, model.site("tip").id, velocity, 0)
@@ -105,12 +95,10 @@ def test_the_wrist_reads_what_is_commanded(scene):
     command = jax.jit(lambda arm: control.torque(arm, jnp.asarray(goal, jnp.float32), GAINS))
     for _ in range(1000):
         mujoco.mj_step1(model, data)
-        data.ctrl[:] = command(arm_state(model, data)[0])
+        data.ctrl[:] = command(reference.arm_state(model, data))
         mujoco.mj_step2(model, data)
     mujoco.mj_forward(model, data)
-    jac = np.zeros((6, 7))
-    mujoco.mj_jacSite(model, data, jac[:3], jac[3:], model.site("tip").id)
-    inertia = np.linalg.inv(jac @ np.linalg.solve(arm_state(model, data)[1], jac.T))
+    _, _, inertia = reference.task_space(model, data)
     turn = np.asarray(rotation_error(data.site("tip").xmat.reshape(3, 3), STRAIGHT_DOWN))
     commanded = GAINS.kp_position * inertia @ np.concatenate([goal - data.site("tip").xpos, turn])
     frame = data.site("wrist_sensor").xmat.reshape(3, 3)
@@ -132,7 +120,8 @@ def test_free_space_reach_settles_without_overshoot(scene):
         track = []
         for _ in range(300):
             mujoco.mj_forward(model, data)
-            data.ctrl[:] = control.torque(arm_state(model, data)[0], jnp.asarray(goal, jnp.float32), GAINS)
+            arm = reference.arm_state(model, data)
+            data.ctrl[:] = control.torque(arm, jnp.asarray(goal, jnp.float32), GAINS)
             mujoco.mj_step(model, data)
             track.append((data.site("tip").xpos - start)[axis])
         assert max(track) < 0.0105

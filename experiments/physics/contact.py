@@ -14,9 +14,9 @@ import numpy as np
 import shared
 from matplotlib.figure import Figure
 
+from mjx_fit.bench.reference import task_space
 from mjx_fit.config import Config
 from mjx_fit.dataset.collect import MISMATCHED
-from mjx_fit.kinematics import jacobian
 from mjx_fit.report import style
 from mjx_fit.shapes import SHAPES
 from mjx_fit.simulate.native import NativeEngine
@@ -94,10 +94,7 @@ def commanded(config: Config, engine: NativeEngine, done) -> np.ndarray:
     for i, qpos in enumerate(done.end_qpos):
         data.qpos[:] = qpos
         mujoco.mj_fwdPosition(model, data)
-        mass = np.zeros((7, 7))
-        mujoco.mj_fullM(model, data, mass)
-        jac = np.asarray(jacobian(data.xanchor, data.xaxis, data.site("tip").xpos))
-        inertia = np.linalg.inv(jac @ np.linalg.solve(mass, jac.T))[:, :3]
+        inertia = task_space(model, data)[2][:, :3]
         goal = config.control.kp_position * done.trace.action_world[i, : done.length[i]]
         forces[i, : done.length[i]] = np.linalg.norm((goal @ inertia.T)[:, :3], axis=1)
     return forces

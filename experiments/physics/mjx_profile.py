@@ -13,7 +13,6 @@ import jax
 import jax.numpy as jnp
 import mujoco
 import shared
-from mujoco import mjx
 
 from mjx_fit import control
 from mjx_fit.bench.engines import attempts_of
@@ -22,7 +21,7 @@ from mjx_fit.kinematics import chain_of
 from mjx_fit.scene import pair_index, simulation_scene
 from mjx_fit.simulate.engine import start_qpos
 from mjx_fit.simulate.mjx import arm_state, compiler_options
-from mjx_fit.simulate.stages import accelerate, models_of, observe, stacked_models
+from mjx_fit.simulate.stages import advance, models_of, placed, stacked_models
 
 WORLDS, STEPS = 128, 100
 
@@ -53,8 +52,7 @@ def _microseconds(edit: Callable[[mujoco.MjModel], None], controlled: bool) -> f
     models = models_of(stacked, pair_index(attempts.peg_type, attempts.hole_type))
 
     def world(model, qpos, hole, goal):
-        place = jnp.append(hole, scene.plate_top_m)[None]
-        data = observe(model, mjx.make_data(model).replace(qpos=qpos, mocap_pos=place))
+        data = placed(model, qpos, hole, scene.plate_top_m)
         to = jnp.append(goal, scene.plate_top_m - config.spiral.push_m)
 
         def step(data, _):
@@ -62,8 +60,7 @@ def _microseconds(edit: Callable[[mujoco.MjModel], None], controlled: bool) -> f
             # Without the controller: gravity, some damping, and a pull that presses the peg on the plate.
             free = data.qfrc_bias - 5 * data.qvel + jnp.array([0, 8.0, 0, 0, 0, 0, 0])
             torque = control.torque(arm, to, config.control) if controlled else free
-            data = accelerate(model, data.replace(ctrl=torque))
-            return observe(model, mjx.implicit(model, data)), data.sensordata
+            return advance(model, data, torque)
 
         return jax.lax.scan(step, data, length=STEPS)[1]
 

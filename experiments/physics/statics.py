@@ -16,8 +16,9 @@ import numpy as np
 import shared
 
 from mjx_fit import control
+from mjx_fit.bench.reference import arm_state, stiffness_acc, task_space
 from mjx_fit.config import Config
-from mjx_fit.kinematics import STRAIGHT_DOWN, chain_of, inverse
+from mjx_fit.kinematics import chain_of, inverse
 from mjx_fit.scene import HOLE_WORKSPACE_M, Scene, pair_index, simulation_scene
 
 N = 60
@@ -76,7 +77,8 @@ def _press(scene: Scene, config: Config, chain, torque, rng: np.random.Generator
         data.ctrl[:] = torque(arm_state(model, data), goal)
         mujoco.mj_step2(model, data)
     mujoco.mj_forward(model, data)
-    expected = _expected(model, data, goal, config)
+    # Λ kp e: what the controller commands at rest, force over torque, world frame.
+    expected = task_space(model, data)[2] @ stiffness_acc(data, goal, config.control)
     weight = -0.1 * 9.81  # of the peg behind the sensor, which points down: the arm holds it up
     reading = data.sensordata - np.array([0, 0, weight, 0, 0, 0])
     # Force of the arm on the peg, in the sensor's frame; the task-space force acts at the tip.
@@ -90,36 +92,6 @@ def _press(scene: Scene, config: Config, chain, torque, rng: np.random.Generator
         "torque": torque_there,
         "torque_error": reading[3:] - torque_there,
     }
-
-
-def _expected(model, data, goal: np.ndarray, config: Config) -> np.ndarray:
-    """Λ kp e: what the controller commands at rest, force over torque, world frame."""
-    jac = np.zeros((6, 7))
-    mujoco.mj_jacSite(model, data, jac[:3], jac[3:], model.site("tip").id)
-    mass = np.zeros((7, 7))
-    mujoco.mj_fullM(model, data, mass)
-    frame = data.site("tip").xmat.reshape(3, 3)
-    turn = 0.5 * np.cross(frame, STRAIGHT_DOWN, axisa=0, axisb=0, axisc=0).sum(1)
-    error = np.concatenate([goal - data.site("tip").xpos, turn])
-    gains = np.repeat([config.control.kp_position, config.control.kp_orientation], 3)
-    inertia = np.linalg.inv(jac @ np.linalg.solve(mass, jac.T))
-    return inertia @ (gains * error)
-
-
-def arm_state(model, data) -> control.ArmState:
-    """The controller's inputs from one C simulation."""
-    mass = np.zeros((7, 7))
-    mujoco.mj_fullM(model, data, mass)
-    return control.ArmState(
-        qpos=data.qpos.astype(np.float32),
-        qvel=data.qvel.astype(np.float32),
-        mass_matrix=mass.astype(np.float32),
-        bias=data.qfrc_bias.astype(np.float32),
-        tip_pos_world=data.site("tip").xpos.astype(np.float32),
-        tip_frame_world=data.site("tip").xmat.reshape(3, 3).astype(np.float32),
-        joint_anchor_world=data.xanchor.astype(np.float32),
-        joint_axis_world=data.xaxis.astype(np.float32),
-    )
 
 
 def _tare(scene: Scene, chain, rng: np.random.Generator) -> np.ndarray:

@@ -23,7 +23,7 @@ from mjx_fit.scene import pair_index
 from mjx_fit.simulate.engine import create, start_qpos
 from mjx_fit.simulate.mjx import MOST_ROWS, compiler_options
 from mjx_fit.simulate.native import NativeEngine
-from mjx_fit.simulate.stages import accelerate, mjx, models_of, observe, stacked_models
+from mjx_fit.simulate.stages import advance, models_of, placed, stacked_models
 from mjx_fit.simulate.threads import on_threads, parts_of
 from mjx_fit.types import SUBSTEPS, Attempt
 
@@ -96,14 +96,9 @@ def _mjx_step(config: Config, attempts: Attempt, actions: int) -> Run:
     parts = parts_of(n, THREADS if cpu else 1, MOST_ROWS if cpu else n)
 
     def world(model, qpos, hole, torque):
-        place = jnp.append(hole, engine.scene.plate_top_m)[None]
-        data = observe(model, mjx.make_data(model).replace(qpos=qpos, mocap_pos=place))
-
-        def step(data, ctrl):
-            data = accelerate(model, data.replace(ctrl=ctrl))
-            return observe(model, mjx.implicit(model, data)), data.sensordata
-
-        return jax.lax.scan(step, data, torque)[1].sum()
+        data = placed(model, qpos, hole, engine.scene.plate_top_m)
+        _, (wrench, _) = jax.lax.scan(partial(advance, model), data, torque)
+        return wrench.sum()
 
     @partial(jax.jit, compiler_options=compiler_options())
     def rollout(part: Attempt, torque):

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mjx_fit.config import Config, ControlConfig
-from mjx_fit.control import TORQUE_LIMIT_NM
+from mjx_fit.control import TORQUE_LIMIT_NM, ArmState
 from mjx_fit.kinematics import POSTURE, STRAIGHT_DOWN, chain_of
 from mjx_fit.scene import pair_index, simulation_scene
 from mjx_fit.simulate.engine import start_qpos
@@ -20,21 +20,43 @@ def torque(
     model, data, goal_pos_world: Float[np.ndarray, "3"], gains: ControlConfig
 ) -> Float[np.ndarray, "7"]:
     """Khatib's law with MuJoCo's own Jacobian and mass matrix, in double precision, N·m."""
-    tip = data.site("tip")
-    jac, mass = np.zeros((6, model.nv)), np.zeros((model.nv, model.nv))
-    mujoco.mj_jacSite(model, data, jac[:3], jac[3:], tip.id)
-    mujoco.mj_fullM(model, data, mass)
-    frame = tip.xmat.reshape(3, 3)
-    turn = 0.5 * np.cross(frame, STRAIGHT_DOWN, axisa=0, axisb=0, axisc=0).sum(1)
-    stiffness = np.repeat([gains.kp_position, gains.kp_orientation], 3)
-    error = np.concatenate([goal_pos_world - tip.xpos, turn])
-    task_acc = stiffness * error - 2 * np.sqrt(stiffness) * (jac @ data.qvel)
+    jac, mass, inertia = task_space(model, data)
+    damping = 2 * np.sqrt(np.repeat([gains.kp_position, gains.kp_orientation], 3))
+    task_acc = stiffness_acc(data, goal_pos_world, gains) - damping * (jac @ data.qvel)
     posture = np.array(POSTURE)
-    posture[[0, 6]] += np.arctan2(tip.xpos[1], tip.xpos[0])
+    posture[[0, 6]] += np.arctan2(*data.site("tip").xpos[1::-1])
     posture_acc = gains.kp_posture * (posture - data.qpos) - 2 * np.sqrt(gains.kp_posture) * data.qvel
-    inertia = np.linalg.inv(jac @ np.linalg.solve(mass, jac.T))
     force = inertia @ (task_acc - jac @ posture_acc)
     return np.clip(jac.T @ force + mass @ posture_acc + data.qfrc_bias, -TORQUE_LIMIT_NM, TORQUE_LIMIT_NM)
+
+
+def stiffness_acc(
+    data, goal_pos_world: Float[np.ndarray, "3"], gains: ControlConfig
+) -> Float[np.ndarray, "6"]:
+    """Acceleration of the tip that the law's stiffness asks for, kp e, m/s² over rad/s²."""
+    tip = data.site("tip")
+    turn = 0.5 * np.cross(tip.xmat.reshape(3, 3), STRAIGHT_DOWN, axisa=0, axisb=0, axisc=0).sum(1)
+    error = np.concatenate([goal_pos_world - tip.xpos, turn])
+    return np.repeat([gains.kp_position, gains.kp_orientation], 3) * error
+
+
+def task_space(
+    model, data
+) -> tuple[Float[np.ndarray, "6 7"], Float[np.ndarray, "7 7"], Float[np.ndarray, "6 6"]]:
+    """The tip's Jacobian, the mass matrix M, and the task-space inertia Λ = (J M⁻¹ Jᵀ)⁻¹."""
+    jac, mass = np.zeros((6, model.nv)), np.zeros((model.nv, model.nv))
+    mujoco.mj_jacSite(model, data, jac[:3], jac[3:], model.site("tip").id)
+    mujoco.mj_fullM(model, data, mass)
+    return jac, mass, np.linalg.inv(jac @ np.linalg.solve(mass, jac.T))
+
+
+def arm_state(model, data) -> ArmState:
+    """What our own controller needs, from one C simulation."""
+    mass = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, mass)
+    tip = data.site("tip")
+    fields = (data.qpos, data.qvel, mass, data.qfrc_bias, tip.xpos, tip.xmat.reshape(3, 3))
+    return ArmState(*(field.astype(np.float32) for field in (*fields, data.xanchor, data.xaxis)))
 
 
 def one_world(

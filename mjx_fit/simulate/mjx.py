@@ -16,7 +16,7 @@ from mjx_fit.config import Config
 from mjx_fit.kinematics import chain_of
 from mjx_fit.scene import Scene, pair_index, simulation_scene
 from mjx_fit.simulate.engine import start_qpos
-from mjx_fit.simulate.stages import accelerate, models_of, observe, stacked_models
+from mjx_fit.simulate.stages import accelerate, advance, models_of, placed, stacked_models
 from mjx_fit.simulate.threads import on_threads
 from mjx_fit.types import SUBSTEPS, Array, Attempt, Interaction, Trace
 
@@ -113,9 +113,8 @@ def rollout_world(
     actions: int,
 ) -> Interaction:
     """One attempt in one world, from a posture; a world that is not active stands still."""
-    hole = jnp.append(attempt.hole_pos_world, scene.plate_top_m)
-    data = mjx.make_data(model).replace(qpos=qpos, mocap_pos=hole[None])
-    data, tare = _at_rest(model, data, scene)
+    data = placed(model, qpos, attempt.hole_pos_world, scene.plate_top_m)
+    tare = _free_reading(model, data)
 
     def act(carry, step):
         data, running = carry
@@ -156,10 +155,8 @@ def hold(
     """
 
     def substep(data, _):
-        torque = control.torque(arm_state(model, data, scene), goal_pos_world, config.control)
-        data = accelerate(model, data.replace(ctrl=torque))
-        sample = data.sensordata, jnp.any(data.qfrc_constraint != 0)
-        return observe(model, mjx.implicit(model, data)), sample
+        arm = arm_state(model, data, scene)
+        return advance(model, data, control.torque(arm, goal_pos_world, config.control))
 
     return jax.lax.scan(substep, data, length=SUBSTEPS)
 
@@ -179,11 +176,9 @@ def arm_state(model: mjx.Model, data: mjx.Data, scene: Scene) -> control.ArmStat
     )
 
 
-def _at_rest(model: mjx.Model, data: mjx.Data, scene: Scene) -> tuple[mjx.Data, Float[Array, "6"]]:
-    """Data at rest in free space, and what the sensor reads there."""
-    data = observe(model, data)
-    data = accelerate(model, data.replace(ctrl=data.qfrc_bias))
-    return data, data.sensordata
+def _free_reading(model: mjx.Model, data: mjx.Data) -> Float[Array, "6"]:
+    """What the sensor reads at rest in free space."""
+    return accelerate(model, data.replace(ctrl=data.qfrc_bias)).sensordata
 
 
 def _trace_row(model, data, scene, wrench, touched, action) -> Trace:

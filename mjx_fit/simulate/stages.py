@@ -10,11 +10,32 @@ is cut in two: ``observe`` ends one, ``accelerate`` begins the next.
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Bool, Float, Int
 from mujoco import mjx
 
 from mjx_fit.scene import Scene
 from mjx_fit.types import Array
+
+
+def placed(
+    model: mjx.Model, qpos: Float[Array, "7"], hole_pos_world: Float[Array, "2"], plate_top_m: float
+) -> mjx.Data:
+    """One world at rest: the arm in a posture (rad), the box with its hole at a place (m)."""
+    mocap = jnp.append(hole_pos_world, plate_top_m)[None]
+    return observe(model, mjx.make_data(model).replace(qpos=qpos, mocap_pos=mocap))
+
+
+def advance(
+    model: mjx.Model, data: mjx.Data, torque: Float[Array, "7"]
+) -> tuple[mjx.Data, tuple[Float[Array, "6"], Bool[Array, ""]]]:
+    """One step under joint torques (N·m).
+
+    Needs and leaves data whose position and velocity stages are current. Returns the wrench (N, N·m) and
+    whether a contact force acted.
+    """
+    data = accelerate(model, data.replace(ctrl=torque))
+    sample = data.sensordata, jnp.any(data.qfrc_constraint != 0)
+    return observe(model, mjx.implicit(model, data)), sample
 
 
 def observe(model: mjx.Model, data: mjx.Data) -> mjx.Data:
