@@ -283,6 +283,11 @@ def test_an_episode_does_not_depend_on_its_batch(native, rollouts):
         again = NativeEngine(CONFIG, threads).run(asked, 4)
         for a, b in zip(jax.tree.leaves(again), jax.tree.leaves(in_c), strict=True):
             assert np.array_equal(a, b[ids])
+    for n in (100, 300):  # in blocks of 64 and of 128 rows
+        many = draw_attempts(jax.random.key(7), jnp.arange(n), "mixed", CONFIG.detector)
+        some = native.run(many, 4)
+        for a, b in zip(jax.tree.leaves(some), jax.tree.leaves(in_c), strict=True):
+            assert np.array_equal(a[ids], b[ids])
     again = mjx.run(asked, 4)
     assert np.abs(again.tare_sensor - in_mjx.tare_sensor[ids]).max() < 1e-5
     assert np.abs(again.trace.action_world - in_mjx.trace.action_world[ids])[:, 0].max() < 1e-6

@@ -1,10 +1,12 @@
 """How does the speed of each engine scale with the number of worlds?
 
-    python experiments/physics/speed.py
+    python experiments/physics/speed.py [raw_batch native ...]
 
-Every point is measured as ``mjx-fit bench`` measures its rows.
+Every point is measured as ``mjx-fit bench`` measures its rows. With names, those are measured anew and the
+other rows of the result file kept.
 """
 
+import json
 import sys
 
 import jax
@@ -29,9 +31,11 @@ WORLDS = {"cpu": (16, 64, 256, 1024, 4096), "gpu": (256, 1024, 4096, 16384)}
 
 def main() -> None:
     """Measures and draws."""
-    rows = []
+    names = sys.argv[1:] or NAMES
+    kept = json.loads((shared.FOLDER / "speed.json").read_text())["rows"] if len(names) < len(NAMES) else []
+    rows = [row for row in kept if row["name"] not in names]
     for worlds in WORLDS[jax.default_backend()]:
-        for name in NAMES:
+        for name in names:
             rows.append(measure(name, Config(), worlds))
             print(rows[-1], file=sys.stderr, flush=True)
     best = {name: max(row["physics_steps_per_s"] for row in rows if row["name"] == name) for name in NAMES}
@@ -48,7 +52,7 @@ def _figure(rows: list[dict]) -> Figure:
         x, y = ([row[key] for row in own] for key in ("worlds", "physics_steps_per_s"))
         ax.plot(x, y, color=colour, marker=marker, markersize=5, label=LABELS[name])
     ax.set(xlabel="Worlds", ylabel="Physics steps per second", xscale="log", yscale="log", ylim=(3e3, 1e6))
-    ax.set_xticks([row["worlds"] for row in rows if row["name"] == "mjx"])
+    ax.set_xticks(WORLDS[jax.default_backend()])
     ax.minorticks_off()
     ax.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:,.0f}"))
     ax.set_yticks([1e4, 1e5, 1e6])

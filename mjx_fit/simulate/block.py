@@ -124,7 +124,8 @@ class Block:
     def step(self, torque: Float[np.ndarray, "rows 7"], running: Int[np.ndarray, "r"], substep: int) -> None:
         """One step of the running simulations under these torques (N·m); notes what they feel."""
         self._ctrl[:] = self._applied[substep] = torque[: len(self._ctrl)]
-        self.batch.step(running, stage=_OBSERVED)
+        everyone = len(running) == len(self.qpos)  # then no list is looked at: some per cent faster
+        self.batch.step(None if everyone else running, stage=_OBSERVED)
         self.wrench[substep] = self._sensordata
         self._pushed[substep] = self._contact_force
 

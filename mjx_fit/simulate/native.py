@@ -1,8 +1,8 @@
 """The native engine: MuJoCo's C engine on host threads, with the control and policies of the MJX engine.
 
 Each host thread takes a block of worlds through its attempts: few enough to stay in its cache, many enough
-that control, one jitted function over a block, is cheap for each. Its shape is always the same, whatever the
-batch and the machine, so that an attempt's trace does not depend on which others are run beside it.
+that control, one jitted function over a block, is cheap for each. An attempt's trace does not depend on which
+others are run beside it, nor on how many.
 """
 
 from collections.abc import Callable
@@ -23,8 +23,9 @@ from mjx_fit.simulate.engine import start_qpos
 from mjx_fit.simulate.threads import on_threads, parts_of
 from mjx_fit.types import SUBSTEPS, Array, Attempt, Interaction, Trace
 
-BLOCK = 64
-"""Rows of the controller: most worlds in a block."""
+ROWS = (32, 64, 128)
+"""Rows that the controller is compiled for: a block holds at most the last, and takes the least that it fits in.
+They compute the same bits (tests/test_engines.py), where fewer rows, vectorised otherwise, do not."""
 
 OnStep = Callable[[Int[np.ndarray, "m"], Batch], None]
 
@@ -59,7 +60,7 @@ class NativeEngine:
         """See ``Engine.run``."""
         done = _nothing_done(attempts, actions)
         wanted = np.arange(len(done.length)) if active is None else np.flatnonzero(active)
-        parts = [wanted[part] for part in parts_of(len(wanted), self._threads, BLOCK)]
+        parts = [wanted[part] for part in parts_of(len(wanted), self._threads, ROWS[-1])]
 
         def run_part(ids: Int[np.ndarray, "m"]) -> None:
             self._run_block(ids, _rows(attempts, ids), actions, done)
@@ -75,7 +76,7 @@ class NativeEngine:
         step: int,
         actions: int,
     ) -> Interaction:
-        """One action of a few attempts, up to ``BLOCK``, from any state: only its row is filled.
+        """One action of a few attempts, up to 128, from any state: only its row is filled.
 
         Args:
             attempts: A batch (m,).
@@ -85,7 +86,7 @@ class NativeEngine:
             actions: J.
         """
         done, ids = _nothing_done(attempts, actions), np.arange(len(qpos))
-        block = Block(self.scene, self._layout, attempts, qpos, BLOCK)
+        block = Block(self.scene, self._layout, attempts, qpos, _rows_for(len(ids)))
         block.move(qpos, qvel)
         self._act(block, ids, _rows(attempts, ids), ids, step, actions, done)
         return done
@@ -93,7 +94,7 @@ class NativeEngine:
     def batch_at_rest(self, attempts: Attempt) -> Batch:
         """All these attempts as one batch of C simulations on all threads, at rest where they start."""
         ids = np.arange(len(attempts.peg_type))
-        parts = [ids[i : i + BLOCK] for i in range(0, len(ids), BLOCK)]
+        parts = parts_of(len(ids), 1, ROWS[-1])
         qpos = np.concatenate([self._start_of(_rows(attempts, part))[: len(part)] for part in parts])
         return batch_at_rest(self.scene, attempts, qpos, self._threads)
 
@@ -102,12 +103,13 @@ class NativeEngine:
 
         Args:
             ids: Which attempts.
-            rows: They, padded to ``BLOCK`` rows.
+            rows: They, padded to as many rows as the controller takes.
             actions: Most actions in one attempt.
             done: Arrays over all attempts.
         """
         own = jax.tree.map(lambda leaf: leaf[: len(ids)], rows)
-        block = Block(self.scene, self._layout, own, self._start_of(rows)[: len(ids)], BLOCK)
+        start = self._start_of(rows)[: len(ids)]
+        block = Block(self.scene, self._layout, own, start, _rows_for(len(ids)))
         done.tare_sensor[ids] = block.tare_sensor
         depth = self.scene.plate_top_m - self._config.task.insertion_depth_m
         running = np.arange(len(ids))
@@ -170,9 +172,14 @@ class NativeEngine:
         return control.tip_velocity(arm), control.tip_quaternion(arm)
 
 
+def _rows_for(n: int) -> int:
+    """Rows of the controller for n worlds."""
+    return next(rows for rows in ROWS if rows >= n)
+
+
 def _rows(attempts: Attempt, ids: Int[np.ndarray, "m"]) -> Attempt:
-    """The attempts with these ids, padded to ``BLOCK`` rows."""
-    padded = np.concatenate([ids, np.repeat(ids[-1:], BLOCK - len(ids))])
+    """The attempts with these ids, padded to as many rows as the controller takes."""
+    padded = np.concatenate([ids, np.repeat(ids[-1:], _rows_for(len(ids)) - len(ids))])
 
     def take(leaf):
         if jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key):
