@@ -24,7 +24,7 @@ from mjx_fit.simulate.threads import on_threads, parts_of
 from mjx_fit.types import SUBSTEPS, Array, Attempt, Interaction, Trace
 
 ROWS = (32, 64, 128)
-"""Rows that the controller is compiled for: a block holds at most the last, and takes the least that it fits in.
+"""Rows that the controller is compiled for: a block holds at most the last, and takes the least that it fits.
 They compute the same bits (tests/test_engines.py), where fewer rows, vectorised otherwise, do not."""
 
 OnStep = Callable[[Int[np.ndarray, "m"], Batch], None]
