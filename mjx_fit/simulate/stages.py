@@ -14,6 +14,7 @@ from jaxtyping import Bool, Float, Int
 from mujoco import mjx
 
 from mjx_fit.scene import Scene
+from mjx_fit.simulate import contact
 from mjx_fit.types import Array
 
 
@@ -39,31 +40,16 @@ def advance(
 
 
 def observe(model: mjx.Model, data: mjx.Data) -> mjx.Data:
-    """The stages of ``mjx.forward`` that depend on position and velocity, each contact point counted once."""
-    for stage in (mjx.kinematics, mjx.com_pos, mjx.crb, mjx.factor_m, mjx.collision):
+    """The stages of ``mjx.forward`` that depend on position and velocity."""
+    for stage in (mjx.kinematics, mjx.com_pos, mjx.crb, mjx.factor_m, contact.collide, mjx.make_constraint):
         data = stage(model, data)
-    data = mjx.make_constraint(model, _without_repeated_contacts(data))
     return mjx.fwd_velocity(model, mjx.transmission(model, data))
-
-
-def _without_repeated_contacts(data: mjx.Data) -> mjx.Data:
-    """Moves contacts apart that stand in the same place between the same boxes as one before them.
-
-    MJX's box-box collision fills its four points by repeating them where there are fewer. Every contact is a
-    spring and damper of its own, so that a corner would push with the stiffness of four.
-    """
-    contact = data._impl.contact
-    near = jnp.abs(contact.pos[:, None] - contact.pos).max(-1) < _SAME_PLACE_M
-    same = near & (contact.geom[:, None] == contact.geom).all(-1)
-    repeated = jnp.tril(same, -1).any(1)
-    distance = jnp.where(repeated, 1.0, contact.dist)
-    return data.replace(_impl=data._impl.replace(contact=contact.replace(dist=distance)))
 
 
 def accelerate(model: mjx.Model, data: mjx.Data) -> mjx.Data:
     """The other stages of ``mjx.forward``, those that need the torques."""
     data = mjx.fwd_acceleration(model, mjx.fwd_actuation(model, data))
-    return mjx.sensor_acc(model, mjx.solve(model, data))
+    return mjx.sensor_acc(model, contact.solve(model, data))
 
 
 _SAME_PLACE_M = 1e-5
