@@ -1,5 +1,7 @@
 """Operational-space control: pure arrays in, joint torques out. Knows no simulator.
 
+One world's arrays or, with the worlds as their last axis, those of many: ``mjx_fit.lanes`` says why last.
+
 Task-space impedance decoupled by the task-space inertia Λ (Khatib, "A unified approach for motion and force
 control of robot manipulators", 1987), in the form of VICES (Martín-Martín et al., 2019):
 
@@ -11,6 +13,8 @@ control of robot manipulators", 1987), in the form of VICES (Martín-Martín et 
 which is the usual sum of Jᵀ Λ a and the posture torque M q̈₀ projected by I - Jᵀ Λ J M⁻¹.
 """
 
+import math
+
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
@@ -18,6 +22,7 @@ from jaxtyping import Float
 from mjx_fit import spd
 from mjx_fit.config import ControlConfig
 from mjx_fit.kinematics import STRAIGHT_DOWN, jacobian, posture_towards, rotation_error
+from mjx_fit.lanes import column, times, total
 from mjx_fit.types import Array, pytree
 
 TORQUE_LIMIT_NM = np.array([87, 87, 87, 87, 12, 12, 12], np.float32)
@@ -43,22 +48,22 @@ class ArmState:
         joint_axis_world: Direction of each joint's axis.
     """
 
-    qpos: Float[Array, "7"]
-    qvel: Float[Array, "7"]
-    mass_matrix: Float[Array, "7 7"]
-    bias: Float[Array, "7"]
-    tip_pos_world: Float[Array, "3"]
-    tip_frame_world: Float[Array, "3 3"]
-    joint_anchor_world: Float[Array, "7 3"]
-    joint_axis_world: Float[Array, "7 3"]
+    qpos: Float[Array, "7 *b"]
+    qvel: Float[Array, "7 *b"]
+    mass_matrix: Float[Array, "7 7 *b"]
+    bias: Float[Array, "7 *b"]
+    tip_pos_world: Float[Array, "3 *b"]
+    tip_frame_world: Float[Array, "3 3 *b"]
+    joint_anchor_world: Float[Array, "7 3 *b"]
+    joint_axis_world: Float[Array, "7 3 *b"]
 
 
-def tip_velocity(arm: ArmState) -> Float[Array, "6"]:
+def tip_velocity(arm: ArmState) -> Float[Array, "6 *b"]:
     """Linear (m/s) over angular (rad/s) velocity of the tip in the world frame."""
-    return jacobian(arm.joint_anchor_world, arm.joint_axis_world, arm.tip_pos_world) @ arm.qvel
+    return times(jacobian(arm.joint_anchor_world, arm.joint_axis_world, arm.tip_pos_world), arm.qvel)
 
 
-def tip_quaternion(arm: ArmState) -> Float[Array, "4"]:
+def tip_quaternion(arm: ArmState) -> Float[Array, "4 *b"]:
     """Orientation of the tip, w x y z, with x not negative.
 
     Shepperd's method for the branch in which x is largest, as it is near straight down.
@@ -69,7 +74,9 @@ def tip_quaternion(arm: ArmState) -> Float[Array, "4"]:
     return jnp.stack([wyz[0], x, wyz[1], wyz[2]])
 
 
-def torque(arm: ArmState, goal_pos_world: Float[Array, "3"], gains: ControlConfig) -> Float[Array, "7"]:
+def torque(
+    arm: ArmState, goal_pos_world: Float[Array, "3 *b"], gains: ControlConfig
+) -> Float[Array, "7 *b"]:
     """Joint torques that pull the tip to a goal, straight down.
 
     Args:
@@ -84,16 +91,17 @@ def torque(arm: ArmState, goal_pos_world: Float[Array, "3"], gains: ControlConfi
     error = jnp.concatenate(
         [goal_pos_world - arm.tip_pos_world, rotation_error(arm.tip_frame_world, STRAIGHT_DOWN)]
     )
-    stiffness = jnp.repeat(jnp.array([gains.kp_position, gains.kp_orientation]), 3)
-    task_acc = stiffness * error - 2 * jnp.sqrt(stiffness) * (jac @ arm.qvel)
+    stiffness = column(np.repeat([gains.kp_position, gains.kp_orientation], 3), error)
+    task_acc = stiffness * error - 2 * jnp.sqrt(stiffness) * times(jac, arm.qvel)
 
     # The posture turns with the first joint, so that it never pulls the arm to the middle of the workspace.
     posture_error = posture_towards(arm.tip_pos_world) - arm.qpos
-    posture_acc = gains.kp_posture * posture_error - 2 * jnp.sqrt(gains.kp_posture) * arm.qvel
+    posture_acc = gains.kp_posture * posture_error - 2 * math.sqrt(gains.kp_posture) * arm.qvel
 
     # With M = L Lᵀ, J M⁻¹ Jᵀ = (L⁻¹ Jᵀ)ᵀ (L⁻¹ Jᵀ): half a solve, and symmetric by construction.
-    whitened = spd.solve_lower(spd.factor(arm.mass_matrix + _DAMPING_MASS * jnp.eye(7)), jac.T)
-    inverse_inertia = (whitened[:, :, None] * whitened[:, None, :]).sum(0) + _DAMPING_TASK * jnp.eye(6)
-    force = spd.solve(spd.factor(inverse_inertia), task_acc - jac @ posture_acc)
-    unlimited = jac.T @ force + arm.mass_matrix @ posture_acc + arm.bias
-    return jnp.clip(unlimited, -TORQUE_LIMIT_NM, TORQUE_LIMIT_NM)
+    whitened = spd.solve_lower(spd.factor(arm.mass_matrix, _DAMPING_MASS), jac.swapaxes(0, 1))
+    inverse_inertia = total(whitened[:, :, None] * whitened[:, None])
+    force = spd.solve(spd.factor(inverse_inertia, _DAMPING_TASK), task_acc - times(jac, posture_acc))
+    unlimited = total(jac * force[:, None]) + times(arm.mass_matrix, posture_acc) + arm.bias
+    limit = column(TORQUE_LIMIT_NM, unlimited)
+    return jnp.clip(unlimited, -limit, limit)

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mjx_fit import spd
+from mjx_fit.lanes import column, cross, total
 from mjx_fit.scene import JOINTS
 from mjx_fit.types import Array, pytree
 
@@ -73,27 +74,32 @@ def forward(
 
 
 def jacobian(
-    joint_anchor_world: Float[Array, "7 3"],
-    joint_axis_world: Float[Array, "7 3"],
-    point_world: Float[Array, "3"],
-) -> Float[Array, "6 7"]:
+    joint_anchor_world: Float[Array, "7 3 *b"],
+    joint_axis_world: Float[Array, "7 3 *b"],
+    point_world: Float[Array, "3 *b"],
+) -> Float[Array, "6 7 *b"]:
     """Geometric Jacobian of a point of the last body: linear velocity over angular velocity."""
-    linear = jnp.cross(joint_axis_world, point_world - joint_anchor_world)
-    return jnp.concatenate([linear.T, joint_axis_world.T])
+    axis, arm = joint_axis_world.swapaxes(0, 1), (point_world - joint_anchor_world).swapaxes(0, 1)
+    return jnp.concatenate([cross(axis, arm), axis])
 
 
-def rotation_error(frame_world: Float[Array, "3 3"], goal_world: Float[Array, "3 3"]) -> Float[Array, "3"]:
+def rotation_error(
+    frame_world: Float[Array, "3 3 *b"], goal_world: Float[Array, "3 3"]
+) -> Float[Array, "3 *b"]:
     """Rotation vector (rad, world frame) that turns one frame towards another, exact to second order.
 
     Half the sum of the axes' cross products (Siciliano et al., Robotics, section 3.7.3).
     """
-    return 0.5 * jnp.cross(frame_world, goal_world, axisa=0, axisb=0, axisc=0).sum(1)
+    goal = jnp.reshape(goal_world, (3, 3, *[1] * (frame_world.ndim - 2)))
+    return 0.5 * total(cross(frame_world, goal), 1)
 
 
-def posture_towards(tip_pos_world: Float[Array, "3"]) -> Float[Array, "7"]:
+def posture_towards(tip_pos_world: Float[Array, "3 *b"]) -> Float[Array, "7 *b"]:
     """``POSTURE`` (rad), turned about the base towards a point, the peg's sides still along the axes."""
     bearing = jnp.arctan2(tip_pos_world[1], tip_pos_world[0])
-    return jnp.asarray(POSTURE).at[0].add(bearing).at[6].add(bearing)
+    turning = np.array([1.0, 0, 0, 0, 0, 0, 1], np.float32)
+    rows = jnp.broadcast_to(bearing, (len(JOINTS), *bearing.shape))
+    return column(POSTURE, rows) + column(turning, rows) * rows
 
 
 def inverse(chain: Chain, tip_pos_world: Float[Array, "3"]) -> Float[Array, "7"]:
@@ -106,8 +112,7 @@ def inverse(chain: Chain, tip_pos_world: Float[Array, "3"]) -> Float[Array, "7"]
     def step(qpos, _):
         position, frame, jac = forward(chain, qpos)
         error = jnp.concatenate([tip_pos_world - position, rotation_error(frame, STRAIGHT_DOWN)])
-        gain = jac @ jac.T + _DAMPING * jnp.eye(6)
-        return qpos + jac.T @ spd.solve(spd.factor(gain), error), None
+        return qpos + jac.T @ spd.solve(spd.factor(jac @ jac.T, _DAMPING), error), None
 
     return jax.lax.scan(step, posture_towards(tip_pos_world), length=_ITERATIONS)[0]
 

@@ -21,14 +21,18 @@ class Factor(NamedTuple):
         inverse_diagonal: 1 / L_ii.
     """
 
-    lower: list[list[Float[Array, ""]]]
-    inverse_diagonal: list[Float[Array, ""]]
+    lower: list[list[Float[Array, "*b"]]]
+    inverse_diagonal: list[Float[Array, "*b"]]
 
 
-def factor(matrix: Float[Array, "n n"]) -> Factor:
+def factor(matrix: Float[Array, "n n *b"], damping: float = 0.0) -> Factor:
     """The Cholesky factor of a matrix, of which only the lower triangle is read.
 
     A matrix that is not positive definite gives NaN, in its own world alone.
+
+    Args:
+        matrix: A.
+        damping: Is added to the diagonal.
     """
     lower, inverse_diagonal = [], []
     for i in range(len(matrix)):
@@ -36,12 +40,12 @@ def factor(matrix: Float[Array, "n n"]) -> Factor:
         for j in range(i):
             rest = matrix[i, j] - sum(row[k] * lower[j][k] for k in range(j))
             row.append(rest * inverse_diagonal[j])
-        inverse_diagonal.append(lax.rsqrt(matrix[i, i] - sum(x * x for x in row)))
+        inverse_diagonal.append(lax.rsqrt(matrix[i, i] + damping - sum(x * x for x in row)))
         lower.append(row)
     return Factor(lower, inverse_diagonal)
 
 
-def solve_lower(a: Factor, b: Float[Array, "n *k"]) -> Float[Array, "n *k"]:
+def solve_lower(a: Factor, b: Float[Array, "n *b"]) -> Float[Array, "n *b"]:
     """X with L x = b."""
     x = []
     for i, scale in enumerate(a.inverse_diagonal):
@@ -49,7 +53,7 @@ def solve_lower(a: Factor, b: Float[Array, "n *k"]) -> Float[Array, "n *k"]:
     return jnp.stack(x)
 
 
-def solve(a: Factor, b: Float[Array, "n *k"]) -> Float[Array, "n *k"]:
+def solve(a: Factor, b: Float[Array, "n *b"]) -> Float[Array, "n *b"]:
     """X with A x = b."""
     y = solve_lower(a, b)
     n = len(a.inverse_diagonal)

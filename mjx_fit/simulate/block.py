@@ -42,8 +42,9 @@ class Layout:
         self._mass_index[rows, model.M_colind] = np.arange(model.nM)
         self._mass_index[model.M_colind, rows] = np.arange(model.nM)
 
-    def unpack(self, packed: Float[Array, "k"]) -> control.ArmState:
-        """The arm's state from one row."""
+    def unpack(self, packed: Float[Array, "k *b"]) -> control.ArmState:
+        """The arm's state from one row, or from columns."""
+        worlds = packed.shape[1:]
         part = {name: packed[where] for name, where in self.slices.items()}
         return control.ArmState(
             qpos=part["qpos"],
@@ -51,9 +52,9 @@ class Layout:
             mass_matrix=part["M"][self._mass_index],
             bias=part["qfrc_bias"],
             tip_pos_world=part["site_xpos"],
-            tip_frame_world=part["site_xmat"].reshape(3, 3),
-            joint_anchor_world=part["xanchor"].reshape(7, 3),
-            joint_axis_world=part["xaxis"].reshape(7, 3),
+            tip_frame_world=part["site_xmat"].reshape(3, 3, *worlds),
+            joint_anchor_world=part["xanchor"].reshape(7, 3, *worlds),
+            joint_axis_world=part["xaxis"].reshape(7, 3, *worlds),
         )
 
 

@@ -1,45 +1,24 @@
 """Contact in MJX, by ``mjx_fit.simulate.boxes`` and ``mjx_fit.simulate.constraints``.
 
-``collide`` stands in the place of ``mjx.collision`` and ``solve`` in that of ``mjx.solve``: both take and leave what
-those do, in scenes like this project's, one peg over one plate.
+``collide``, ``solve`` and ``integrate`` stand in the places of ``mjx.collision``, ``mjx.solve`` and ``mjx.implicit``: they
+take and leave what those do, in scenes like this project's, one arm with a peg over one plate. None of them, nor
+any other stage of a step, calls LAPACK.
 """
 
 # MuJoCo's extension module has no stubs.
 # pyright: reportAttributeAccessIssue=false
 
-from collections.abc import Callable
 from functools import partial
 
-import jax
 import jax.numpy as jnp
 import mujoco
 import numpy as np
 from jaxtyping import Int
 from mujoco import mjx
 
-from mjx_fit.simulate import boxes, constraints
-
-
-def worlds_last(function: Callable) -> Callable:
-    """A function of arrays (..., worlds), as one of arrays (...) that vmap runs in that layout."""
-
-    def of_worlds(*args):
-        last = jax.tree.map(lambda x: jnp.moveaxis(x, 0, -1), args)
-        return jax.tree.map(lambda x: jnp.moveaxis(x, -1, 0), function(*last))
-
-    @jax.custom_batching.custom_vmap
-    def of_one(*args):
-        return jax.tree.map(lambda x: x[0], of_worlds(*jax.tree.map(lambda x: x[None], args)))
-
-    @of_one.def_vmap
-    def _(size, batched, *args):
-        def spread(x, has_worlds):
-            return x if has_worlds else jnp.broadcast_to(x, (size, *x.shape))
-
-        result = of_worlds(*jax.tree.map(spread, args, tuple(batched)))
-        return result, jax.tree.map(lambda _: True, result)
-
-    return of_one
+from mjx_fit import spd
+from mjx_fit.lanes import worlds_last
+from mjx_fit.simulate import boxes, cones, constraints
 
 
 def collide(model: mjx.Model, data: mjx.Data) -> mjx.Data:
@@ -70,27 +49,62 @@ def collide(model: mjx.Model, data: mjx.Data) -> mjx.Data:
 
 
 def solve(model: mjx.Model, data: mjx.Data) -> mjx.Data:
-    """Finds the forces of limits and contacts; see ``mjx.solve``."""
+    """Finds the accelerations without and with the forces of limits and contacts; see ``mjx.solve``."""
     impl = data._impl
-    limits, contacts = impl.nl, len(impl.contact.dist)
-    jac, acc, weight = impl.efc_J, impl.efc_aref, impl.efc_D
-    problem = constraints.Problem(
-        mass_matrix=mjx.full_m(model, data),
-        smooth_acc=data.qacc_smooth,
-        limit_side=jnp.diagonal(jac[:limits]),
-        limit_acc=acc[:limits],
-        limit_weight=weight[:limits],
-        contact_jac=jac[limits:].reshape(contacts, 3, -1),
-        contact_acc=acc[limits:].reshape(contacts, 3),
-        contact_weight=weight[limits::3],
-        friction=impl.contact.friction[0, 0],
-        impratio=jnp.asarray(model.opt.impratio),
+    contacts = len(impl.contact.dist)
+    solution = worlds_last(_solve)(
+        mjx.full_m(model, data),
+        data.qfrc_smooth,
+        (impl.efc_J, impl.efc_aref, impl.efc_D),
+        impl.contact.friction[0, 0],
+        jnp.asarray(model.opt.impratio),
+        data.qacc_warmstart,
     )
-    solution = worlds_last(constraints.solve)(problem, data.qacc_warmstart)
-    force = jnp.concatenate([solution.limit_force, solution.contact_force.reshape(-1)])
+    force = jnp.concatenate([solution.limit_force, solution.contact_force.reshape(3 * contacts)])
     return data.replace(
-        qacc=solution.acc, qfrc_constraint=solution.torque, _impl=impl.replace(efc_force=force)
+        qacc=solution.acc,
+        qacc_smooth=solution.smooth_acc,
+        qfrc_constraint=solution.torque,
+        _impl=impl.replace(efc_force=force),
     )
+
+
+def _solve(mass_matrix, torque, rows, friction, impratio, guess) -> constraints.Solution:
+    """MJX's rows, those of the limits before those of the contacts, as a problem, and its solution."""
+    jac, acc, weight = rows
+    n = len(torque)
+    contacts = cones.scaled(
+        jac[n:].reshape(-1, 3, *jac.shape[1:]),
+        acc[n:].reshape(-1, 3, *acc.shape[1:]),
+        weight[n::3],
+        friction,
+        impratio,
+    )
+    limit_side = jnp.stack([jac[i, i] for i in range(n)])
+    problem = constraints.Problem(mass_matrix, torque, limit_side, acc[:n], weight[:n], contacts)
+    return constraints.solve(problem, guess)
+
+
+def integrate(model: mjx.Model, data: mjx.Data) -> mjx.Data:
+    """Advances the state by MuJoCo's integrator ``implicitfast``; see ``mjx.implicit``.
+
+    The joints' damping is what it treats implicitly: (M + Δt B) a = all torques. Joints are hinges.
+    """
+    step = model.opt.timestep
+    velocity = worlds_last(_next_velocity)(
+        mjx.full_m(model, data), step * model.dof_damping, step * (data.qfrc_smooth + data.qfrc_constraint), data.qvel
+    )
+    return data.replace(
+        qpos=data.qpos + step * velocity,
+        qvel=velocity,
+        time=data.time + step,
+        qacc_warmstart=data.qacc,
+    )
+
+
+def _next_velocity(mass_matrix, damping, impulse, velocity):
+    matrix = mass_matrix + jnp.eye(len(damping))[:, :, None] * damping
+    return velocity + spd.solve(spd.factor(matrix), impulse)
 
 
 def _geoms(model: mjx.Model, prefix: str) -> Int[np.ndarray, "n"]:

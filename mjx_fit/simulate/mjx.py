@@ -14,6 +14,7 @@ from mujoco import mjx
 from mjx_fit import control, policies
 from mjx_fit.config import Config
 from mjx_fit.kinematics import chain_of
+from mjx_fit.lanes import worlds_last
 from mjx_fit.scene import Scene, pair_index, simulation_scene
 from mjx_fit.simulate.engine import start_qpos
 from mjx_fit.simulate.stages import accelerate, advance, models_of, placed, stacked_models
@@ -154,9 +155,10 @@ def hold(
     whether a contact force acted, step by step.
     """
 
+    torque = worlds_last(partial(control.torque, gains=config.control))
+
     def substep(data, _):
-        arm = arm_state(model, data, scene)
-        return advance(model, data, control.torque(arm, goal_pos_world, config.control))
+        return advance(model, data, torque(arm_state(model, data, scene), goal_pos_world))
 
     return jax.lax.scan(substep, data, length=SUBSTEPS)
 

@@ -23,9 +23,15 @@ from mjx_fit.simulate.engine import start_qpos
 from mjx_fit.simulate.threads import on_threads, parts_of
 from mjx_fit.types import SUBSTEPS, Array, Attempt, Interaction, Trace
 
-ROWS = (32, 64, 128)
+CHUNK = 32
+"""Rows that the controller computes at a time. From 64 on, its intermediate results are too large for the memory
+that an allocator keeps at hand, and a call takes six times as long. Always so many also means the same bits,
+whatever the block."""
+
+ROWS = (32, 64, 128, 256, 512)
 """Rows that the controller is compiled for: a block holds at most the last, and takes the least that it fits.
-They compute the same bits (tests/test_engines.py), where fewer rows, vectorised otherwise, do not."""
+The larger the block, the less often a thread changes between physics and control, whose code and data push each
+other out of its cache; tests/test_engines.py shows that an attempt does not depend on it."""
 
 OnStep = Callable[[Int[np.ndarray, "m"], Batch], None]
 
@@ -50,7 +56,7 @@ class NativeEngine:
         model = self.scene.models[0]
         self._layout = Layout(model)
         self._start = jax.jit(partial(start_qpos, chain_of(model), scene=self.scene))
-        self._torque = jax.jit(jax.vmap(self._torque_of))
+        self._torque = jax.jit(self._torques_of)
         self._begin_action = jax.jit(jax.vmap(self._begin_action_of, (0, 0, None, None)), static_argnums=3)
         self._observe = jax.jit(jax.vmap(self._observe_of))
 
@@ -159,8 +165,15 @@ class NativeEngine:
     def _start_of(self, rows: Attempt) -> Float[np.ndarray, "rows 7"]:
         return np.asarray(self._start(attempts=rows))
 
-    def _torque_of(self, packed: Float[Array, "k"], goal_pos_world: Float[Array, "3"]) -> Float[Array, "7"]:
-        return control.torque(self._layout.unpack(packed), goal_pos_world, self._config.control)
+    def _torques_of(
+        self, packed: Float[Array, "rows k"], goal_pos_world: Float[Array, "rows 3"]
+    ) -> Float[Array, "rows 7"]:
+        def chunk(part):
+            rows, goal = part
+            return control.torque(self._layout.unpack(rows.T), goal.T, self._config.control).T
+
+        chunks = (x.reshape(-1, CHUNK, x.shape[1]) for x in (packed, goal_pos_world))
+        return jax.lax.map(chunk, tuple(chunks)).reshape(-1, 7)
 
     def _begin_action_of(self, attempt: Attempt, packed: Float[Array, "k"], step, actions: int):
         tip = self._layout.unpack(packed).tip_pos_world

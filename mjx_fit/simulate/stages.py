@@ -36,27 +36,22 @@ def advance(
     """
     data = accelerate(model, data.replace(ctrl=torque))
     sample = data.sensordata, jnp.any(data.qfrc_constraint != 0)
-    return observe(model, mjx.implicit(model, data)), sample
+    return observe(model, contact.integrate(model, data)), sample
 
 
 def observe(model: mjx.Model, data: mjx.Data) -> mjx.Data:
     """The stages of ``mjx.forward`` that depend on position and velocity."""
-    for stage in (mjx.kinematics, mjx.com_pos, mjx.crb, mjx.factor_m, contact.collide, mjx.make_constraint):
+    for stage in (mjx.kinematics, mjx.com_pos, mjx.crb, contact.collide, mjx.make_constraint):
         data = stage(model, data)
     return mjx.fwd_velocity(model, mjx.transmission(model, data))
 
 
 def accelerate(model: mjx.Model, data: mjx.Data) -> mjx.Data:
     """The other stages of ``mjx.forward``, those that need the torques."""
-    data = mjx.fwd_acceleration(model, mjx.fwd_actuation(model, data))
+    data = mjx.fwd_actuation(model, data)
+    data = data.replace(qfrc_smooth=data.qfrc_passive - data.qfrc_bias + data.qfrc_actuator)
     return mjx.sensor_acc(model, contact.solve(model, data))
 
-
-_SAME_PLACE_M = 1e-5
-
-_LINE_SEARCH = 8
-"""Steps of the solver's line search. MJX always makes all of them, and its own search halves the interval as
-well, so that 8 of them do where C's may need 50: experiments/physics/parity.py compares what comes of it."""
 
 _GEOMETRY = ("geom_pos", "geom_size", "geom_rbound")
 """The model's fields in which the nine pairs differ."""
@@ -65,7 +60,6 @@ _GEOMETRY = ("geom_pos", "geom_size", "geom_rbound")
 def stacked_models(scene: Scene) -> tuple[mjx.Model, mjx.Model]:
     """The nine models as one, with a leading axis on the geometry, and the tree of vmap axes."""
     model = mjx.put_model(scene.models[0])
-    model = model.replace(opt=model.opt.replace(ls_iterations=_LINE_SEARCH))
     stacked = {
         name: jnp.asarray(np.stack([getattr(pair, name) for pair in scene.models]), jnp.float32)
         for name in _GEOMETRY
