@@ -74,9 +74,7 @@ def tip_quaternion(arm: ArmState) -> Float[Array, "4 *b"]:
     return jnp.stack([wyz[0], x, wyz[1], wyz[2]])
 
 
-def torque(
-    arm: ArmState, goal_pos_world: Float[Array, "3 *b"], gains: ControlConfig
-) -> Float[Array, "7 *b"]:
+def torque(arm: ArmState, goal_pos_world: Float[Array, "3 *b"], gains: ControlConfig) -> Float[Array, "7 *b"]:
     """Joint torques that pull the tip to a goal, straight down.
 
     Args:

@@ -99,7 +99,7 @@ def posture_towards(tip_pos_world: Float[Array, "3 *b"]) -> Float[Array, "7 *b"]
     bearing = jnp.arctan2(tip_pos_world[1], tip_pos_world[0])
     turning = np.array([1.0, 0, 0, 0, 0, 0, 1], np.float32)
     rows = jnp.broadcast_to(bearing, (len(JOINTS), *bearing.shape))
-    return column(POSTURE, rows) + column(turning, rows) * rows
+    return column(np.asarray(POSTURE), rows) + column(turning, rows) * rows
 
 
 def inverse(chain: Chain, tip_pos_world: Float[Array, "3"]) -> Float[Array, "7"]:

@@ -1,9 +1,9 @@
 """Worlds side by side: arithmetic on small arrays whose last axis is the worlds.
 
-Every number is then a contiguous row of worlds, and a sum that is written out term by term is plain arithmetic on such
-rows, which a compiler turns into vector instructions and fuses with what surrounds it. XLA's own reductions
-and batched matrix products go through one number at a time on a CPU: 35 times slower for a product of
-(8, 3, 7, 128) with (7, 128), summed over the 7.
+Every number is then a contiguous row of worlds, and a sum that is written out term by term is plain
+arithmetic on such rows, which a compiler turns into vector instructions and fuses with what surrounds it.
+XLA's own reductions and batched matrix products go through one number at a time on a CPU: 35 times slower for
+a product of (8, 3, 7, 128) with (7, 128), summed over the 7.
 
 The functions here and what is built of them take any number of worlds' axes, none as well.
 """

@@ -136,7 +136,7 @@ def _python_loop(config: Config, attempts: Attempt, actions: int) -> Run:
 CONTENDERS = {
     "raw_batch": Contender(_raw_batch, 40),
     "native": Contender(partial(_engine, "native"), 40),
-    "mjx_step": Contender(_mjx_step, 8),
-    "mjx": Contender(partial(_engine, "mjx"), 8),
+    "mjx_step": Contender(_mjx_step, 20),
+    "mjx": Contender(partial(_engine, "mjx"), 20),
     "python_loop": Contender(_python_loop, 100, one_world=True),
 }

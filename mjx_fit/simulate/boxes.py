@@ -1,10 +1,11 @@
 """Where the peg's boxes and the plate's boxes touch: the deepest points, for all worlds at once.
 
-MJX's own collision of boxes is made for any boxes anywhere, one pair at a time. Here all boxes of the peg turn
-together and the plate's stand along the axes, so that the axes of the separating axis test are the same for
-all pairs of a world, and few pairs touch at a time. What is computed is what MuJoCo's C engine computes for a
-face on a face: the incident face clipped against the face of least overlap. Edge on edge is left out, as MJX
-leaves it out for boxes that are nearly aligned: of 22,000 contact points in C's attempts 0.4 % were such.
+MJX's own collision of boxes is made for any boxes anywhere, one pair at a time. Here all boxes of the peg
+turn together and the plate's stand along the axes, so that the axes of the separating axis test are the same
+for all pairs of a world, and few pairs touch at a time. What is computed is what MuJoCo's C engine computes
+for a face on a face: the incident face clipped against the face of least overlap. Edge on edge is left out,
+as MJX leaves it out for boxes that are nearly aligned: of 22,000 contact points in C's attempts 0.4 % were
+such.
 
 The peg is taken to be within 45 degrees of upright and of the plate's axes, as a peg in any attempt is.
 
@@ -23,8 +24,8 @@ from mjx_fit.lanes import times, total
 from mjx_fit.types import Array
 
 MOST_PAIRS = 4
-"""Pairs of boxes whose contact points are looked at: those that overlap most. More than three touched in 0.3 %
-of the states of C's attempts."""
+"""Pairs of boxes whose contact points are looked at: those that overlap most. More than three touched in 0.3
+% of the states of C's attempts."""
 
 
 class Points(NamedTuple):
@@ -97,7 +98,8 @@ def deepest_points(
     along = _overlaps(peg_at - plate_at, peg_size, plate_size, peg_frame_plate)
     boxes = jnp.concatenate([peg_at, plate_at, peg_size, plate_size])
     nearest = _largest(_least(along), boxes, MOST_PAIRS)
-    pairs = _reference(*jnp.split(jnp.moveaxis(nearest, 0, 1), 4), peg_frame_plate)
+    peg_at, plate_at, peg_size, plate_size = jnp.split(jnp.moveaxis(nearest, 0, 1), 4)
+    pairs = _reference(peg_at, plate_at, peg_size, plate_size, peg_frame_plate)
     return _deepest(pairs, *_candidates(pairs), count)
 
 
@@ -127,7 +129,10 @@ def _reference(peg_at, plate_at, peg_half, plate_half, frame) -> _Overlap:
     turn = _by_axis(jnp.where(on_plate, along_plate, along_peg))
 
     seen = jnp.where(on_plate, between, -total(axes * between[:, None]))
-    half, other = turn(jnp.where(on_plate, plate_half, peg_half)), turn(jnp.where(on_plate, peg_half, plate_half))
+    half, other = (
+        turn(jnp.where(on_plate, plate_half, peg_half)),
+        turn(jnp.where(on_plate, peg_half, plate_half)),
+    )
     other_axes = jnp.where(on_plate, axes, axes.swapaxes(0, 1))
     other_axes = turn(jnp.stack([turn(other_axes[:, j]) for j in range(3)], 0)).swapaxes(0, 1)
     basis = jnp.where(on_plate, world, axes)
@@ -231,8 +236,8 @@ def _largest(
 ) -> Float[Array, "{count} f b"]:
     """The fields that go with the largest positive values, the largest first; zeros where there are no more.
 
-    Values are compared up to some parts in 100,000; the first of equals comes first. A scan, since all that enters
-    one is computed once, where XLA would compute it anew in each of the places that use it.
+    Values are compared up to some parts in 100,000; the first of equals comes first. A scan, since all that
+    enters one is computed once, where XLA would compute it anew in each of the places that use it.
     """
     places = len(value) - 1
     room = (1 << places.bit_length()) - 1

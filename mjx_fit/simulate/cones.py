@@ -1,17 +1,20 @@
 """The cost of contacts with friction cones, in coordinates in which the cones are circular.
 
-A contact's residual J a - a_ref, normal first, is scaled to u = S (J a - a_ref) with S = diag(μ, f, f), f the coefficient of
-friction and μ = f / √impratio. With N = u₀ and T = |u₁₂| its cost is ½ w, w = D / μ², times
+A contact's residual J a - a_ref, normal first, is scaled to u = S (J a - a_ref) with S = diag(μ, f, f), f the
+coefficient of friction and μ = f / √impratio. With N = u₀ and T = |u₁₂| its cost is ½ w, w = D / μ², times
 
     0                            where N ≥ μ T: it is open
     (N - μ T)² / (1 + μ²)        between: it slides
     N² + T²                      where μ N + T ≤ 0: it sticks
 
-which is MuJoCo's elliptic cone (documentation, chapter Computation, "Constraint model") for one coefficient of friction.
+which is MuJoCo's elliptic cone (documentation, chapter Computation, "Constraint model") for one coefficient
+of friction.
 
 Arrays have the contacts first and the worlds last: see ``mjx_fit.lanes``.
 """
 
+from functools import reduce
+from operator import add
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -127,10 +130,12 @@ def hessian(cones: Cones, bend: Bend) -> Float[Array, "7 7 b"]:
     n, m, a, c = (x[:, None] for x in bend[1:])
     left = (normal, along, across)
     right = (n * normal - m * along, a * along - m * normal, c * across)
-    return sum(total(x[:, :, None] * y[:, None]) for x, y in zip(left, right, strict=True))
+    return reduce(add, (total(x[:, :, None] * y[:, None]) for x, y in zip(left, right, strict=True)))
 
 
-def _zones(cones: Cones, u) -> tuple[Float[Array, "c b"], Float[Array, "c b"], Bool[Array, "c b"], Bool[Array, "c b"]]:
+def _zones(
+    cones: Cones, u
+) -> tuple[Float[Array, "c b"], Float[Array, "c b"], Bool[Array, "c b"], Bool[Array, "c b"]]:
     """N, T, and whether a contact slides, and whether it sticks."""
     normal, size = u[:, 0], jnp.sqrt(u[:, 1] ** 2 + u[:, 2] ** 2)
     sticks = (cones.mu * normal + size <= 0) & (normal < 0)

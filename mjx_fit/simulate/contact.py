@@ -1,8 +1,8 @@
 """Contact in MJX, by ``mjx_fit.simulate.boxes`` and ``mjx_fit.simulate.constraints``.
 
-``collide``, ``solve`` and ``integrate`` stand in the places of ``mjx.collision``, ``mjx.solve`` and ``mjx.implicit``: they
-take and leave what those do, in scenes like this project's, one arm with a peg over one plate. None of them, nor
-any other stage of a step, calls LAPACK.
+``collide``, ``solve`` and ``integrate`` stand in the places of ``mjx.collision``, ``mjx.solve`` and
+``mjx.implicit``: they take and leave what those do, in scenes like this project's, one arm with a peg over
+one plate. None of them, nor any other stage of a step, calls LAPACK.
 """
 
 # MuJoCo's extension module has no stubs.
@@ -92,7 +92,10 @@ def integrate(model: mjx.Model, data: mjx.Data) -> mjx.Data:
     """
     step = model.opt.timestep
     velocity = worlds_last(_next_velocity)(
-        mjx.full_m(model, data), step * model.dof_damping, step * (data.qfrc_smooth + data.qfrc_constraint), data.qvel
+        mjx.full_m(model, data),
+        step * model.dof_damping,
+        step * (data.qfrc_smooth + data.qfrc_constraint),
+        data.qvel,
     )
     return data.replace(
         qpos=data.qpos + step * velocity,

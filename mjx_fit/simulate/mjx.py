@@ -28,9 +28,9 @@ def compiler_options() -> dict[str, bool]:
 
 
 MOST_ROWS = 256
-"""Most worlds in one computation on a CPU. MJX's solver calls LAPACK for a batch of matrices; from somewhat
-over a thousand on (jaxlib 0.10) such a call spreads over XLA's pool of threads and waits for them, and when
-all of them wait in such calls nothing ever goes on: experiments/physics/deadlock.py shows it."""
+"""Most worlds in one computation on a CPU: more are not faster, and take memory. No stage calls LAPACK:
+batches of its calls within loops can wait for each other for ever (jaxlib 0.10;
+experiments/physics/deadlock.py shows it)."""
 
 
 class MjxEngine:
@@ -154,7 +154,6 @@ def hold(
     Needs and leaves data whose position and velocity stages are current. Returns the wrench (N, N·m) and
     whether a contact force acted, step by step.
     """
-
     torque = worlds_last(partial(control.torque, gains=config.control))
 
     def substep(data, _):

@@ -1,0 +1,38 @@
+"""Arithmetic over worlds against NumPy's, world by world."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from mjx_fit import lanes
+
+
+@pytest.mark.parametrize("worlds", [(), (5,)])
+def test_sums_and_products_are_numpys(worlds):
+    rng = np.random.default_rng(0)
+    a, b = rng.normal(size=(3, 4, *worlds)), rng.normal(size=(4, *worlds))
+    u, v = rng.normal(size=(2, 3, *worlds))
+    with jax.enable_x64(True):
+        assert np.allclose(lanes.total(jnp.asarray(a)), a.sum(0))
+        assert np.allclose(lanes.total(jnp.asarray(a), 1), a.sum(1))
+        assert np.allclose(lanes.times(jnp.asarray(a), jnp.asarray(b)), np.einsum("ij...,j...->i...", a, b))
+        assert np.allclose(lanes.cross(jnp.asarray(u), jnp.asarray(v)), np.cross(u, v, axis=0))
+        assert lanes.column(np.arange(4), b).shape == (4, *[1] * len(worlds))
+
+
+def test_a_function_of_worlds_works_on_one_world_and_under_vmap():
+    seen = []
+
+    def scaled(matrix, vector):
+        seen.append(matrix.shape)
+        return {"product": lanes.times(matrix, vector)}
+
+    rng = np.random.default_rng(1)
+    a, b = rng.normal(size=(5, 3, 4)).astype(np.float32), rng.normal(size=4).astype(np.float32)
+    function = lanes.worlds_last(scaled)
+    one = function(a[0], b)["product"]
+    many = jax.jit(jax.vmap(function, (0, None)))(a, b)["product"]
+    assert (seen[0], seen[-1]) == ((3, 4, 1), (3, 4, 5))
+    assert np.allclose(one, a[0] @ b, atol=1e-6)
+    assert np.allclose(many, a @ b, atol=1e-6)
