@@ -13,8 +13,6 @@ control of robot manipulators", 1987), in the form of VICES (Martín-Martín et 
 which is the usual sum of Jᵀ Λ a and the posture torque M q̈₀ projected by I - Jᵀ Λ J M⁻¹.
 """
 
-import math
-
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
@@ -89,12 +87,12 @@ def torque(arm: ArmState, goal_pos_world: Float[Array, "3 *b"], gains: ControlCo
     error = jnp.concatenate(
         [goal_pos_world - arm.tip_pos_world, rotation_error(arm.tip_frame_world, STRAIGHT_DOWN)]
     )
-    stiffness = column(np.repeat([gains.kp_position, gains.kp_orientation], 3), error)
+    stiffness = column(jnp.repeat(jnp.array([gains.kp_position, gains.kp_orientation]), 3), error)
     task_acc = stiffness * error - 2 * jnp.sqrt(stiffness) * times(jac, arm.qvel)
 
     # The posture turns with the first joint, so that it never pulls the arm to the middle of the workspace.
     posture_error = posture_towards(arm.tip_pos_world) - arm.qpos
-    posture_acc = gains.kp_posture * posture_error - 2 * math.sqrt(gains.kp_posture) * arm.qvel
+    posture_acc = gains.kp_posture * posture_error - 2 * jnp.sqrt(gains.kp_posture) * arm.qvel
 
     # With M = L Lᵀ, J M⁻¹ Jᵀ = (L⁻¹ Jᵀ)ᵀ (L⁻¹ Jᵀ): half a solve, and symmetric by construction.
     whitened = spd.solve_lower(spd.factor(arm.mass_matrix, _DAMPING_MASS), jac.swapaxes(0, 1))

@@ -62,7 +62,7 @@ def simulation_scene(config: SceneConfig) -> Scene:
         _add_peg(spec, config, _padded(peg_boxes(peg, config), n_peg))
         boxes = _padded(hole_boxes(hole, config), n_hole)
         _add_hole(spec, config, boxes, "hole", (0.5, 0.0), mocap=True)
-        _strip_pictures(spec)
+        _strip_visual_geoms(spec)
         models.append(spec.compile())
     return Scene(tuple(models), config)
 
@@ -142,7 +142,7 @@ def _add_hole(
         )
 
 
-def _strip_pictures(spec: mujoco.MjSpec) -> None:
+def _strip_visual_geoms(spec: mujoco.MjSpec) -> None:
     """Takes away what is only to be looked at: an engine computes the place of every geom in every step."""
     seen = [geom for geom in spec.geoms if not geom.contype and not geom.conaffinity]
     for element in (*seen, *spec.lights, *spec.cameras):

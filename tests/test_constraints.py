@@ -8,7 +8,8 @@ import scipy.optimize
 
 from mjx_fit.simulate import cones, constraints
 
-N, CONTACTS, FRICTION, IMPRATIO = 12, 3, 0.3, 10.0
+N, CONTACTS, IMPRATIO = 24, 3, 10.0
+FRICTIONS = (1e-5, 0.3, 2.0)
 
 
 def rows(seed):
@@ -34,14 +35,14 @@ def rows(seed):
     )
 
 
-def textbook_cost(acc, mass, torque, side, limit_acc, limit_weight, jac, reference, weight):
+def textbook_cost(acc, mass, torque, side, limit_acc, limit_weight, jac, reference, weight, friction):
     """MuJoCo's cost, documentation's chapter Computation, contact by contact, in double precision."""
     value = 0.5 * acc @ mass @ acc - acc @ torque
     value += 0.5 * (limit_weight * np.minimum(side * acc - limit_acc, 0) ** 2).sum()
-    mu = FRICTION / np.sqrt(IMPRATIO)
+    mu = friction / np.sqrt(IMPRATIO)
     for j, ref, d in zip(jac, reference, weight, strict=True):
         normal, *tangent = j @ acc - ref
-        n, t = mu * normal, FRICTION * np.hypot(*tangent)
+        n, t = mu * normal, friction * np.hypot(*tangent)
         if mu * n + t <= 0 and n < 0:
             value += 0.5 * (d * normal**2 + IMPRATIO * d * np.sum(np.square(tangent)))
         elif n < mu * t:
@@ -49,12 +50,12 @@ def textbook_cost(acc, mass, torque, side, limit_acc, limit_weight, jac, referen
     return value
 
 
-def problem_of(worlds):
+def problem_of(worlds, friction=0.3):
     mass, torque, side, limit_acc, limit_weight, jac, reference, weight = (
         jnp.asarray(np.stack(x, -1), jnp.float32) for x in zip(*worlds, strict=True)
     )
     b = mass.shape[-1]
-    contacts = cones.scaled(jac, reference, weight, jnp.full(b, FRICTION), jnp.full(b, IMPRATIO))
+    contacts = cones.from_rows(jac, reference, weight, jnp.full(b, friction), jnp.full(b, IMPRATIO))
     return constraints.Problem(mass, torque, side, limit_acc, limit_weight, contacts)
 
 
@@ -68,29 +69,29 @@ def solve():
     return jax.jit(constraints.solve)
 
 
-def test_the_minimum_is_scipys(worlds, solve):
-    solution = solve(problem_of(worlds), jnp.zeros((7, N)))
+@pytest.mark.parametrize("friction", FRICTIONS)
+def test_the_minimum_is_scipys(worlds, solve, friction):
+    problem = problem_of(worlds, friction)
+    solution = solve(problem, jnp.zeros((7, N)))
+    assert np.abs(constraints._local(problem, solution.acc).gradient).max() < 2e-2
     for i, world in enumerate(worlds):
-        best = scipy.optimize.minimize(
-            textbook_cost, np.zeros(7), world, method="BFGS", options={"gtol": 1e-7}
-        )
-        mine = np.asarray(solution.acc[:, i], float)
-        assert textbook_cost(mine, *world) <= best.fun + 1e-5 * abs(best.fun)
-        assert mine == pytest.approx(best.x, abs=2e-3 * np.abs(best.x).max())
+        best = scipy.optimize.minimize(textbook_cost, np.zeros(7), (*world, friction), method="BFGS")
+        mine = textbook_cost(np.asarray(solution.acc[:, i], float), *world, friction=friction)
+        assert mine <= best.fun + 1e-5 * abs(best.fun)
 
 
-def test_forces_balance_and_stay_in_their_cones(worlds, solve):
-    solution = jax.tree.map(np.asarray, solve(problem_of(worlds), jnp.zeros((7, N))))
+@pytest.mark.parametrize("friction", FRICTIONS)
+def test_forces_balance_and_stay_in_their_cones(worlds, solve, friction):
+    solution = jax.tree.map(np.asarray, solve(problem_of(worlds, friction), jnp.zeros((7, N))))
     for i, (mass, torque, side, *_, jac, _, _) in enumerate(worlds):
-        from_rows = side * solution.limit_force[:, i] + np.einsum(
-            "ckj,ck->j", jac, solution.contact_force[..., i]
-        )
+        from_contacts = np.einsum("ckj,ck->j", jac, solution.contact_force[..., i])
+        from_rows = side * solution.limit_force[:, i] + from_contacts
         assert solution.torque[:, i] == pytest.approx(from_rows, abs=1e-3)
-        assert mass @ solution.acc[:, i] == pytest.approx(torque + from_rows, abs=5e-3)
+        assert mass @ solution.acc[:, i] == pytest.approx(torque + from_rows, abs=2e-2)
         assert mass @ solution.smooth_acc[:, i] == pytest.approx(torque, abs=1e-3)
         normal, tangent = solution.contact_force[:, 0, i], solution.contact_force[:, 1:, i]
         assert (normal >= 0).all()
-        assert (np.hypot(*tangent.T) <= FRICTION * normal * 1.001 + 1e-4).all()
+        assert (np.hypot(*tangent.T) <= friction * normal * 1.001 + 1e-4).all()
         assert (solution.limit_force[:, i] >= 0).all()
     assert (solution.contact_force[:, 0] > 0).mean() > 0.3
 
@@ -128,7 +129,7 @@ def test_derivatives_are_those_of_the_cost(worlds):
         def along(at):
             return cones.cost(contacts, cones.residual(contacts, acc + at * way))
 
-        gradient, bend = cones.derivatives(contacts, cones.residual(contacts, acc))
+        gradient, hessian_u = cones.derivatives(contacts, cones.residual(contacts, acc))
         v = jnp.einsum("ckjb,jb->ckb", contacts.jac, way)
         eps = 1e-5
         slope = (along(eps) - along(-eps)) / (2 * eps)
@@ -136,10 +137,10 @@ def test_derivatives_are_those_of_the_cost(worlds):
         further, _ = cones.derivatives(contacts, cones.residual(contacts, acc + eps * way))
         back, _ = cones.derivatives(contacts, cones.residual(contacts, acc - eps * way))
         curve = ((further - back) / (2 * eps) * v).sum((0, 1))
-        assert np.allclose(cones.curvature(bend, v).sum(0), curve, rtol=1e-4, atol=1e-3)
-        hessian = cones.hessian(contacts, bend)
+        assert np.allclose(cones.curvature(hessian_u, v).sum(0), curve, rtol=1e-4, atol=1e-3)
+        hessian = cones.hessian(contacts, hessian_u)
         assert np.allclose(jnp.einsum("ib,ijb,jb->b", way, hessian, way), curve, rtol=1e-4, atol=1e-3)
-    slides, sticks = (np.asarray(x) for x in cones._zones(contacts, cones.residual(contacts, acc))[2:])
+        slides, sticks = (np.asarray(x) for x in cones._zones(contacts, cones.residual(contacts, acc))[2:])
     assert slides.any()
     assert sticks.any()
     assert (~slides & ~sticks).any()

@@ -17,7 +17,7 @@ from mjx_fit.errors import RequestError
 from mjx_fit.kinematics import chain_of, inverse
 from mjx_fit.policies import SPIRAL
 from mjx_fit.scene import simulation_scene
-from mjx_fit.simulate import broken, engine
+from mjx_fit.simulate import broken, contact, engine
 from mjx_fit.simulate import mjx as mjx_engine
 from mjx_fit.simulate import native as native_engine
 from mjx_fit.simulate.mjx import MjxEngine, compiler_options
@@ -42,6 +42,10 @@ def states(scene):
     qpos += rng.normal(0, 1, (n, 7)) * np.where(free[:, None], [0.2, 0.02, 0.2, 0.02, 0.2, 0.02, 0.2], 2e-4)
     qvel = rng.normal(0, 1, (n, 7)) * np.where(free, 0.5, 0.02)[:, None]
     push = rng.normal(0, 3, (n, 7))
+    # Some free ones press a joint beyond its limit, on either side.
+    low, high = scene.models[0].jnt_range.T
+    qpos[:7] = np.where(np.eye(7, dtype=bool), low - 0.01, qpos[:7])
+    qpos[7:14] = np.where(np.eye(7, dtype=bool), high + 0.01, qpos[7:14])
     mocap = np.column_stack([hole, np.full(n, scene.plate_top_m)])
     return np.arange(n) % 9, *(x.astype(np.float32) for x in (qpos, qvel, push, mocap))
 
@@ -56,7 +60,7 @@ def one_step(scene, states):
         data = mjx.make_data(model).replace(qpos=qpos, qvel=qvel, mocap_pos=mocap[None])
         data = observe(model, data)
         data = accelerate(model, data.replace(ctrl=push + data.qfrc_bias))
-        return data.qacc_smooth, data.qacc, data.sensordata, mjx.implicit(model, data).qvel
+        return data.qacc_smooth, data.qacc, data.sensordata, contact.integrate(model, data).qvel
 
     batched = jax.vmap(step, (axes, 0, 0, 0, 0))
     compiled = jax.jit(lambda *a: batched(models_of(stacked, pair), *a), compiler_options=compiler_options())
@@ -89,7 +93,8 @@ def test_smooth_dynamics_agree(one_step):
 
 
 def test_contact_dynamics_agree_in_quantiles(one_step):
-    """MJX keeps the 8 deepest contacts, of at most 4 per pair of boxes; C makes up to 8 per pair, 24 in all.
+    """Ours are the 8 deepest points of faces on faces; C makes up to 8 per pair, and one of an edge on an
+    edge.
 
     Where both find the same contacts the accelerations and readings agree to float32; the tail is states
     in which a face rests on several boxes and the choice of points differs.
@@ -100,7 +105,7 @@ def test_contact_dynamics_agree_in_quantiles(one_step):
         q50, q75, q90 = np.quantile(error, [0.5, 0.75, 0.9])
         assert q50 < 2e-3
         assert q75 < 3e-2
-        assert q90 < 0.3
+        assert q90 < 0.15
 
 
 def test_states_in_contact_do_touch(one_step):
@@ -283,7 +288,7 @@ def test_an_episode_does_not_depend_on_its_batch(native, rollouts):
         again = NativeEngine(CONFIG, threads).run(asked, 4)
         for a, b in zip(jax.tree.leaves(again), jax.tree.leaves(in_c), strict=True):
             assert np.array_equal(a, b[ids])
-    for n in (100, 300):  # in blocks of 64 and of 128 rows
+    for n in (100, 300, 600):  # in blocks of 64, of 256 and of 512 rows
         many = draw_attempts(jax.random.key(7), jnp.arange(n), "mixed", CONFIG.detector)
         some = native.run(many, 4)
         for a, b in zip(jax.tree.leaves(some), jax.tree.leaves(in_c), strict=True):

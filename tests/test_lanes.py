@@ -4,6 +4,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from mjx_fit import lanes
 
@@ -36,3 +38,14 @@ def test_a_function_of_worlds_works_on_one_world_and_under_vmap():
     assert (seen[0], seen[-1]) == ((3, 4, 1), (3, 4, 5))
     assert np.allclose(one, a[0] @ b, atol=1e-6)
     assert np.allclose(many, a @ b, atol=1e-6)
+
+
+@given(st.lists(st.integers(-1000, 1000), min_size=3, max_size=30, unique=True), st.integers(1, 5))
+def test_the_largest_are_found_in_order(values, count):
+    value = np.asarray(values, np.float32) / 1000
+    fields = jnp.stack([jnp.asarray(value), jnp.arange(len(value), dtype=jnp.float32)])
+    got = np.asarray(lanes.largest(jnp.asarray(value)[:, None], fields[..., None], count))
+    positive = sorted((v for v in value.tolist() if v > 0), reverse=True)[:count]
+    for (found, place), want in zip(got[:, :, 0], [*positive, *[0.0] * count], strict=False):
+        assert found == pytest.approx(want, rel=1e-4)
+        assert want == 0 or found == value[int(place)]

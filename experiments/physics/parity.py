@@ -62,6 +62,10 @@ def steps() -> None:
             results[name]["qacc_where_they_are_equal"] = shared.quantiles(
                 _relative(in_mjx["qacc"], in_c["qacc"])[same], (0.5, 0.75, 0.9, 1)
             )
+            results[name]["share_of_edge_on_edge_in_c"] = in_c["edges"].sum() / in_c["slots"].sum()
+            results[name]["qacc_without_edges"] = shared.quantiles(
+                _relative(in_mjx["qacc"], in_c["qacc"])[in_c["edges"] == 0], (0.5, 0.75, 0.9, 1)
+            )
             results[name]["mean_contacts"] = {"c": in_c["slots"].mean(), "mjx": in_mjx["slots"].mean()}
             results[name]["mean_distinct_contacts"] = {
                 "c": in_c["points"].mean(),
@@ -115,9 +119,11 @@ def _in_c(scene: Scene, states: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
             getattr(data, name)[:] = states[name][i].astype(np.float32)
         data.mocap_pos[0] = states["mocap_pos"][i].astype(np.float32)
         mujoco.mj_forward(model, data)
-        points = data.contact.pos[data.contact.dist < 0]
-        rows.append((data.qacc_smooth, data.qacc, data.sensordata, _distinct(points), len(points)))
-    names = ("qacc_smooth", "qacc", "sensordata", "points", "slots")
+        touching = data.contact.dist < 0
+        points, normals = data.contact.pos[touching], data.contact.frame[touching, :3]
+        edges = _of_edges(normals, data.site("tip").xmat.reshape(3, 3))
+        rows.append((data.qacc_smooth, data.qacc, data.sensordata, _distinct(points), len(points), edges))
+    names = ("qacc_smooth", "qacc", "sensordata", "points", "slots", "edges")
     return {name: np.array([np.array(row[k]) for row in rows]) for k, name in enumerate(names)}
 
 
@@ -140,6 +146,12 @@ def _in_mjx(scene: Scene, states: dict[str, np.ndarray]) -> dict[str, np.ndarray
         "points": np.array([_distinct(points) for points in touching]),
         "slots": np.array([len(points) for points in touching]),
     }
+
+
+def _of_edges(normals: np.ndarray, frame: np.ndarray) -> int:
+    """Number of contacts whose normal is that of no face of the peg or the plate: an edge meets an edge."""
+    along = np.maximum(np.abs(normals).max(1, initial=0), np.abs(normals @ frame).max(1, initial=0))
+    return int((along < 1 - 1e-9).sum())
 
 
 def _distinct(points: np.ndarray) -> int:

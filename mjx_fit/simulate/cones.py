@@ -23,8 +23,6 @@ from jaxtyping import Bool, Float
 from mjx_fit.lanes import total
 from mjx_fit.types import Array
 
-_LEAST_FRICTION = 1e-5
-"""MuJoCo's own bound."""
 _SMALL = 1e-12
 
 
@@ -46,7 +44,7 @@ class Cones(NamedTuple):
     reference: Float[Array, "c 3 b"]
 
 
-class Bend(NamedTuple):
+class ConeHessian(NamedTuple):
     """Second derivatives of the cost in u, for t the direction of the tangential part.
 
     They are [[normal, -mixed tᵀ], [-mixed t, along t tᵀ + across (1 - t tᵀ)]].
@@ -59,15 +57,14 @@ class Bend(NamedTuple):
     across: Float[Array, "c b"]
 
 
-def scaled(
+def from_rows(
     jac: Float[Array, "c 3 7 b"],
     reference_acc: Float[Array, "c 3 b"],
     weight: Float[Array, "c b"],
     friction: Float[Array, "b"],
     impratio: Float[Array, "b"],
 ) -> Cones:
-    """Contacts in the coordinates u, from MuJoCo's rows, a_ref, D of the normals, f and impratio."""
-    friction = jnp.maximum(friction, _LEAST_FRICTION)
+    """Contacts in the coordinates u, from MuJoCo's rows, a_ref, D of the normals, f > 0 and impratio."""
     mu = friction / jnp.sqrt(impratio)
     scale = jnp.stack([mu, friction, friction])
     return Cones(mu, weight / mu**2, scale, jac * scale[:, None], reference_acc * scale)
@@ -86,7 +83,7 @@ def cost(cones: Cones, u: Float[Array, "c 3 b"]) -> Float[Array, "b"]:
     return 0.5 * total(cones.weight * square)
 
 
-def derivatives(cones: Cones, u: Float[Array, "c 3 b"]) -> tuple[Float[Array, "c 3 b"], Bend]:
+def derivatives(cones: Cones, u: Float[Array, "c 3 b"]) -> tuple[Float[Array, "c 3 b"], ConeHessian]:
     """The cost's gradient and second derivatives in u."""
     normal, size, slides, sticks = _zones(cones, u)
     sliding = jnp.where(slides, cones.weight / (1 + cones.mu**2), 0.0)
@@ -102,32 +99,32 @@ def derivatives(cones: Cones, u: Float[Array, "c 3 b"]) -> tuple[Float[Array, "c
         ],
         axis=1,
     )
-    bend = Bend(
+    hessian_u = ConeHessian(
         direction=direction,
         normal=sliding + sticking,
         mixed=cones.mu * sliding,
         along=cones.mu**2 * sliding + sticking,
         across=friction / size + sticking,
     )
-    return gradient, bend
+    return gradient, hessian_u
 
 
-def curvature(bend: Bend, v: Float[Array, "c 3 b"]) -> Float[Array, "c b"]:
+def curvature(hessian_u: ConeHessian, v: Float[Array, "c 3 b"]) -> Float[Array, "c b"]:
     """Second derivative of each contact's cost along a direction v of u."""
-    along, across = _in_plane(bend.direction, v[:, 1], v[:, 2])
+    along, across = _in_plane(hessian_u.direction, v[:, 1], v[:, 2])
     return (
-        bend.normal * v[:, 0] ** 2
-        - 2 * bend.mixed * v[:, 0] * along
-        + bend.along * along**2
-        + bend.across * across**2
+        hessian_u.normal * v[:, 0] ** 2
+        - 2 * hessian_u.mixed * v[:, 0] * along
+        + hessian_u.along * along**2
+        + hessian_u.across * across**2
     )
 
 
-def hessian(cones: Cones, bend: Bend) -> Float[Array, "7 7 b"]:
+def hessian(cones: Cones, hessian_u: ConeHessian) -> Float[Array, "7 7 b"]:
     """Second derivatives of all contacts' cost in the joint accelerations."""
-    along, across = _in_plane(bend.direction[:, :, None], cones.jac[:, 1], cones.jac[:, 2])
+    along, across = _in_plane(hessian_u.direction[:, :, None], cones.jac[:, 1], cones.jac[:, 2])
     normal = cones.jac[:, 0]
-    n, m, a, c = (x[:, None] for x in bend[1:])
+    n, m, a, c = (x[:, None] for x in hessian_u[1:])
     left = (normal, along, across)
     right = (n * normal - m * along, a * along - m * normal, c * across)
     return reduce(add, (total(x[:, :, None] * y[:, None]) for x, y in zip(left, right, strict=True)))

@@ -3,11 +3,11 @@
     min over a:  ½ aᵀ M a - aᵀ τ + Σ ½ D min(0, ±a - a_ref)² over the limits + cost of the contacts' cones
 
 with a the joint accelerations and τ all other torques. The minimum is unique, so that this is what MuJoCo's
-own solvers converge to. MJX's takes ten times as long on a CPU: most of it goes into a line search that
-always makes all of its steps, and it calls LAPACK for every world.
+own solvers converge to. MJX's takes many times as long on a CPU (experiments/physics/mjx_profile.py): its
+line search always makes all of its steps, and it calls LAPACK for every world.
 
-Arrays have the worlds last: see ``mjx_fit.lanes``. Each world's result is its own: a world that is solved is
-not touched again while others are not.
+Arrays have the worlds last, one axis of them: see ``mjx_fit.lanes``. Each world's result is its own: a world
+that is solved is not touched again while others are not.
 """
 
 from functools import reduce
@@ -23,9 +23,8 @@ from mjx_fit.simulate import cones
 from mjx_fit.simulate.cones import Cones
 from mjx_fit.types import Array
 
-ITERATIONS = 12
-"""Newton steps at most. In attempts 95 % of the states need three or fewer and hardly any more than six;
-random problems from a cold start need up to twelve."""
+ITERATIONS = 16
+"""Newton steps at most. From a warm start two or three mostly do; C's limit here is 8 (models/table.xml)."""
 _LINE_SEARCH = 10
 _TOLERANCE = 3e-5
 """A world is solved when no part of the gradient is above this share of the torques that it balances."""
@@ -97,15 +96,15 @@ def solve(problem: Problem, guess: Float[Array, "7 b"]) -> Solution:
     def newton(carry):
         step, acc, local = carry
         direction = -spd.solve(spd.factor(local.hessian), local.gradient)
-        way = _line_search(problem, acc, direction, local.unsolved)
-        acc = jnp.where(local.unsolved, acc + way * direction, acc)
+        length = _line_search(problem, acc, direction, local.unsolved)
+        acc = jnp.where(local.unsolved, acc + length * direction, acc)
         return step + 1, acc, _local(problem, acc)
 
     acc = jax.lax.while_loop(goes_on, newton, (0, start, _local(problem, start)))[1]
     limit_force = -_limit_slope(problem, problem.limit_side * acc - problem.limit_acc)
-    slope, _ = cones.derivatives(problem.contacts, cones.residual(problem.contacts, acc))
-    torque = problem.limit_side * limit_force - _joint_torque(problem.contacts, slope)
-    return Solution(acc, smooth_acc, torque, limit_force, -problem.contacts.scale * slope)
+    gradient_u, _ = cones.derivatives(problem.contacts, cones.residual(problem.contacts, acc))
+    torque = problem.limit_side * limit_force - _joint_torque(problem.contacts, gradient_u)
+    return Solution(acc, smooth_acc, torque, limit_force, -problem.contacts.scale * gradient_u)
 
 
 def _cost(problem: Problem, acc: Float[Array, "7 b"]) -> Float[Array, "b"]:
@@ -119,38 +118,25 @@ def _cost(problem: Problem, acc: Float[Array, "7 b"]) -> Float[Array, "b"]:
 def _local(problem: Problem, acc: Float[Array, "7 b"]) -> _Local:
     inertial = times(problem.mass_matrix, acc) - problem.torque
     limit = problem.limit_side * acc - problem.limit_acc
-    slope, bend = cones.derivatives(problem.contacts, cones.residual(problem.contacts, acc))
-    torque = _joint_torque(problem.contacts, slope) + problem.limit_side * _limit_slope(problem, limit)
+    gradient_u, hessian_u = cones.derivatives(problem.contacts, cones.residual(problem.contacts, acc))
+    torque = _joint_torque(problem.contacts, gradient_u) + problem.limit_side * _limit_slope(problem, limit)
     stiffness = jnp.where(limit < 0, problem.limit_weight, 0.0) * problem.limit_side**2
     hessian = problem.mass_matrix + jnp.eye(len(acc))[:, :, None] * stiffness
     gradient = inertial + torque
     # False for a world that is not finite: it keeps none waiting.
     unsolved = _largest(gradient) > _TOLERANCE * (_largest(inertial) + _largest(torque))
-    return _Local(gradient, hessian + cones.hessian(problem.contacts, bend), unsolved)
+    return _Local(gradient, hessian + cones.hessian(problem.contacts, hessian_u), unsolved)
 
 
 def _line_search(
     problem: Problem, acc: Float[Array, "7 b"], direction: Float[Array, "7 b"], wanted: Bool[Array, "b"]
 ) -> Float[Array, "b"]:
-    """How far to go along a direction, where it is wanted.
+    """Length of the step along a direction, where it is wanted; zero where the cost does not fall along it.
 
-    Newton's method on the slope, between two points that enclose its zero; where a step leaves them, a
-    secant.
+    Newton's method on the slope, between two points that enclose its zero; where it leaves them, bisection.
     """
-    inertia = times(problem.mass_matrix, direction)
-    square, linear = total(direction * inertia), total(acc * inertia) - total(direction * problem.torque)
-    limit, limit_way = problem.limit_side * acc - problem.limit_acc, problem.limit_side * direction
-    u, way = cones.residual(problem.contacts, acc), total(problem.contacts.jac * direction, 2)
-
-    def slope_at(at):
-        gradient, bend = cones.derivatives(problem.contacts, u + at * way)
-        reached = limit + at * limit_way
-        slope = linear + at * square + total(total(gradient * way))
-        slope += total(_limit_slope(problem, reached) * limit_way)
-        stiffness = jnp.where(reached < 0, problem.limit_weight, 0.0)
-        return slope, square + total(cones.curvature(bend, way)) + total(stiffness * limit_way**2)
-
-    zero = jnp.zeros_like(square)
+    slope_at = _along(problem, acc, direction)
+    zero = jnp.zeros(acc.shape[1:])
     first, _ = slope_at(zero)
 
     def goes_on(carry):
@@ -158,29 +144,45 @@ def _line_search(
         return (count < _LINE_SEARCH) & going.any()
 
     def closer(carry):
-        count, going, found, at, (low, slope_low), (high, slope_high) = carry
+        count, going, found, at, low, high = carry
         slope, bend = slope_at(at)
         found = jnp.where(going, at, found)
         going = going & (abs(slope) > _SLOPE_LEFT * abs(first))
-        rises = slope >= 0
-        low, slope_low = jnp.where(rises, low, at), jnp.where(rises, slope_low, slope)
-        high, slope_high = jnp.where(rises, at, high), jnp.where(rises, slope, slope_high)
+        low, high = jnp.where(slope < 0, at, low), jnp.where(slope < 0, high, at)
         newton = at - slope / bend
-        secant = low - slope_low * (high - low) / (slope_high - slope_low)
-        outside = jnp.where(high < _FAR, secant, 2 * at)
+        outside = jnp.where(high < _FAR, 0.5 * (low + high), 2 * at)
         at = jnp.where((newton > low) & (newton < high), newton, outside)
-        return count + 1, going, found, at, (low, slope_low), (high, slope_high)
+        return count + 1, going, found, at, low, high
 
-    start = (0, wanted, zero, zero + 1, (zero, first), (zero + _FAR, zero))
+    start = (0, wanted & (first < 0), zero, zero + 1, zero, zero + _FAR)
     return jax.lax.while_loop(goes_on, closer, start)[2]
+
+
+def _along(problem: Problem, acc: Float[Array, "7 b"], direction: Float[Array, "7 b"]):
+    """The cost's slope and curvature as a function of how far one goes from a point along a direction."""
+    inertia = times(problem.mass_matrix, direction)
+    square, linear = total(direction * inertia), total(acc * inertia) - total(direction * problem.torque)
+    limit, limit_speed = problem.limit_side * acc - problem.limit_acc, problem.limit_side * direction
+    u, speed = cones.residual(problem.contacts, acc), total(problem.contacts.jac * direction, 2)
+
+    def slope_at(at):
+        gradient, hessian = cones.derivatives(problem.contacts, u + at * speed)
+        reached = limit + at * limit_speed
+        slope = linear + at * square + total(total(gradient * speed))
+        slope += total(_limit_slope(problem, reached) * limit_speed)
+        stiffness = jnp.where(reached < 0, problem.limit_weight, 0.0)
+        bend = square + total(cones.curvature(hessian, speed)) + total(stiffness * limit_speed**2)
+        return slope, bend
+
+    return slope_at
 
 
 def _limit_slope(problem: Problem, limit: Float[Array, "7 b"]) -> Float[Array, "7 b"]:
     return problem.limit_weight * jnp.minimum(limit, 0)
 
 
-def _joint_torque(contacts: Cones, slope: Float[Array, "c 3 b"]) -> Float[Array, "7 b"]:
-    return total(total(contacts.jac * slope[:, :, None]))
+def _joint_torque(contacts: Cones, gradient_u: Float[Array, "c 3 b"]) -> Float[Array, "7 b"]:
+    return total(total(contacts.jac * gradient_u[:, :, None]))
 
 
 def _largest(vector: Float[Array, "n b"]) -> Float[Array, "b"]:

@@ -34,7 +34,7 @@ def collide(model: mjx.Model, data: mjx.Data) -> mjx.Data:
         data.xpos[peg_body] - data.xpos[plate_body],
         data.xmat[peg_body],
     )
-    slide, spin, roll = model.geom_friction[peg[0]]
+    slide, spin, roll = jnp.maximum(model.geom_friction[peg[0]], mujoco.mjMINMU)  # as C does
     # All boxes are alike in friction and stiffness, so that any one of each body stands for the others.
     contact = contact.replace(
         dist=points.dist,
@@ -69,11 +69,11 @@ def solve(model: mjx.Model, data: mjx.Data) -> mjx.Data:
     )
 
 
-def _solve(mass_matrix, torque, rows, friction, impratio, guess) -> constraints.Solution:
+def _solve(mass_matrix, torque, efc, friction, impratio, guess) -> constraints.Solution:
     """MJX's rows, those of the limits before those of the contacts, as a problem, and its solution."""
-    jac, acc, weight = rows
+    jac, acc, weight = efc
     n = len(torque)
-    contacts = cones.scaled(
+    contacts = cones.from_rows(
         jac[n:].reshape(-1, 3, *jac.shape[1:]),
         acc[n:].reshape(-1, 3, *acc.shape[1:]),
         weight[n::3],

@@ -28,7 +28,7 @@ def compiler_options() -> dict[str, bool]:
 
 
 MOST_ROWS = 256
-"""Most worlds in one computation on a CPU: more are not faster, and take memory. No stage calls LAPACK:
+"""Most worlds in one computation on a CPU, so that what it works on stays small. No stage calls LAPACK:
 batches of its calls within loops can wait for each other for ever (jaxlib 0.10;
 experiments/physics/deadlock.py shows it)."""
 

@@ -24,14 +24,14 @@ from mjx_fit.simulate.threads import on_threads, parts_of
 from mjx_fit.types import SUBSTEPS, Array, Attempt, Interaction, Trace
 
 CHUNK = 32
-"""Rows that the controller computes at a time. From 64 on, its intermediate results are too large for the
-memory that an allocator keeps at hand, and a call takes six times as long. Always so many also means the same
-bits, whatever the block."""
+"""Rows that the controller computes at a time: larger intermediate results made a call several times slower.
+Always so many also means the same bits for the torques, whatever the block."""
 
 ROWS = (32, 64, 128, 256, 512)
 """Rows that the controller is compiled for: a block holds at most the last, and takes the least that it fits.
 The larger the block, the less often a thread changes between physics and control, whose code and data push
-each other out of its cache; tests/test_engines.py shows that an attempt does not depend on it."""
+each other out of its cache. What an action starts and ends with is computed for all rows, with the same bits
+too (tests/test_engines.py)."""
 
 OnStep = Callable[[Int[np.ndarray, "m"], Batch], None]
 
@@ -82,7 +82,7 @@ class NativeEngine:
         step: int,
         actions: int,
     ) -> Interaction:
-        """One action of a few attempts, up to 128, from any state: only its row is filled.
+        """One action of a few attempts, up to 512, from any state: only its row is filled.
 
         Args:
             attempts: A batch (m,).

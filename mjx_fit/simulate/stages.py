@@ -53,7 +53,7 @@ def accelerate(model: mjx.Model, data: mjx.Data) -> mjx.Data:
     return mjx.sensor_acc(model, contact.solve(model, data))
 
 
-_GEOMETRY = ("geom_pos", "geom_size", "geom_rbound")
+_GEOMETRY = ("geom_pos", "geom_size")
 """The model's fields in which the nine pairs differ."""
 
 
