@@ -87,7 +87,7 @@ def _recorded(
 
 
 def _mjx_step(config: Config, attempts: Attempt, actions: int) -> Run:
-    """MJX alone, under the torques that ``native`` applied."""
+    """The step on JAX alone, under the torques that ``native`` applied."""
     torque, engine = _recorded(config, attempts, actions)
     stacked, axes = stacked_models(engine.scene)
     chain = chain_of(engine.scene.models[0])
