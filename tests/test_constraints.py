@@ -74,7 +74,9 @@ def solve():
 def test_the_minimum_is_scipys(worlds, solve, friction):
     problem = problem_of(worlds, friction)
     solution = solve(problem, jnp.zeros((7, N)))
-    assert np.abs(constraints._local(problem, solution.acc).gradient).max() < 6e-2
+    local = constraints._local(problem, solution.acc)
+    # Almost without friction a gradient of some hundredths of a N·m is what float32 leaves.
+    assert (~local.unsolved | (np.abs(local.gradient).max(0) < 2e-2)).all()
     for i, world in enumerate(worlds):
         best = scipy.optimize.minimize(textbook_cost, np.zeros(7), (*world, friction), method="BFGS")
         mine = textbook_cost(np.asarray(solution.acc[:, i], float), *world, friction=friction)
@@ -88,7 +90,10 @@ def test_forces_balance_and_stay_in_their_cones(worlds, solve, friction):
         from_contacts = np.einsum("ckj,ck->j", jac, solution.contact_force[..., i])
         from_rows = side * solution.limit_force[:, i] + from_contacts
         assert solution.torque[:, i] == pytest.approx(from_rows, abs=1e-3)
-        assert mass @ solution.acc[:, i] == pytest.approx(torque + from_rows, abs=6e-2)
+        assert mass @ solution.acc[:, i] == pytest.approx(
+            torque + from_rows,
+            abs=constraints._TOLERANCE * (np.abs(torque).max() + 2 * np.abs(from_rows).max()),
+        )
         assert mass @ solution.smooth_acc[:, i] == pytest.approx(torque, abs=1e-3)
         normal, tangent = solution.contact_force[:, 0, i], solution.contact_force[:, 1:, i]
         assert (normal >= 0).all()

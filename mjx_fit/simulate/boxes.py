@@ -5,7 +5,7 @@ turn together and the plate's stand along the axes, so that the axes of the sepa
 for all pairs of a world, and few pairs touch at a time. A face on a face gives what MuJoCo's C engine gives:
 the incident face clipped against the face of least overlap. Where C finds edge on edge and reports one point,
 this gives the clipped points of the faces, as MJX does for boxes that are nearly aligned: somewhat more and
-stiffer contact in about a fifth of C's points (experiments/physics/parity.py).
+stiffer contact in about a quarter of C's points (experiments/physics/parity.py).
 
 The peg is taken to be within 45 degrees of upright and of the plate's axes, as a peg in any attempt is.
 
@@ -101,13 +101,13 @@ def deepest_points(
 
 
 def _overlaps(between, peg_half, plate_half, frame):
-    """Overlap of boxes along the plate's axes and along the peg's, (3, k, *b) each, m.
+    """Overlap of boxes along the plate's axes and along the peg's, (3, k, b) each, m.
 
     Args:
-        between: From the plate's box to the peg's (3, k, *b), m.
-        peg_half: Half sizes of the peg's box (3, k, *b), m.
-        plate_half: Half sizes of the plate's box (3, k, *b), m.
-        frame: The peg's axes as columns (3, 3, *b).
+        between: From the plate's box to the peg's (3, k, b), m.
+        peg_half: Half sizes of the peg's box (3, k, b), m.
+        plate_half: Half sizes of the plate's box (3, k, b), m.
+        frame: The peg's axes as columns (3, 3, b).
     """
     frame = frame[:, :, None]
     across = abs(frame)
@@ -117,7 +117,7 @@ def _overlaps(between, peg_half, plate_half, frame):
 
 
 def _reference(peg_at, plate_at, peg_half, plate_half, frame) -> _Overlap:
-    """Pairs of boxes, (3, k, *b) each, as seen from the face of least overlap."""
+    """Pairs of boxes, (3, k, b) each, as seen from the face of least overlap."""
     between = peg_at - plate_at
     along_plate, along_peg = _overlaps(between, peg_half, plate_half, frame)
     on_plate = reduce(jnp.minimum, along_plate) <= reduce(jnp.minimum, along_peg)
@@ -151,7 +151,7 @@ def _reference(peg_at, plate_at, peg_half, plate_half, frame) -> _Overlap:
 
 
 def _by_axis(overlap):
-    """A function that turns vectors (3, k, *b) so that the axis of least overlap comes first."""
+    """A function that turns vectors (3, k, b) so that the axis of least overlap comes first."""
     first = (overlap[0] <= overlap[1]) & (overlap[0] <= overlap[2])
     second = ~first & (overlap[1] <= overlap[2])
 
