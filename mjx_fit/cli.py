@@ -1,17 +1,29 @@
 """The command line: parses, calls the library, and turns a refused request into one line and exit code 2."""
 
 import argparse
+import errno
 import json
 import os
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import NoReturn
 
 from mjx_fit import config as config_
 from mjx_fit.config import Config
 from mjx_fit.errors import RequestError, WorkError
+
+_WRONG_PLACE = {
+    errno.ENOENT,
+    errno.ENOTDIR,
+    errno.EEXIST,
+    errno.EISDIR,
+    errno.EACCES,
+    errno.EPERM,
+    errno.EROFS,
+}
+"""What the system says of a path that should not have been asked for; a full disk is another matter."""
 
 # Each command imports what it needs: `mjx-fit --help` answers at once.
 
@@ -38,16 +50,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         args.command(args)
     except RequestError as error:
         return _refuse(str(error), 2)
-    except (
-        FileNotFoundError,
-        NotADirectoryError,
-        FileExistsError,
-        IsADirectoryError,
-        PermissionError,
-    ) as error:
-        return _refuse(f"{error.filename} cannot be used: {error.strerror}", 2)
-    except (WorkError, OSError) as error:
+    except WorkError as error:
         return _refuse(str(error), 1)
+    except OSError as error:
+        where = f"{error.filename} cannot be used: {error.strerror}" if error.filename else str(error)
+        return _refuse(where, 2 if error.errno in _WRONG_PLACE else 1)
     except KeyboardInterrupt:
         _refuse("stopped; collect, train and demo go on when the same command is given again", 1)
         # At once: XLA may still be compiling in a thread of its own, and an orderly exit would crash in it.
@@ -68,18 +75,48 @@ def _demo(args: argparse.Namespace) -> None:
 
 
 def _collect(args: argparse.Namespace) -> None:
-    from mjx_fit.dataset.collect import collect
+    from mjx_fit.dataset.collect import Plan, collect
 
-    collect(
-        _config(args), args.out, args.episodes, args.steps, args.policy, args.engine, args.seed, args.batch
-    )
-    print(f"{args.out}: complete")
+    plan = Plan(**{field.name: getattr(args, field.name) for field in fields(Plan)})
+    collect(_config(args), args.out, plan)
+    part = f" (part {plan.shard_index} of {plan.num_shards})" if plan.num_shards > 1 else ""
+    print(f"{args.out}: complete{part}")
 
 
 def _data_info(args: argparse.Namespace) -> None:
     from mjx_fit.dataset.store import describe
 
     _show(describe(args.folder), args.json)
+
+
+def _data_check(args: argparse.Namespace) -> None:
+    from mjx_fit.dataset import manifest
+    from mjx_fit.dataset.store import damages
+
+    found = damages(args.folder)
+    for name, what in found.items():
+        print(f"{name}: {what}")
+    if found:
+        raise WorkError(
+            f"{args.folder}: {len(found)} damaged; repeat its collect command to make shards anew"
+        )
+    there = manifest.read(args.folder)
+    state = "complete" if there.complete else "not complete: repeat its collect command"
+    print(f"{args.folder}: {len(there.shards)} shards, all whole; {state}")
+
+
+def _data_merge(args: argparse.Namespace) -> None:
+    from mjx_fit.dataset.merge import merge
+
+    merge(args.folders, args.out)
+    print(f"{args.out}: complete")
+
+
+def _data_export(args: argparse.Namespace) -> None:
+    from mjx_fit.dataset.export import export
+
+    export(args.folder, args.out)
+    print(args.out)
 
 
 def _train(args: argparse.Namespace) -> None:
@@ -176,17 +213,21 @@ def _parser() -> argparse.ArgumentParser:
     )
     collect.add_argument("--policy", default="random", help="random, spiral or mixed (default random)")
     collect.add_argument(
-        "--batch", type=int, default=128, metavar="B", help="most worlds at once (default 128)"
+        "--batch", type=int, default=250, metavar="B", help="most worlds at once, one file (default 250)"
+    )
+    collect.add_argument(
+        "--sequence", type=int, default=1, metavar="K", help="attempts in a row at one hole (default 1)"
+    )
+    collect.add_argument(
+        "--shard-index", type=int, default=0, metavar="I", help="which part of the whole (default 0)"
+    )
+    collect.add_argument(
+        "--num-shards", type=int, default=1, metavar="N", help="of how many parts, on as many machines"
     )
     _simulating(collect)
     _configurable(collect)
 
-    data = commands.add_parser("data", help="look at a data set").add_subparsers(
-        required=True, metavar="WHAT"
-    )
-    info = _command(data, "info", _data_info, "what a data set holds")
-    info.add_argument("folder", type=Path, metavar="DIR")
-    info.add_argument("--json", action="store_true")
+    _data(commands.add_parser("data", help="look at a data set, check, join or convert it"))
 
     train = _command(commands, "train", _train, "train sensors and noise models; goes on by itself")
     train.add_argument("--data", type=Path, required=True, metavar="DIR")
@@ -208,6 +249,23 @@ def _parser() -> argparse.ArgumentParser:
     info = _command(commands, "info", _info, "versions, devices and the engine that auto means")
     info.add_argument("--json", action="store_true")
     return parser
+
+
+def _data(data: argparse.ArgumentParser) -> None:
+    whats = data.add_subparsers(required=True, metavar="WHAT")
+    info = _command(whats, "info", _data_info, "what a data set holds")
+    info.add_argument("folder", type=Path, metavar="DIR")
+    info.add_argument("--json", action="store_true")
+    check = _command(whats, "check", _data_check, "find every damaged, missing or foreign file")
+    check.add_argument("folder", type=Path, metavar="DIR")
+    merge = _command(whats, "merge", _data_merge, "join the parts that collect made with --num-shards")
+    merge.add_argument("folders", type=Path, nargs="+", metavar="DIR")
+    merge.add_argument("--out", type=Path, required=True, metavar="DIR")
+    export = _command(whats, "export", _data_export, "one file for others")
+    export.add_argument("folder", type=Path, metavar="DIR")
+    export.add_argument(
+        "--out", type=Path, required=True, metavar="FILE", help=".npz, or .hdf5 as robomimic has it"
+    )
 
 
 def _evaluations(evaluate: argparse.ArgumentParser) -> None:

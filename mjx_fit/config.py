@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import yaml
-from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError, model_validator
 from pydantic.dataclasses import dataclass
 
 from mjx_fit.errors import RequestError
@@ -115,6 +115,25 @@ class DetectorConfig:
 
 
 @dataclass(frozen=True, config=_STRICT)
+class SequenceConfig:
+    """Estimates from which the second and later attempts of a collected sequence start: as a filter's may be.
+
+    Attributes:
+        min_std_m: Least standard deviation of the estimate along an axis of its covariance.
+        max_std_m: Largest one; both are drawn between these, log-uniform, their direction uniform.
+    """
+
+    min_std_m: Annotated[float, Field(ge=0.0001, le=0.02)] = 0.001
+    max_std_m: Annotated[float, Field(ge=0.0001, le=0.02)] = 0.008
+
+    @model_validator(mode="after")
+    def _ordered(self) -> "SequenceConfig":
+        if self.min_std_m > self.max_std_m:
+            raise ValueError("min_std_m must be at most max_std_m")
+        return self
+
+
+@dataclass(frozen=True, config=_STRICT)
 class WristConfig:
     """Noise of the force/torque sensor: Robotiq FT 300-S, 1 σ per sample.
 
@@ -139,7 +158,7 @@ class TaskConfig:
         n_holes: Holes, and pegs, in one assembly.
         max_attempts: Attempts at one peg before a human helps.
         attempt_actions: J, actions in one attempt.
-        insertion_depth_m: Inserted: the tip is at least this far below the plate's top.
+        insertion_depth_m: Inserted: the tip is at least this far below the plate's top, in the hole.
         success_probability: α of the outcome model, for cross, rectangle and square: the success rate of a
             matched attempt. The default is what ``evaluate attempt --trials 1000`` measured with everything
             else at its default; measure it anew when you change the detector, the scene or the control.
@@ -212,6 +231,7 @@ class Config:
     spiral: SpiralConfig = SpiralConfig()
     random: RandomConfig = RandomConfig()
     detector: DetectorConfig = DetectorConfig()
+    sequence: SequenceConfig = SequenceConfig()
     wrist: WristConfig = WristConfig()
     task: TaskConfig = TaskConfig()
     sensor: SensorConfig = SensorConfig()

@@ -7,7 +7,7 @@ from rich.console import Console
 
 from mjx_fit.config import Config
 from mjx_fit.dataset import store
-from mjx_fit.dataset.collect import collect
+from mjx_fit.dataset.collect import Plan, collect
 from mjx_fit.errors import RequestError
 from mjx_fit.evaluation import experiments
 from mjx_fit.report.build import build
@@ -50,7 +50,7 @@ def demo(config: Config, out: Path, size: Size) -> None:
     data, run = out / "data", out / "train"
 
     console.rule(f"1/4  {size.episodes} interactions of up to {size.steps} actions")
-    collect(config, data, size.episodes, size.steps, POLICY, "auto", seed=0, batch=250)
+    collect(config, data, Plan(size.episodes, size.steps, POLICY))
 
     console.rule("2/4  train sensors and filters on them")
     train(store.load(data), config, run, seed=0)

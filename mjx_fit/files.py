@@ -1,28 +1,56 @@
 """Files that are written whole or not at all."""
 
 import errno
+import fcntl
 import hashlib
 import os
 from collections.abc import Callable
 from pathlib import Path
+from typing import IO
 
 
 def write_text(path: Path, text: str) -> None:
     """Writes a text file under a temporary name, syncs it, and renames it."""
-    replace_with(path, lambda temporary: temporary.write_text(text, encoding="utf-8"))
+    write_bytes(path, text.encode())
+
+
+def write_bytes(path: Path, content: bytes) -> None:
+    """Writes a file under a temporary name, syncs it, and renames it."""
+    replace_with(path, lambda temporary: temporary.write_bytes(content))
 
 
 def replace_with(path: Path, write: Callable[[Path], object]) -> None:
     """Lets ``write`` make a file under a temporary name, syncs it, and renames it to ``path``.
 
-    A kill at any moment leaves the old file or the new one, never a part of it.
+    A kill at any moment leaves the old file or the new one, never a part of it. What fails leaves no
+    temporary file behind: on a full disk it would be in the way.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f"{path.name}.tmp")
-    write(temporary)
-    _sync(temporary)
-    temporary.replace(path)
+    try:
+        write(temporary)
+        _sync(temporary)
+        temporary.replace(path)
+    except OSError as error:
+        temporary.unlink(missing_ok=True)
+        error.filename = error.filename or str(path)
+        raise
     _sync(path.parent)
+
+
+def lock(path: Path) -> IO[bytes]:
+    """Takes a lock file for this process until it is closed or the process ends; the file stays.
+
+    Raises:
+        BlockingIOError: Another process holds it.
+    """
+    file = path.open("ab")
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        file.close()
+        raise
+    return file
 
 
 def require_writable(path: Path) -> None:
@@ -40,6 +68,11 @@ def sha256(path: Path) -> str:
     """Hexadecimal SHA-256 of a file."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def sha256_of(content: bytes) -> str:
+    """Hexadecimal SHA-256 of what a file holds."""
+    return hashlib.sha256(content).hexdigest()
 
 
 def _sync(path: Path) -> None:

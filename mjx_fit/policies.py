@@ -3,12 +3,17 @@
 The randomness of step j comes from ``fold_in(key, j)``, so it depends on the attempt alone.
 """
 
+from collections.abc import Callable
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Float, Int, Key
 
 from mjx_fit.config import Config, RandomConfig, SpiralConfig
 from mjx_fit.types import Array, Attempt
+
+Policy = Callable[[Attempt, Int[Array, ""], int, Float[Array, "3"], Config], Float[Array, "3"]]
+"""What an engine asks for each action: see ``action``."""
 
 POLICIES = ("spiral", "random")
 SPIRAL, RANDOM = range(len(POLICIES))

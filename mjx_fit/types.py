@@ -80,7 +80,7 @@ class Interaction:
     Attributes:
         trace: Rows from ``length`` on are padding: zeros.
         length: Number of actions that were performed.
-        inserted: Whether the tip ended at least ``task.insertion_depth_m`` below the plate's top.
+        inserted: Whether the tip ended in the hole, ``task.insertion_depth_m`` below the plate's top or more.
         peg_type: As in the request.
         hole_type: As in the request.
         hole_pos_world: As in the request, m.

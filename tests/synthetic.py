@@ -3,6 +3,7 @@
 import jax.numpy as jnp
 import numpy as np
 
+from mjx_fit.dataset.episode import Episode
 from mjx_fit.types import Interaction, Trace
 
 
@@ -48,6 +49,21 @@ def make_interactions(
         end_qpos=_device(np.zeros((episodes, 7))),
         end_qvel=_device(np.zeros((episodes, 7))),
         valid=_device(np.ones(episodes, bool)),
+    )
+
+
+def make_episodes(
+    episodes: int = 24, actions: int = 16, seed: int = 0, min_length: int = 8, sequence: int = 1
+) -> Episode:
+    """Those interactions as rows of a data set, each with a covariance of its own."""
+    ids = np.arange(episodes)
+    std = np.linspace(0.005, 0.01, episodes)
+    return Episode(
+        episode=_device(ids),
+        sequence=_device(ids // sequence),
+        number=_device(ids % sequence),
+        estimate_cov=_device(std[:, None, None] ** 2 * np.eye(2)),
+        interaction=make_interactions(episodes, actions, seed, min_length),
     )
 
 

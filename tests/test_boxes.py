@@ -33,13 +33,13 @@ def in_c():
 
 @pytest.fixture(scope="module")
 def ours():
-    def one(pos, frame):
+    def one(pos, frame, count=COUNT):
         fixed = (np.zeros((1, 3)), PEG[None], PLATE_CENTRE, PLATE)
         peg_centre, peg, plate_centre, plate = (jnp.asarray(x, jnp.float32)[..., None] for x in fixed)
         where = pos[:, None], frame[:, :, None]
-        return boxes.deepest_points(peg_centre, peg, plate_centre, plate, *where, COUNT)
+        return boxes.deepest_points(peg_centre, peg, plate_centre, plate, *where, count)
 
-    return jax.jit(one)
+    return jax.jit(one, static_argnums=2)
 
 
 def placed(in_c, ours, pos, turn):
@@ -120,3 +120,14 @@ def test_frames_are_orthonormal_and_right_handed(ours):
 def test_apart_is_no_contact(ours):
     for pos in ([0, 0, 0.0351], [0.09, 0, 0.03], [0, 0.05, 0.03]):
         assert (np.asarray(ours(jnp.array(pos), jnp.eye(3)).dist) > 0).all()
+
+
+def test_few_slots_keep_the_deepest_points_and_spare_ones_stay_empty(ours):
+    where = jnp.array([0.03, 0.02, 0.0349]), jnp.eye(3)
+    dist = np.asarray(ours(*where).dist[:, 0])
+    assert (dist < 0).sum() == 8
+    for count in (4, 64):  # the least and the most that the configuration allows
+        slots = np.asarray(ours(*where, count).dist[:, 0])
+        assert len(slots) == count
+        assert (slots < 0).sum() == min(count, 8)
+        assert np.sort(slots)[: min(count, 8)] == pytest.approx(np.sort(dist)[: min(count, 8)])

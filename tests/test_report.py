@@ -10,7 +10,10 @@ import numpy as np
 import pytest
 
 from mjx_fit import config
-from mjx_fit.dataset import store
+from mjx_fit.dataset.collect import Plan
+from mjx_fit.dataset.episode import Episode
+from mjx_fit.dataset.shard import encode
+from mjx_fit.dataset.writer import Writer, new_manifest
 from mjx_fit.errors import RequestError
 from mjx_fit.evaluation import results
 from mjx_fit.evaluation.results import Result, summarise_assembly, summarise_attempt
@@ -56,7 +59,8 @@ def interactions() -> Interaction:
     tip[..., :2] = hole[:, None] + rng.normal(0, 0.01, (n, steps, 2))
     length = rng.integers(1, steps + 1, n)
     zeros = np.zeros
-    trace: Any = zeros((n, steps, 1, 6)), tip, zeros((n, steps, 4)), tip, tip, zeros((n, steps), bool), tip
+    wrench = rng.normal(0, 5, (n, steps, 50, 6))
+    trace: Any = wrench, tip, zeros((n, steps, 4)), tip, tip, rng.uniform(size=(n, steps)) < 0.8, tip
     rest: Any = (
         length,
         length < steps,
@@ -72,10 +76,14 @@ def interactions() -> Interaction:
 
 
 def dataset_folder(path: Path) -> Path:
-    request = {"seed": 12, "engine": "native", "steps": 30, "policy": "random"}
-    writer = store.Writer(path, request, config.Config())
-    writer.write("shard-00000.h5", np.arange(20), interactions())
-    writer.finish()
+    plan = Plan(episodes=20, steps=30, engine="native", seed=12)
+    request, ids = plan.request(config.Config()), np.arange(20)
+    episodes = Episode(
+        ids, ids, 0 * ids, np.tile(1e-4 * np.eye(2, dtype=np.float32), (20, 1, 1)), interactions()
+    )
+    with Writer(path, new_manifest(request, (0, 1))) as writer:
+        writer.write("shard-00000000.h5", 0, 20, encode(episodes, request))
+        writer.finish()
     return path
 
 
@@ -136,7 +144,7 @@ def test_the_page_stands_alone(folder: Path, tmp_path: Path):
     text = index.read_text()
     page = Page(text)
     figures = sorted((tmp_path / "out" / "figures").iterdir())
-    assert page.tags.count("svg") == page.tags.count("figcaption") == len(figures) == 3 * 3 + 2 + 1 + 2
+    assert page.tags.count("svg") == page.tags.count("figcaption") == len(figures) == 3 * 3 + 2 + 1 + 4
     assert len(page.ids) == len(set(page.ids))
     assert "script" not in page.tags
     assert "&lt;script&gt;" in text
@@ -157,7 +165,7 @@ def test_the_page_says_what_was_counted_and_on_what(folder: Path, tmp_path: Path
     assert f"{row.value:.3f} <span>[{row.low:.3f}, {row.high:.3f}]</span>" in text
     for word in ("native", "jax 0.10", "max_attempts: 30", "<dd>11</dd>", "0.264", ">0.340<"):
         assert word in text
-    for fact in ("interactions</dt><dd>19", "not finite</dt><dd>1", "seed</dt><dd>12"):
+    for fact in ("performed</dt><dd>19", "not finite</dt><dd>1", "seed</dt><dd>12"):
         assert fact in text
     assert not any("nan" in cell for cell in re.findall(r"<td>[^<]*", text))
 

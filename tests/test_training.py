@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from flax import nnx
-from synthetic import make_interactions
+from synthetic import make_episodes
 
 from mjx_fit.config import Config, SensorConfig, TrainConfig, load
 from mjx_fit.dataset.windows import sample_windows
@@ -20,7 +20,14 @@ from mjx_fit.training.loop import _batches, train
 from mjx_fit.training.loss import filter_loss
 
 EPISODES, EPOCHS = 240, 40
-DATA = make_interactions(EPISODES, actions=12, min_length=6)
+DATA = make_episodes(EPISODES, actions=12, min_length=6)
+
+
+def changed(**fields):
+    """The data with other interactions."""
+    return replace(DATA, interaction=replace(DATA.interaction, **fields))
+
+
 CONFIG = Config(
     sensor=SensorConfig(
         width=16,
@@ -139,7 +146,7 @@ def test_more_epochs_continue_the_run(run, tmp_path):
     ("change", "message"),
     [
         ({"seed": 1}, "seed is 0 there and 1 here"),
-        ({"data": make_interactions(EPISODES, actions=12, min_length=6, seed=1)}, "data is"),
+        ({"data": make_episodes(EPISODES, actions=12, min_length=6, seed=1)}, "data is"),
         (
             {"config": replace(CONFIG, train=replace(CONFIG.train, batch_size=4))},
             r"train\.batch_size is 32 there and 4 here",
@@ -164,7 +171,7 @@ def test_too_little_data_and_impossible_windows_are_refused(tmp_path):
     with pytest.raises(RequestError, match="--data"):
         train(jax.tree.map(lambda x: x[:1], DATA), CONFIG, tmp_path / "a", 0)
     with pytest.raises(RequestError, match="at least one of each"):
-        train(replace(DATA, valid=np.zeros(EPISODES, bool)), CONFIG, tmp_path / "b", 0)
+        train(changed(valid=np.zeros(EPISODES, bool)), CONFIG, tmp_path / "b", 0)
     with pytest.raises(RequestError, match=r"train\.min_window: 9"):
         train(DATA, replace(CONFIG, train=replace(CONFIG.train, min_window=9)), tmp_path / "c", 0)
     assert not list(tmp_path.iterdir())
@@ -189,7 +196,7 @@ def test_runs_that_cannot_be_loaded_are_named(run, tmp_path):
 
 
 def test_a_diverged_training_says_so(tmp_path):
-    broken = replace(DATA, hole_pos_world=np.full((EPISODES, 2), np.nan, np.float32))
+    broken = changed(hole_pos_world=np.full((EPISODES, 2), np.nan, np.float32))
     with pytest.raises(WorkError, match="epoch 0 is not finite"):
         train(broken, CONFIG, tmp_path / "run", 0)
 

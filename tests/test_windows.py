@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from synthetic import make_interactions
+from synthetic import make_episodes
 
 from mjx_fit.config import Config, TrainConfig, WristConfig
 from mjx_fit.dataset.windows import MIN_ACTIONS, sample_windows, split, usable
@@ -18,7 +18,7 @@ from mjx_fit.shapes import plate_top_m
 CLEAN = WristConfig(force_noise_n=0.0, torque_xy_noise_nm=0.0, torque_z_noise_nm=0.0)
 CONFIG = Config(wrist=CLEAN, train=TrainConfig(min_window=4, max_window=10))
 EPISODES = 24
-DATA = make_interactions(EPISODES, actions=16, min_length=3)
+DATA = make_episodes(EPISODES, actions=16, min_length=3)
 ALL = jnp.arange(EPISODES)
 COPIES = 60
 
@@ -35,7 +35,7 @@ def many():
 def starts_of(sample) -> np.ndarray:
     """Where each window begins, found by its first action among the source's."""
     first = np.asarray(sample.reading.action_world)[:, 0]
-    actions = np.asarray(DATA.trace.action_world)
+    actions = np.asarray(DATA.interaction.trace.action_world)
     return np.array([np.flatnonzero((actions[i] == first[i]).all(-1))[0] for i in range(EPISODES)])
 
 
@@ -44,7 +44,7 @@ def starts_of(sample) -> np.ndarray:
 def test_windows_are_consecutive_rows_of_their_episode(seed):
     sample = jax.tree.map(np.asarray, sample_windows(DATA, ALL, jax.random.key(seed), CONFIG))
     reading, starts = sample.reading, starts_of(sample)
-    data = jax.tree.map(np.asarray, DATA)
+    data = jax.tree.map(np.asarray, DATA.interaction)
     lengths, mask = data.length, reading.mask
     for i in range(EPISODES):
         count, rows = mask[i].sum(), slice(starts[i], starts[i] + mask[i].sum())
@@ -69,13 +69,13 @@ def test_windows_are_consecutive_rows_of_their_episode(seed):
 
 
 def test_every_length_and_every_start_is_drawn(many):
-    counts, lengths = many.reading.mask.sum(-1), np.asarray(DATA.length)
+    counts, lengths = many.reading.mask.sum(-1), np.asarray(DATA.interaction.length)
     long = lengths >= 10
     drawn, times = np.unique(counts[:, long], return_counts=True)
     np.testing.assert_array_equal(drawn, np.arange(4, 11))
     np.testing.assert_allclose(times / times.sum(), 1 / 7, atol=0.04)
     first = many.reading.action_world[:, :, 0, 0]
-    starts = (first[..., None] == np.asarray(DATA.trace.action_world)[..., 0]).argmax(-1)
+    starts = (first[..., None] == np.asarray(DATA.interaction.trace.action_world)[..., 0]).argmax(-1)
     left = lengths - counts
     assert (starts <= left).all()
     np.testing.assert_allclose((starts[left > 5] / left[left > 5]).mean(), 0.5, atol=0.05)
@@ -84,7 +84,7 @@ def test_every_length_and_every_start_is_drawn(many):
 
 
 def test_both_kinds_of_windows_come_from_inserted_interactions(many):
-    inserted = np.asarray(DATA.inserted)
+    inserted = np.asarray(DATA.interaction.inserted)
     assert inserted.sum() >= 2
     assert 0 < many.failed[:, inserted].mean() < 1
     assert many.failed[:, ~inserted].all()
@@ -105,9 +105,9 @@ def test_noise_has_the_sensors_sigmas_and_the_tare_its_share():
     config = replace(CONFIG, wrist=wrist, train=TrainConfig(min_window=16, max_window=16))
     copies = jax.tree.map(lambda x: jnp.concatenate([x] * 40), DATA)
     reading = sample_windows(copies, jnp.arange(40 * EPISODES), jax.random.key(1), config).reading
-    clean = np.asarray(copies.trace.wrench_sensor - copies.tare_sensor[:, None, None])
+    clean = np.asarray(copies.interaction.trace.wrench_sensor - copies.interaction.tare_sensor[:, None, None])
     mask = np.asarray(reading.mask)[..., None, None]
-    np.testing.assert_array_equal(mask.sum(1).ravel(), copies.length)
+    np.testing.assert_array_equal(mask.sum(1).ravel(), copies.interaction.length)
     error = np.asarray(reading.wrench_sensor) - clean
     samples = np.broadcast_to(mask, error.shape)
     sigma = np.array([0.1, 0.1, 0.1, 0.005, 0.005, 0.003])
@@ -119,8 +119,8 @@ def test_noise_has_the_sensors_sigmas_and_the_tare_its_share():
 
 
 def test_prior_is_the_estimate_with_types_at_random(many):
-    np.testing.assert_array_equal(many.prior.pos_mean_world[5], DATA.estimate_world)
-    np.testing.assert_allclose(many.prior.pos_cov[0, 0], 1e-4 * np.eye(2), rtol=1e-5)
+    np.testing.assert_array_equal(many.prior.pos_mean_world[5], DATA.interaction.estimate_world)
+    np.testing.assert_array_equal(many.prior.pos_cov[0], DATA.estimate_cov)
     types = np.exp(many.prior.type_logp.astype(float)).reshape(-1, 3)
     np.testing.assert_allclose(types.sum(-1), 1, rtol=1e-5)
     np.testing.assert_allclose(types.mean(0), 1 / 3, atol=0.03)
@@ -131,25 +131,28 @@ def test_prior_is_the_estimate_with_types_at_random(many):
 
 
 def test_broken_and_short_interactions_are_not_usable():
-    data = replace(DATA, valid=np.arange(EPISODES) != 4)
-    want = np.asarray(DATA.length) >= MIN_ACTIONS
+    data = replace(DATA, interaction=replace(DATA.interaction, valid=np.arange(EPISODES) != 4))
+    want = np.asarray(DATA.interaction.length) >= MIN_ACTIONS
     want[4] = False
     assert not want.all()
     np.testing.assert_array_equal(usable(data), want)
 
 
 @settings(max_examples=50, deadline=None)
-@given(n=st.integers(2, 200), fraction=st.floats(0.01, 0.99), seed=st.integers(0, 99))
-def test_split_is_a_partition_with_something_on_both_sides(n, fraction, seed):
-    train, validation = split(n, fraction, seed)
+@given(n=st.integers(2, 200), each=st.integers(1, 3), fraction=st.floats(0.01, 0.99), seed=st.integers(0, 99))
+def test_split_is_a_partition_of_whole_sequences_with_something_on_both_sides(n, each, fraction, seed):
+    sequences = np.arange(n * each) // each
+    train, validation = split(sequences, fraction, seed)
     assert len(train)
     assert len(validation)
-    np.testing.assert_array_equal(np.sort(np.r_[train, validation]), np.arange(n))
-    assert abs(len(validation) - fraction * n) <= 1
-    np.testing.assert_array_equal(split(n, fraction, seed)[1], validation)
+    np.testing.assert_array_equal(np.sort(np.r_[train, validation]), np.arange(n * each))
+    assert not set(sequences[train]) & set(sequences[validation])
+    assert abs(len(validation) / each - fraction * n) <= 1
+    np.testing.assert_array_equal(split(sequences, fraction, seed)[1], validation)
 
 
-def test_split_depends_on_the_seed_and_refuses_one_episode():
-    assert not np.array_equal(split(100, 0.1, 0)[1], split(100, 0.1, 1)[1])
+def test_split_depends_on_the_seed_and_refuses_one_sequence():
+    ids = np.arange(100)
+    assert not np.array_equal(split(ids, 0.1, 0)[1], split(ids, 0.1, 1)[1])
     with pytest.raises(RequestError, match="at least 2"):
-        split(1, 0.1, 0)
+        split(np.zeros(5, int), 0.1, 0)

@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
 from mjx_fit.config import Config
-from mjx_fit.dataset.collect import MISMATCHED
+from mjx_fit.dataset.draws import MISMATCHED
 from mjx_fit.evaluation.statistics import wilson
 from mjx_fit.report import style
 from mjx_fit.shapes import NAMES, SHAPES

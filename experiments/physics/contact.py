@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 
 from mjx_fit.bench.reference import task_space
 from mjx_fit.config import Config
-from mjx_fit.dataset.collect import MISMATCHED
+from mjx_fit.dataset.draws import MISMATCHED
 from mjx_fit.report import style
 from mjx_fit.shapes import SHAPES
 from mjx_fit.simulate.native import NativeEngine

@@ -19,7 +19,7 @@ import shared
 
 from mjx_fit import runtime
 from mjx_fit.config import Config
-from mjx_fit.dataset.collect import draw_attempts
+from mjx_fit.dataset.draws import draw_attempts
 from mjx_fit.simulate.mjx import MjxEngine
 
 WORLDS = (256, 1024, 4096)

@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 from mujoco import mjx
 
 from mjx_fit.config import Config
-from mjx_fit.dataset.collect import MISMATCHED, draw_attempts
+from mjx_fit.dataset.draws import MISMATCHED, draw_attempts
 from mjx_fit.evaluation.statistics import bootstrap_mean, bootstrap_means
 from mjx_fit.policies import POLICIES
 from mjx_fit.report import style

@@ -1,23 +1,19 @@
 """What the experiments on the physics have in common: where results go, and how they look."""
 
-import json
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import jax
 import jax.numpy as jnp
-import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
-from mjx_fit import files, provenance, runtime
+from mjx_fit import runtime
 from mjx_fit.config import Config
-from mjx_fit.dataset.collect import draw_places
+from mjx_fit.dataset.draws import draw_places
 from mjx_fit.policies import SPIRAL
 from mjx_fit.randomness import root_key
-from mjx_fit.report import style
+from mjx_fit.report import script
 from mjx_fit.types import Attempt, Interaction
 
 FOLDER = Path(__file__).parent
@@ -30,21 +26,12 @@ def begin() -> None:
 
 def save(name: str, results: dict[str, Any]) -> None:
     """Writes ``name.json``: the results, the command, and what it ran on."""
-    origin = {
-        "command": " ".join(["python", f"experiments/physics/{Path(sys.argv[0]).name}", *sys.argv[1:]]),
-        "device": provenance.device(),
-        "versions": provenance.versions(),
-    }
-    text = json.dumps(origin | results, indent=1, default=_plain) + "\n"
-    files.write_text(FOLDER / f"{name}.json", text)
-    print(json.dumps(results, indent=1, default=_plain))
+    script.save(FOLDER / f"{name}.json", results)
 
 
 def draw(name: str, make: Callable[[], Figure]) -> None:
     """Writes ``name.png`` in the style of all figures."""
-    with matplotlib.rc_context(style.RC):
-        make().savefig(FOLDER / f"{name}.png", dpi=110, metadata={"Software": None})
-    print(f"{FOLDER / name}.png")
+    script.draw(FOLDER / f"{name}.png", make)
 
 
 def spiral_attempts(config: Config, use: str, peg: np.ndarray, hole: np.ndarray) -> Attempt:
@@ -66,9 +53,3 @@ def quantiles(values: np.ndarray, levels: tuple[float, ...]) -> dict[str, float]
     return {
         "max" if level == 1 else f"q{100 * level:g}": float(np.nanquantile(values, level)) for level in levels
     }
-
-
-def _plain(value: Any) -> Any:
-    return (
-        np.asarray(value).tolist() if isinstance(value, np.ndarray | np.generic | jax.Array) else str(value)
-    )

@@ -17,7 +17,7 @@ from mujoco.batch import Batch
 
 from mjx_fit.bench import reference
 from mjx_fit.config import Config
-from mjx_fit.dataset.collect import draw_attempts
+from mjx_fit.dataset.draws import draw_attempts
 from mjx_fit.kinematics import chain_of
 from mjx_fit.scene import pair_index
 from mjx_fit.simulate.engine import create, start_qpos

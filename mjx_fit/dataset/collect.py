@@ -1,35 +1,90 @@
 """Collecting interactions: which peg meets which hole, where, and under which policy."""
 
+import time
+from dataclasses import dataclass
 from functools import partial
-from itertools import permutations
 from pathlib import Path
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int, Key
+from jaxtyping import Bool, Float, Int
 
+from mjx_fit import config as config_
 from mjx_fit import policies
-from mjx_fit.config import Config, DetectorConfig
-from mjx_fit.dataset.store import Writer
-from mjx_fit.detector import detect
+from mjx_fit.config import Config
+from mjx_fit.dataset import shard as shard_
+from mjx_fit.dataset.draws import POLICIES, draw_attempts, draw_later_attempts
+from mjx_fit.dataset.episode import Episode
+from mjx_fit.dataset.writer import Writer, is_finished, new_manifest
 from mjx_fit.errors import RequestError
 from mjx_fit.progress import Progress
 from mjx_fit.randomness import require_seed, root_key
-from mjx_fit.scene import HOLE_WORKSPACE_M
-from mjx_fit.shapes import SHAPES
 from mjx_fit.simulate.broken import report
-from mjx_fit.simulate.engine import create, even_batch, resolve
-from mjx_fit.types import Array, Attempt, Interaction
+from mjx_fit.simulate.engine import Engine, create, even_batch, resolve
+from mjx_fit.types import SUBSTEPS, Array, Attempt, Interaction
 
-POLICIES = (*policies.POLICIES, "mixed")
-MISMATCHED = np.array(list(permutations(range(len(SHAPES)), 2)))
-MAX_ACTIONS, MAX_BATCH = 1000, 65536
+MAX_ACTIONS, MAX_BATCH, MAX_SEQUENCE = 1000, 65536, 30
 
 
-def collect(
-    config: Config, out: Path, episodes: int, steps: int, policy: str, engine: str, seed: int, batch: int
-) -> None:
+@dataclass(frozen=True)
+class Plan:
+    """What is to be collected.
+
+    Attributes:
+        episodes: Number of interactions, a multiple of ``sequence``.
+        steps: Most actions in one. A spiral has ``task.attempt_actions`` at most: it is a spiral as it will
+            be used.
+        policy: ``random``, ``spiral``, or ``mixed``: both in turn.
+        engine: ``auto``, ``mjx`` or ``native``.
+        seed: Root seed.
+        batch: Most worlds that are simulated at once; what becomes of them is one shard.
+        sequence: Attempts in a row of one peg at one hole. The first starts from the detector's estimate,
+            later ones from estimates as a filter may have them by then; what follows an insertion is left
+            out.
+        shard_index: Which part of the whole to collect, from 0.
+        num_shards: Of how many parts.
+    """
+
+    episodes: int = 3000
+    steps: int = 200
+    policy: str = "random"
+    engine: str = "auto"
+    seed: int = 0
+    batch: int = 250
+    sequence: int = 1
+    shard_index: int = 0
+    num_shards: int = 1
+
+    @property
+    def sequences(self) -> int:
+        return self.episodes // self.sequence
+
+    @property
+    def worlds(self) -> int:
+        """Worlds in each batch; the last may have idle ones."""
+        return even_batch(self.sequences, self.batch)
+
+    def shards(self) -> dict[str, int]:
+        """The shards of this part: the first sequence of each, by file name."""
+        starts = list(range(0, self.sequences, self.worlds))
+        return {
+            f"shard-{start * self.sequence:08d}.h5": start
+            for start in starts[self.shard_index :: self.num_shards]
+        }
+
+    def request(self, config: Config) -> dict[str, Any]:
+        """What makes the whole what it is, JSON-ready: the same in all its parts."""
+        whole = ("episodes", "steps", "policy", "seed", "batch", "sequence")
+        return {
+            **{name: getattr(self, name) for name in whole},
+            "engine": resolve(self.engine),
+            "config": config_.to_tree(config),
+        }
+
+
+def collect(config: Config, out: Path, plan: Plan) -> None:
     """Simulates interactions and stores them; goes on where a killed collection of the same kind stopped.
 
     The draws of an episode depend on the seed and its id alone. All batches have one shape, the last one
@@ -38,100 +93,137 @@ def collect(
     Args:
         config: The configuration.
         out: Folder of the data set.
-        episodes: Number of interactions: even ids are matched pairs, odd ids mismatched ones.
-        steps: Most actions in one interaction.
-        policy: ``random``, ``spiral``, or ``mixed`` for each in half of the episodes, at random.
-        engine: ``auto``, ``mjx`` or ``native``.
-        seed: Root seed.
-        batch: Worlds that are simulated at once: one shard.
+        plan: What is to be collected.
 
     Raises:
-        RequestError: A value is not allowed, or the folder holds something else.
+        RequestError: A value is not allowed, or the folder holds something else, or is in use.
     """
-    _check(episodes, steps, policy, seed, batch)
-    batch = even_batch(episodes, batch)
-    request = {"episodes": episodes, "steps": steps, "policy": policy, "seed": seed, "batch": batch}
-    writer = Writer(out, request | {"engine": resolve(engine)}, config)
-    missing = [start for start in range(0, episodes, batch) if not writer.has(_shard_name(start))]
-    if not missing:
-        writer.finish()
+    _check(plan)
+    request, shards = plan.request(config), plan.shards()
+    wanted = new_manifest(request, (plan.shard_index, plan.num_shards))
+    if is_finished(out, wanted, shards):
         return
-    simulator = create(engine, config)
-    root = root_key(seed, "collect")
-    done = episodes - sum(min(batch, episodes - start) for start in missing)
-    inserted = broken = 0
-    with Progress("collect", episodes, done) as progress:
-        for start in missing:
-            ids = np.arange(start, start + batch)
-            attempts = draw_attempts(root, jnp.asarray(ids), policy, config.detector)
-            wanted = ids[ids < episodes]
-            interactions = _first(len(wanted), simulator.run(attempts, steps, ids < episodes))
-            broken += report(interactions, attempts, wanted, steps, config, out / "broken")
-            writer.write(_shard_name(start), wanted, interactions)
-            done, inserted = done + len(wanted), inserted + int(interactions.inserted.sum())
-            progress(done, f"{inserted} inserted" + (f", {broken} broken" if broken else ""))
-    writer.finish()
+    with Writer(out, wanted) as writer:
+        missing = writer.missing(shards)
+        if missing:
+            simulate = _Sequences(create(plan.engine, config), config, plan, out / "broken")
+            _fill(writer, {name: shards[name] for name in missing}, len(shards), simulate, request)
+        writer.finish()
 
 
-def draw_attempts(
-    root: Key[Array, ""], episodes: Int[Array, "n"], policy: str, detector: DetectorConfig
-) -> Attempt:
-    """What the episodes of a data set are to do; a pure function of the root key and the ids."""
-    peg_type, hole_type = pair_of(np.asarray(episodes))
-    hole_pos, estimate, wiggle, coin = draw_places(root, episodes, detector)
-    chosen = coin.astype(int) if policy == "mixed" else policies.POLICIES.index(policy)
-    kind = jnp.broadcast_to(chosen, coin.shape)
-    return Attempt(jnp.asarray(peg_type), jnp.asarray(hole_type), hole_pos, estimate, kind, wiggle)
+def _fill(
+    writer: Writer, missing: dict[str, int], n_shards: int, simulate: "_Sequences", request: dict[str, Any]
+) -> None:
+    began, actions, inserted = time.monotonic(), 0, 0
+    done = n_shards - len(missing)
+    with Progress("collect: shard", n_shards, done) as progress:
+        for name, start in missing.items():
+            episodes = simulate(start)
+            content = shard_.encode(episodes, request)
+            writer.write(name, int(episodes.episode[0]), len(episodes.episode), content)
+            done += 1
+            actions += int(episodes.interaction.length.sum())
+            inserted += int(episodes.interaction.inserted.sum())
+            speed = actions * SUBSTEPS / (time.monotonic() - began)
+            words = [f"{inserted} inserted", f"{speed:,.0f} steps/s"]
+            if simulate.broken:
+                words.append(f"{simulate.broken} broken")
+            progress(done, ", ".join(words))
 
 
-@partial(jax.jit, static_argnames="detector")
-def draw_places(
-    root: Key[Array, ""], episodes: Int[Array, "n"], detector: DetectorConfig
-) -> tuple[Float[Array, "n 2"], Float[Array, "n 2"], Key[Array, "n"], Bool[Array, "n"]]:
-    """Where the holes are, what the detector says, the keys of the policies, and a coin to choose a policy.
+class _Sequences:
+    """Simulates batches of sequences.
 
-    Args:
-        root: Root key.
-        episodes: Ids; each draw depends on the root key and its episode's id alone.
-        detector: The detector.
-
-    Returns:
-        True places, uniform in the workspace, m; estimates, m; keys; coins.
+    Attributes:
+        broken: Worlds so far whose simulation turned non-finite.
     """
 
-    def draw(episode):
-        place, error, wiggle, coin = jax.random.split(jax.random.fold_in(root, episode), 4)
-        low, high = jnp.asarray(HOLE_WORKSPACE_M).T
-        hole_pos = jax.random.uniform(place, (2,), minval=low, maxval=high)
-        return hole_pos, detect(error, hole_pos, detector), wiggle, jax.random.bernoulli(coin)
+    def __init__(self, engine: Engine, config: Config, plan: Plan, dumps: Path):
+        self._engine, self._config, self._plan, self._dumps = engine, config, plan, dumps
+        self._root = root_key(plan.seed, "collect")
+        self.broken = 0
 
-    return jax.vmap(draw)(episodes)
+    def __call__(self, start: int) -> Episode:
+        """The episodes of one batch of sequences, in the order of their ids."""
+        plan = self._plan
+        sequences = np.arange(start, start + plan.worlds)
+        wanted = sequences < plan.sequences
+        going, rounds = wanted, []
+        for number in range(plan.sequence):
+            attempts, cov = self._attempts(sequences, number)
+            ids = sequences * plan.sequence + number
+            done = self._run(attempts, ids, going)
+            going = going & done.valid & ~done.inserted
+            rounds.append(Episode(ids, sequences, np.full_like(ids, number), np.asarray(cov), done))
+
+        def in_turn(*leaves):
+            return np.stack(leaves, 1)[wanted].reshape(-1, *leaves[0].shape[1:])
+
+        return jax.tree.map(in_turn, *rounds)
+
+    def _attempts(
+        self, sequences: Int[np.ndarray, "n"], number: int
+    ) -> tuple[Attempt, Float[Array, "n 2 2"]]:
+        ids, policy = jnp.asarray(sequences), self._plan.policy
+        if number:
+            return draw_later_attempts(self._root, ids, policy, number, self._config)
+        cov = self._config.detector.prior_std_m**2 * np.eye(2, dtype=np.float32)
+        attempts = draw_attempts(self._root, ids, policy, self._config.detector)
+        return attempts, np.broadcast_to(cov, (len(sequences), 2, 2))
+
+    def _run(self, attempts: Attempt, ids: Int[np.ndarray, "n"], going: Bool[np.ndarray, "n"]) -> Interaction:
+        """Runs the attempts of each policy with as many actions as it has."""
+        kind, steps = np.asarray(attempts.policy), self._plan.steps
+        done = None
+        for policy in np.unique(kind):
+            mine = kind == policy
+            spiral = policy == policies.SPIRAL
+            actions = min(steps, self._config.task.attempt_actions) if spiral else steps
+            part = self._engine.run(attempts, actions, going & mine)
+            self.broken += report(part, attempts, ids, actions, self._config, self._dumps)
+            part = _padded(part, steps)
+            done = part if done is None else jax.tree.map(partial(_chosen, mine), part, done)
+        assert done is not None
+        return done
 
 
-def pair_of(episodes: Int[np.ndarray, "n"]) -> tuple[Int[np.ndarray, "n"], Int[np.ndarray, "n"]]:
-    """Peg and hole type of each episode: even ids take the matched pairs in turn, odd ids the others."""
-    turn = episodes // 2
-    matched = (episodes % 2 == 0)[:, None]
-    same = np.stack([turn % len(SHAPES)] * 2, 1)
-    pair = np.where(matched, same, MISMATCHED[turn % len(MISMATCHED)])
-    return pair[:, 0], pair[:, 1]
+def _padded(interactions: Interaction, steps: int) -> Interaction:
+    def pad(leaf):
+        return np.pad(leaf, [(0, 0), (0, steps - leaf.shape[1]), *[(0, 0)] * (leaf.ndim - 2)])
+
+    return Interaction(**vars(interactions) | {"trace": jax.tree.map(pad, interactions.trace)})
 
 
-def _first(n: int, interactions: Interaction) -> Interaction:
-    return jax.tree.map(lambda leaf: leaf[:n], interactions)
+def _chosen(chosen: Bool[np.ndarray, "n"], a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return np.where(chosen.reshape(-1, *[1] * (a.ndim - 1)), a, b)
 
 
-def _shard_name(start: int) -> str:
-    return f"shard-{start:08d}.h5"
-
-
-def _check(episodes: int, steps: int, policy: str, seed: int, batch: int) -> None:
+def _check(plan: Plan) -> None:
+    require_seed(plan.seed)
     for field, value, allowed, expected in (
-        ("--episodes", episodes, episodes >= 1, "at least 1"),
-        ("--steps", steps, 1 <= steps <= MAX_ACTIONS, f"between 1 and {MAX_ACTIONS}"),
-        ("--policy", policy, policy in POLICIES, f"one of {', '.join(POLICIES)}"),
-        ("--batch", batch, 1 <= batch <= MAX_BATCH, f"between 1 and {MAX_BATCH}"),
+        ("--episodes", plan.episodes, plan.episodes >= 1, "at least 1"),
+        ("--steps", plan.steps, 1 <= plan.steps <= MAX_ACTIONS, f"between 1 and {MAX_ACTIONS}"),
+        ("--policy", plan.policy, plan.policy in POLICIES, f"one of {', '.join(POLICIES)}"),
+        ("--batch", plan.batch, 1 <= plan.batch <= MAX_BATCH, f"between 1 and {MAX_BATCH}"),
+        ("--sequence", plan.sequence, 1 <= plan.sequence <= MAX_SEQUENCE, f"between 1 and {MAX_SEQUENCE}"),
+        ("--num-shards", plan.num_shards, plan.num_shards >= 1, "at least 1"),
+        (
+            "--shard-index",
+            plan.shard_index,
+            0 <= plan.shard_index < plan.num_shards,
+            f"between 0 and {plan.num_shards - 1}, one less than --num-shards",
+        ),
     ):
         if not allowed:
             raise RequestError(f"{field}: {value!r} is not allowed: it must be {expected}")
-    require_seed(seed)
+    if plan.episodes % plan.sequence:
+        raise RequestError(
+            f"--episodes: {plan.episodes} is not allowed: it must be a multiple of --sequence, "
+            f"{plan.sequence}"
+        )
+    if not plan.shards():
+        batches = -(-plan.sequences // plan.worlds)
+        raise RequestError(
+            f"--num-shards: {plan.num_shards} is not allowed: it must be at most {batches}, the number of "
+            "batches; a smaller --batch makes more"
+        )

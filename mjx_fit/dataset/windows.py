@@ -12,10 +12,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, Key
 
 from mjx_fit.config import Config
+from mjx_fit.dataset.episode import Episode, happened
 from mjx_fit.errors import RequestError
-from mjx_fit.filters.belief import initial_belief
 from mjx_fit.shapes import SHAPES, plate_top_m
-from mjx_fit.types import Array, Belief, Interaction, Reading, pytree
+from mjx_fit.types import Array, Belief, Reading, pytree
 from mjx_fit.wrist import read
 
 MIN_ACTIONS = 5
@@ -42,29 +42,39 @@ class Sample:
     failed: Bool[Array, "*batch"]
 
 
-def usable(data: Interaction) -> Bool[np.ndarray, "episodes"]:
-    """Which interactions can be trained on: simulated without fault, and at least ``MIN_ACTIONS`` long."""
-    return np.asarray(data.valid) & (np.asarray(data.length) >= MIN_ACTIONS)
+def usable(data: Episode) -> Bool[np.ndarray, "episodes"]:
+    """Which episodes can be trained on: simulated without fault, and at least ``MIN_ACTIONS`` long."""
+    return np.asarray(happened(data)) & (np.asarray(data.interaction.length) >= MIN_ACTIONS)
 
 
 def split(
-    n_episodes: int, fraction: float, seed: int
+    sequences: Int[np.ndarray, "episodes"], fraction: float, seed: int
 ) -> tuple[Int[np.ndarray, "training"], Int[np.ndarray, "validation"]]:
     """Indices of the training and of the validation episodes, at random, at least one of each.
 
+    A sequence, whose episodes share a hole, goes to one side as a whole.
+
+    Args:
+        sequences: Which sequence each episode belongs to.
+        fraction: Share of the sequences that goes to validation.
+        seed: Source of the choice.
+
     Raises:
-        RequestError: There are fewer than two episodes.
+        RequestError: There are fewer than two sequences.
     """
-    if n_episodes < 2:
-        raise RequestError(f"--data: {n_episodes} interactions are not allowed: training needs at least 2")
-    order = np.random.default_rng(seed).permutation(n_episodes)
-    n_validation = min(max(1, round(fraction * n_episodes)), n_episodes - 1)
-    return np.sort(order[n_validation:]), np.sort(order[:n_validation])
+    ids, of_episode = np.unique(sequences, return_inverse=True)
+    n = len(ids)
+    if n < 2:
+        raise RequestError(f"--data: {n} holes with a peg are not allowed: training needs at least 2")
+    n_validation = min(max(1, round(fraction * n)), n - 1)
+    chosen = np.zeros(n, bool)
+    chosen[np.random.default_rng(seed).permutation(n)[:n_validation]] = True
+    return np.flatnonzero(~chosen[of_episode]), np.flatnonzero(chosen[of_episode])
 
 
 @partial(jax.jit, static_argnames="config")
 def sample_windows(
-    data: Interaction, episodes: Int[Array, "batch"], key: Key[Array, ""], config: Config
+    data: Episode, episodes: Int[Array, "batch"], key: Key[Array, ""], config: Config
 ) -> Sample:
     """Draw one window from each of the chosen episodes.
 
@@ -72,20 +82,21 @@ def sample_windows(
     start uniform over what is left; it is padded to ``max_window``.
 
     Args:
-        data: Interactions, stacked along one leading axis.
+        data: Stacked along one leading axis.
         episodes: Indices into it.
         key: Source of windows, noise and type priors.
-        config: Static; ``train``, ``wrist``, ``detector`` and ``scene`` are used.
+        config: Static; ``train``, ``wrist`` and ``scene`` are used.
     """
 
-    def sample(episode: Int[Array, ""]) -> Sample:
-        interaction = jax.tree.map(lambda leaf: leaf[episode], data)
-        return _sample_one(interaction, jax.random.fold_in(key, episode), config)
+    def sample(index: Int[Array, ""]) -> Sample:
+        episode = jax.tree.map(lambda leaf: leaf[index], data)
+        return _sample_one(episode, jax.random.fold_in(key, index), config)
 
     return jax.vmap(sample)(episodes)
 
 
-def _sample_one(interaction: Interaction, key: Key[Array, ""], config: Config) -> Sample:
+def _sample_one(episode: Episode, key: Key[Array, ""], config: Config) -> Sample:
+    interaction = episode.interaction
     count_key, start_key, noise_key, prior_key = jax.random.split(key, 4)
     train = config.train
     drawn = jax.random.randint(count_key, (), train.min_window, train.max_window + 1)
@@ -101,19 +112,19 @@ def _sample_one(interaction: Interaction, key: Key[Array, ""], config: Config) -
             start=start,
             count=count,
         ),
-        prior=_prior(interaction.estimate_world, prior_key, config.detector.prior_std_m),
+        prior=_prior(episode, prior_key),
         hole_type=interaction.hole_type,
         hole_pos_world=interaction.hole_pos_world,
         failed=~(interaction.inserted & (start + count == interaction.length)),
     )
 
 
-def _prior(estimate: Float[Array, "2"], key: Key[Array, ""], prior_std_m: float) -> Belief:
-    """μ0 is where the interaction started, Σ0 = σ² I, ξ0 three draws from U(0, 1) divided by their sum.
+def _prior(episode: Episode, key: Key[Array, ""]) -> Belief:
+    """μ0, Σ0 are what the interaction started from; ξ0 is three draws from U(0, 1) divided by their sum.
 
     Drawing μ0 afresh would show the sensor two detector readings where a real attempt has one.
     """
-    belief = initial_belief(estimate, prior_std_m, len(SHAPES))
+    estimate = episode.interaction.estimate_world
     # uniform() may return 0 but never 1: a type of probability 0 would make the loss infinite.
     draws = 1 - jax.random.uniform(key, (len(SHAPES),), estimate.dtype)
-    return Belief(belief.pos_mean_world, belief.pos_cov, jnp.log(draws / draws.sum()))
+    return Belief(estimate, episode.estimate_cov, jnp.log(draws / draws.sum()))

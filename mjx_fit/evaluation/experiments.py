@@ -12,7 +12,7 @@ from jaxtyping import Float, Int
 from mjx_fit import config as config_
 from mjx_fit import files, provenance
 from mjx_fit.config import Config
-from mjx_fit.dataset.collect import MISMATCHED, draw_places
+from mjx_fit.dataset.draws import MISMATCHED, draw_places
 from mjx_fit.errors import RequestError
 from mjx_fit.evaluation import results
 from mjx_fit.evaluation.results import Result

@@ -6,15 +6,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
+import jax
 import yaml
 from matplotlib.figure import Figure
 
+from mjx_fit.dataset import manifest as manifest_
 from mjx_fit.dataset import store
+from mjx_fit.dataset.episode import happened
 from mjx_fit.errors import RequestError
 from mjx_fit.evaluation.results import Result
 from mjx_fit.evaluation.statistics import Row
-from mjx_fit.report import figures, run_figures
+from mjx_fit.report import data_figures, figures, run_figures
 from mjx_fit.report.style import Picture, picture
 
 _Drawing = tuple[str, str, Callable[[], Figure]]
@@ -74,31 +76,61 @@ def of_dataset(slug: str, folder: Path) -> Section:
     Raises:
         RequestError: There is no valid interaction in it.
     """
-    manifest, data = store.read_manifest(folder), store.load(folder)
-    n, stored = len(data.length), sum(len(shard["episodes"]) for shard in manifest["shards"])
-    if not n:
+    manifest, episodes = manifest_.read(folder), store.load(folder)
+    keep = happened(episodes)
+    data = jax.tree.map(lambda leaf: leaf[keep], episodes.interaction)
+    if not len(data.length):
         raise RequestError(f"report: {folder} holds no valid interaction; nothing can be shown")
     drawings: list[_Drawing] = [
         (
-            "lengths",
-            "Interactions end at insertion or at the last action, so short ones are insertions.",
-            lambda: run_figures.interaction_lengths(data),
+            "visited",
+            "Coverage: where the tip was from the hole's true centre (cross) at the end of every action.",
+            lambda: data_figures.visited_positions(data),
         ),
         (
-            "visited",
-            "Where the tip was, relative to the true centre of the hole (cross), at the end of every action.",
-            lambda: run_figures.visited_positions(data),
+            "lengths",
+            "Interactions end at insertion or at the last action, so short ones are insertions.",
+            lambda: data_figures.interaction_lengths(data),
+        ),
+        (
+            "forces",
+            "Forces by pair, while in contact: median (dot), middle half (bar) and middle 90 % (line) of the "
+            "samples.",
+            lambda: data_figures.forces_by_pair(data),
+        ),
+        (
+            "contact",
+            "Share of the interactions still going on that were in contact during an action.",
+            lambda: data_figures.contact_over_time(data),
         ),
     ]
-    facts = (
-        ("interactions", str(n)),
-        ("inserted", str(int(np.sum(data.inserted)))),
-        ("left out, not finite", str(stored - n)),
-        *_provenance(manifest["request"] | manifest),
-    )
     pictures = _pictures(slug, drawings)
-    config = yaml.safe_dump(manifest["request"].get("config", {}), sort_keys=False)
-    return Section(slug, f"Data set: {folder.resolve().name}", facts, config, (), pictures)
+    config = yaml.safe_dump(manifest.request["config"], sort_keys=False)
+    return Section(slug, f"Data set: {folder.resolve().name}", _data_facts(folder), config, (), pictures)
+
+
+def _data_facts(folder: Path) -> tuple[tuple[str, str], ...]:
+    """How a data set was made, and what came of it, in words."""
+    manifest, told = manifest_.read(folder), store.describe(folder)
+    request = manifest.request
+    index, of = manifest.part
+    rates = ", ".join(
+        f"{name} {'-' if rate is None else f'{rate:.1%}'}" for name, rate in told["success_rate"].items()
+    )
+    pairs = (f"{pair} {row['inserted']} of {row['episodes']}" for pair, row in told["pairs"].items())
+    size = f"{told['bytes'] / 1e6:,.0f} MB in {told['shards']} files"
+    return (
+        ("asked for", f"{request['episodes']:,} interactions of up to {request['steps']} actions"),
+        ("policy", f"{request['policy']}, {request['sequence']} in a row at one hole"),
+        *([("part", f"{index} of {of}")] if of > 1 else []),
+        ("performed", f"{told['episodes'] - told['not_performed'] - told['invalid']:,}"),
+        ("actions", f"{told['actions']:,}, {told['contact_fraction']:.1%} of them in contact"),
+        ("inserted", rates),
+        ("inserted by pair", ", ".join(pairs)),
+        ("left out, not finite", str(told["invalid"])),
+        ("size", size),
+        *_provenance(request | {"device": manifest.device, "versions": manifest.versions}),
+    )
 
 
 def _assembly(result: Result) -> list[_Drawing]:

@@ -92,7 +92,7 @@ class Block:
             layout: How they are shown to the controller.
             attempts: What they are to do (m,).
             qpos: Joint angles at which they start, rad.
-            rows: Rows that the controller is shown; those beyond m mean nothing.
+            rows: Most rows that the controller is shown; those beyond m mean nothing.
         """
         self.batch = batch = batch_at_rest(scene, attempts, qpos, threads=1)
         self.qpos, self.qvel, self._ctrl = (batch.bind(name) for name in ("qpos", "qvel", "ctrl"))
@@ -106,7 +106,7 @@ class Block:
             self._fields.append((where, field.reshape(len(qpos), -1)))
         self._packed = np.zeros((rows, layout.width), np.float32)
         self.wrench = np.empty((SUBSTEPS, len(qpos), 6), np.float32)
-        self._pushed, self._applied = np.empty((2, SUBSTEPS, *qpos.shape), np.float32)
+        self._pushed, self._applied = np.zeros((2, SUBSTEPS, *qpos.shape), np.float32)
         batch.forward()
         self.tare_sensor = self._sensordata.astype(np.float32)
 
@@ -115,23 +115,27 @@ class Block:
         self.qpos[:], self.qvel[:] = qpos, qvel
         self.batch.forward(stage=_OBSERVED)
 
-    def packed(self) -> Float[np.ndarray, "rows k"]:
-        """The controller's inputs, in a buffer that the next call overwrites."""
-        m = len(self.qpos)
+    def packed(self, running: Int[np.ndarray, "r"], rows: int) -> Float[np.ndarray, "rows k"]:
+        """The controller's inputs of the running simulations, in a buffer that the next call overwrites."""
+        r = len(running)
         for where, field in self._fields:
-            self._packed[:m, where] = field
-        return self._packed
+            self._packed[:r, where] = field if self._all(running) else field[running]
+        return self._packed[:rows]
 
     def step(self, torque: Float[np.ndarray, "rows 7"], running: Int[np.ndarray, "r"], substep: int) -> None:
         """One step of the running simulations under these torques (N·m); notes what they feel."""
-        self._ctrl[:] = self._applied[substep] = torque[: len(self._ctrl)]
-        everyone = len(running) == len(self.qpos)  # then no list is looked at: some per cent faster
+        everyone = self._all(running)  # then no list is looked at: some per cent faster
+        where = slice(None) if everyone else running
+        self._ctrl[where] = self._applied[substep, where] = torque[: len(running)]
         self.batch.step(None if everyone else running, stage=_OBSERVED)
         self.wrench[substep] = self._sensordata
         self._pushed[substep] = self._contact_force
 
+    def _all(self, running: Int[np.ndarray, "r"]) -> bool:
+        return len(running) == len(self.qpos)
+
     def finite(self) -> Bool[np.ndarray, "m"]:
-        """Whether the state is finite (m,), and so were all torques of the last action.
+        """Whether the state is finite (m,), and so were all torques of its last action.
 
         MuJoCo takes a torque that is not finite for zero: the arm would go limp and nobody would know.
         """

@@ -2,7 +2,7 @@
 
 ``collide``, ``solve`` and ``integrate`` stand in the places of ``mjx.collision``, ``mjx.solve`` and
 ``mjx.implicit``: they take and leave what those do, in scenes like this project's, one arm with a peg over
-one plate. None of them, nor any other stage of a step, calls LAPACK.
+one plate; ``require_supported`` says which. None of them, nor any other stage of a step, calls LAPACK.
 """
 
 # MuJoCo's extension module has no stubs.
@@ -19,6 +19,24 @@ from mujoco import mjx
 from mjx_fit import spd
 from mjx_fit.lanes import worlds_last
 from mjx_fit.simulate import boxes, cones, constraints
+
+
+def require_supported(model: mujoco.MjModel) -> None:
+    """Makes sure that a model is one that this module can read: of any other it would make nonsense.
+
+    Raises:
+        ValueError: Another cone or integrator, contacts of other dimensions, or joints other than hinges with
+            limits on both sides.
+    """
+    for what, holds in (
+        ("an elliptic cone", model.opt.cone == mujoco.mjtCone.mjCONE_ELLIPTIC),
+        ("the integrator implicitfast", model.opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST),
+        ("contacts of three dimensions", (model.geom_condim[model.geom_contype != 0] == 3).all()),
+        ("hinges", (model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE).all()),
+        ("limits on every joint", (model.jnt_limited != 0).all()),
+    ):
+        if not holds:
+            raise ValueError(f"MJX here needs {what}")
 
 
 def collide(model: mjx.Model, data: mjx.Data) -> mjx.Data:

@@ -21,6 +21,11 @@ START_HEIGHT_M = 0.002
 """Height of the tip over the plate at which an attempt starts, at rest."""
 
 
+BESIDE_M = 0.02
+"""Horizontal distance from the hole's centre beyond which a peg that is low has left the plate instead: a
+quarter of the smallest plate's half width."""
+
+
 class Engine(Protocol):
     """Runs a batch of attempts: the same trace from the same scene, control and policies in both."""
 
@@ -40,6 +45,21 @@ class Engine(Protocol):
             A batch (n,) of interactions with J rows each, as NumPy arrays.
         """
         ...
+
+
+def is_inserted(
+    tip_pos_world: Float[Array, "*n 3"], hole_pos_world: Float[Array, "*n 2"], scene: Scene, depth_m: float
+) -> Bool[Array, "*n"]:
+    """Whether pegs are in their holes: the tip so far below the plate's top, and over the hole.
+
+    Args:
+        tip_pos_world: Centre of the peg's lower face, m.
+        hole_pos_world: True centre of the hole, m.
+        scene: Gives the height of the plate's top.
+        depth_m: ``task.insertion_depth_m``.
+    """
+    x, y = (tip_pos_world[..., i] - hole_pos_world[..., i] for i in range(2))
+    return (tip_pos_world[..., 2] <= scene.plate_top_m - depth_m) & (x**2 + y**2 < BESIDE_M**2)
 
 
 def resolve(name: str) -> str:

@@ -16,7 +16,7 @@ from mjx_fit.config import Config
 from mjx_fit.kinematics import chain_of
 from mjx_fit.lanes import worlds_last
 from mjx_fit.scene import Scene, pair_index, simulation_scene
-from mjx_fit.simulate.engine import start_qpos
+from mjx_fit.simulate.engine import is_inserted, start_qpos
 from mjx_fit.simulate.stages import accelerate, advance, models_of, placed, stacked_models
 from mjx_fit.simulate.threads import on_threads
 from mjx_fit.types import SUBSTEPS, Array, Attempt, Interaction, Trace
@@ -42,17 +42,18 @@ class MjxEngine:
 
     name = "mjx"
 
-    def __init__(self, config: Config, threads: int):
+    def __init__(self, config: Config, threads: int, policy: policies.Policy = policies.action):
         """Compiles the scene.
 
         Args:
             config: The configuration.
             threads: Host threads, where the device is the CPU.
+            policy: Gives the actions; the library's are those that an attempt names.
         """
         self.scene = simulation_scene(config.scene)
         self._models, self._axes = stacked_models(self.scene)
         self._chain = chain_of(self.scene.models[0])
-        self._config = config
+        self._config, self._policy = config, policy
         self._threads = threads if jax.default_backend() == "cpu" else 1
         self._jitted = jax.jit(self._rollout, static_argnames="actions", compiler_options=compiler_options())
         self._compiled: dict[tuple[int, int], jax.stages.Compiled] = {}
@@ -98,7 +99,9 @@ class MjxEngine:
         pair = pair_index(attempts.peg_type, attempts.hole_type)
         models = models_of(self._models, pair)
         qpos = start_qpos(self._chain, attempts, self.scene)
-        world = partial(rollout_world, config=self._config, scene=self.scene, actions=actions)
+        world = partial(
+            rollout_world, config=self._config, scene=self.scene, policy=self._policy, actions=actions
+        )
         # Matrix products of lower precision (TF32 on some accelerators) ruin the constraint solver.
         with jax.default_matmul_precision("highest"):
             return jax.vmap(world, (self._axes, 0, 0, 0))(models, qpos, attempts, active)
@@ -111,6 +114,7 @@ def rollout_world(
     active: Bool[Array, ""],
     config: Config,
     scene: Scene,
+    policy: policies.Policy,
     actions: int,
 ) -> Interaction:
     """One attempt in one world, from a posture; a world that is not active stands still."""
@@ -120,10 +124,12 @@ def rollout_world(
     def act(carry, step):
         data, running = carry
         arm = arm_state(model, data, scene)
-        action = policies.action(attempt, step, actions, arm.tip_pos_world, config)
+        action = policy(attempt, step, actions, arm.tip_pos_world, config)
         after, (wrench, touched) = hold(model, data, arm.tip_pos_world + action, config, scene)
         row = _trace_row(model, after, scene, wrench, touched.any(), action)
-        inserted = row.tip_pos_world[2] <= scene.plate_top_m - config.task.insertion_depth_m
+        inserted = is_inserted(
+            row.tip_pos_world, attempt.hole_pos_world, scene, config.task.insertion_depth_m
+        )
         finite = jnp.isfinite(after.qpos).all() & jnp.isfinite(after.qvel).all()
         # A world that is done, or about to break, is frozen: the others of its batch go on.
         data = jax.tree.map(partial(jnp.where, running & finite), after, data)

@@ -19,7 +19,7 @@ from mjx_fit.config import Config
 from mjx_fit.kinematics import chain_of
 from mjx_fit.scene import simulation_scene
 from mjx_fit.simulate.block import Block, Layout, batch_at_rest
-from mjx_fit.simulate.engine import start_qpos
+from mjx_fit.simulate.engine import is_inserted, start_qpos
 from mjx_fit.simulate.threads import on_threads, parts_of
 from mjx_fit.types import SUBSTEPS, Array, Attempt, Interaction, Trace
 
@@ -41,18 +41,25 @@ class NativeEngine:
 
     name = "native"
 
-    def __init__(self, config: Config, threads: int, on_step: OnStep | None = None):
+    def __init__(
+        self,
+        config: Config,
+        threads: int,
+        policy: policies.Policy = policies.action,
+        on_step: OnStep | None = None,
+    ):
         """Compiles the scene.
 
         Args:
             config: The configuration.
             threads: Host threads that step the worlds.
+            policy: Gives the actions; the library's are those that an attempt names.
             on_step: Told, after every step of a block, which worlds it holds and their batch; from several
                 threads at once. For benchmarks and experiments.
         """
         self.scene = simulation_scene(config.scene)
         self._config = config
-        self._threads, self._on_step = threads, on_step
+        self._threads, self._policy, self._on_step = threads, policy, on_step
         model = self.scene.models[0]
         self._layout = Layout(model)
         self._start = jax.jit(partial(start_qpos, chain_of(model), scene=self.scene))
@@ -69,7 +76,7 @@ class NativeEngine:
         parts = [wanted[part] for part in parts_of(len(wanted), self._threads, ROWS[-1])]
 
         def run_part(ids: Int[np.ndarray, "m"]) -> None:
-            self._run_block(ids, _rows(attempts, ids), actions, done)
+            self._run_block(ids, attempts, actions, done)
 
         on_threads(self._threads, run_part, parts)
         return done
@@ -94,7 +101,7 @@ class NativeEngine:
         done, ids = _nothing_done(attempts, actions), np.arange(len(qpos))
         block = Block(self.scene, self._layout, attempts, qpos, _rows_for(len(ids)))
         block.move(qpos, qvel)
-        self._act(block, ids, _rows(attempts, ids), ids, step, actions, done)
+        self._act(block, ids, ids, _rows(attempts, ids), step, actions, done)
         return done
 
     def batch_at_rest(self, attempts: Attempt) -> Batch:
@@ -104,63 +111,82 @@ class NativeEngine:
         qpos = np.concatenate([self._start_of(_rows(attempts, part))[: len(part)] for part in parts])
         return batch_at_rest(self.scene, attempts, qpos, self._threads)
 
-    def _run_block(self, ids: Int[np.ndarray, "m"], rows: Attempt, actions: int, done: Interaction) -> None:
+    def _run_block(
+        self, ids: Int[np.ndarray, "m"], attempts: Attempt, actions: int, done: Interaction
+    ) -> None:
         """Runs the attempts with these ids and writes what comes of them into their rows of ``done``.
 
         Args:
             ids: Which attempts.
-            rows: They, padded to as many rows as the controller takes.
+            attempts: All attempts.
             actions: Most actions in one attempt.
             done: Arrays over all attempts.
         """
+        rows = _rows(attempts, ids)
         own = jax.tree.map(lambda leaf: leaf[: len(ids)], rows)
         start = self._start_of(rows)[: len(ids)]
         block = Block(self.scene, self._layout, own, start, _rows_for(len(ids)))
         done.tare_sensor[ids] = block.tare_sensor
-        depth = self.scene.plate_top_m - self._config.task.insertion_depth_m
+        hole, depth = np.asarray(own.hole_pos_world), self._config.task.insertion_depth_m
         running = np.arange(len(ids))
         for step in range(actions):
             before = block.qpos.copy(), block.qvel.copy()
-            self._act(block, ids, rows, running, step, actions, done)
+            self._act(block, ids, running, rows, step, actions, done)
             finite = block.finite()
-            inserted = finite & (block.tip_pos_world[:, 2] <= depth)
+            inserted = finite & is_inserted(block.tip_pos_world, hole, self.scene, depth)
             done.length[ids[running]] = step + 1
             done.valid[ids[running]] = finite[running]
             done.inserted[ids[running]] = inserted[running]
             done.end_qpos[ids[running]] = np.where(finite[:, None], block.qpos, before[0])[running]
             done.end_qvel[ids[running]] = np.where(finite[:, None], block.qvel, before[1])[running]
-            running = running[(finite & ~inserted)[running]]
-            if not len(running):
+            over = (~finite | inserted)[running]
+            if over.all():
                 return
+            if over.any():
+                running = running[~over]
+                rows = _rows(attempts, ids[running])
 
     def _act(
         self,
         block: Block,
         ids: Int[np.ndarray, "m"],
-        rows: Attempt,
         running: Int[np.ndarray, "r"],
+        rows: Attempt,
         step: int,
         actions: int,
         done: Interaction,
     ) -> None:
-        """One action of the running attempts: pulls each tip to its goal, and records what happens."""
-        action, goal = self._begin_action(rows, block.packed(), step, actions)
+        """One action of the running attempts: pulls each tip to its goal, and records what happens.
+
+        Args:
+            block: The simulations.
+            ids: Which attempts they are of.
+            running: Which of them run.
+            rows: The attempts of these, padded.
+            step: Number j of the action.
+            actions: J.
+            done: Arrays over all attempts.
+        """
+        n = _rows_for(len(running))
+        action, goal = self._begin_action(rows, block.packed(running, n), step, actions)
         for substep in range(SUBSTEPS):
-            block.step(np.asarray(self._torque(block.packed(), goal)), running, substep)
+            block.step(np.asarray(self._torque(block.packed(running, n), goal)), running, substep)
             if self._on_step is not None:
                 self._on_step(ids, block.batch)
-        velocity, quaternion = self._observe(block.packed())
+        velocity, quaternion = (
+            np.asarray(x)[: len(running)] for x in self._observe(block.packed(running, n))
+        )
         row = Trace(
-            wrench_sensor=block.wrench.swapaxes(0, 1),
-            tip_pos_world=block.tip_pos_world,
-            tip_quat_world=np.asarray(quaternion),
-            tip_linvel_world=np.asarray(velocity)[:, :3],
-            tip_angvel_world=np.asarray(velocity)[:, 3:],
-            contact=block.touched(),
-            action_world=np.asarray(action),
+            wrench_sensor=block.wrench.swapaxes(0, 1)[running],
+            tip_pos_world=block.tip_pos_world[running],
+            tip_quat_world=quaternion,
+            tip_linvel_world=velocity[:, :3],
+            tip_angvel_world=velocity[:, 3:],
+            contact=block.touched()[running],
+            action_world=np.asarray(action)[: len(running)],
         )
         for stored, now in zip(jax.tree.leaves(done.trace), jax.tree.leaves(row), strict=True):
-            stored[ids[running], step] = now[running]
+            stored[ids[running], step] = now
 
     def _start_of(self, rows: Attempt) -> Float[np.ndarray, "rows 7"]:
         return np.asarray(self._start(attempts=rows))
@@ -177,7 +203,7 @@ class NativeEngine:
 
     def _begin_action_of(self, attempt: Attempt, packed: Float[Array, "k"], step, actions: int):
         tip = self._layout.unpack(packed).tip_pos_world
-        action = policies.action(attempt, step, actions, tip, self._config)
+        action = self._policy(attempt, step, actions, tip, self._config)
         return action, tip + action
 
     def _observe_of(self, packed: Float[Array, "k"]):

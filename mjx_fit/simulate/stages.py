@@ -59,6 +59,7 @@ _GEOMETRY = ("geom_pos", "geom_size")
 
 def stacked_models(scene: Scene) -> tuple[mjx.Model, mjx.Model]:
     """The nine models as one, with a leading axis on the geometry, and the tree of vmap axes."""
+    contact.require_supported(scene.models[0])
     model = mjx.put_model(scene.models[0])
     stacked = {
         name: jnp.asarray(np.stack([getattr(pair, name) for pair in scene.models]), jnp.float32)

@@ -20,6 +20,7 @@ from jaxtyping import Float, Int, Key, PyTree
 
 from mjx_fit import provenance
 from mjx_fit.config import Config
+from mjx_fit.dataset.episode import Episode
 from mjx_fit.dataset.windows import sample_windows, split, usable
 from mjx_fit.errors import RequestError, WorkError
 from mjx_fit.progress import Progress
@@ -28,7 +29,7 @@ from mjx_fit.sensors.model import ContactSensor, InputScale
 from mjx_fit.shapes import SHAPES
 from mjx_fit.training import checkpoint, run_folder
 from mjx_fit.training.loss import Loss, filter_loss, weighted_sum
-from mjx_fit.types import Array, Interaction, pytree
+from mjx_fit.types import Array, pytree
 
 SCALE_WINDOWS = 512
 """Windows from which the scaling of the inputs is estimated, at most."""
@@ -44,7 +45,7 @@ class TrainState:
 
 
 def train(
-    data: Interaction,
+    data: Episode,
     config: Config,
     out: Path,
     seed: int,
@@ -55,7 +56,7 @@ def train(
     """Train a sensor, or continue its training; ``checkpoint.load_sensor(out)`` loads the best one.
 
     Args:
-        data: Interactions, stacked along one leading axis.
+        data: Episodes, stacked along one leading axis.
         config: Everything; without ``train.epochs`` it must be the one that the folder was begun with.
         out: Folder of the run.
         seed: Root of weights, split, windows, noise.
@@ -126,7 +127,7 @@ class _Saver:
         self.saved_at = time.monotonic()
 
 
-def _usable_split(data: Interaction, config: Config, seed: int) -> tuple[np.ndarray, np.ndarray]:
+def _usable_split(data: Episode, config: Config, seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Training and validation episodes: divided first, so that a dropped one does not move the others."""
     if config.train.min_window > config.train.max_window:
         raise RequestError(
@@ -134,7 +135,8 @@ def _usable_split(data: Interaction, config: Config, seed: int) -> tuple[np.ndar
             f"it must be at most train.max_window, {config.train.max_window}"
         )
     keep = usable(data)
-    train_ids, val_ids = (ids[keep[ids]] for ids in split(len(keep), config.train.validation_fraction, seed))
+    sides = split(np.asarray(data.sequence), config.train.validation_fraction, seed)
+    train_ids, val_ids = (ids[keep[ids]] for ids in sides)
     if not len(train_ids) or not len(val_ids):
         raise RequestError(
             f"--data: {len(train_ids)} training and {len(val_ids)} validation interactions are not allowed: "
@@ -144,7 +146,7 @@ def _usable_split(data: Interaction, config: Config, seed: int) -> tuple[np.ndar
 
 
 def _initial_state(
-    data: Interaction, train_ids: Int[np.ndarray, "n"], config: Config, key: Key[Array, ""]
+    data: Episode, train_ids: Int[np.ndarray, "n"], config: Config, key: Key[Array, ""]
 ) -> tuple[nnx.GraphDef, TrainState]:
     """A sensor with new weights, its inputs scaled to windows of the training episodes."""
     weight_key, order_key, window_key = jax.random.split(key, 3)
@@ -166,7 +168,7 @@ def _run_epoch(
     config: Config,
     state: TrainState,
     *,
-    data: Interaction,
+    data: Episode,
     train_ids: Int[Array, "n"],
     val_ids: Int[Array, "m"],
     val_key: Key[Array, ""],

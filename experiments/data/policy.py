@@ -1,0 +1,197 @@
+"""Which random policy should interactions be collected with?
+
+    python experiments/data/policy.py
+
+The paper gives its policy one line: random actions, as the wiggle of the spiral. Read literally that is a
+walk with steps of sigma; this compares the readings of it, and what else could be done, on what matters for
+learning, with the spiral of an attempt beside them.
+"""
+
+from dataclasses import replace
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+
+from mjx_fit import policies, runtime
+from mjx_fit.config import Config
+from mjx_fit.dataset.draws import draw_attempts
+from mjx_fit.evaluation.statistics import wilson
+from mjx_fit.randomness import root_key
+from mjx_fit.report import script
+from mjx_fit.shapes import NAMES, plate_top_m
+from mjx_fit.simulate.native import NativeEngine
+from mjx_fit.types import Interaction
+
+EPISODES, ACTIONS = 252, 200
+AROUND_M, CELL_M = 0.025, 0.0025
+"""Half width of the square around the hole that should be covered, and the size of a cell of it."""
+WALL_RATIO = 0.6
+"""Sideways force over the push beyond which a wall must be in the way: friction (0.3) explains half of it."""
+PUSH_M = Config().random.push_m
+
+
+def walk(sigma_m: float) -> policies.Policy:
+    """Steps of N(0, σ²) in the plane from wherever the tip is, pressed on the plate."""
+
+    def action(attempt, step, horizon, tip_pos_world, config):
+        key = jax.random.fold_in(attempt.key, step)
+        return jnp.append(sigma_m * jax.random.normal(key, (2,)), -PUSH_M)
+
+    return action
+
+
+def jumps(attempt, step, horizon, tip_pos_world, config):
+    """A goal anywhere within the reach of the estimate, another one in every action."""
+    key = jax.random.fold_in(attempt.key, step)
+    goal = jax.random.uniform(key, (2,), minval=-AROUND_M, maxval=AROUND_M)
+    return jnp.append(goal + attempt.estimate_world - tip_pos_world[:2], -PUSH_M)
+
+
+def sweeps(actions: int, reach_m: float) -> policies.Policy:
+    """The library's: straight sweeps between way-points."""
+
+    def action(attempt, step, horizon, tip_pos_world, config):
+        own = replace(config, random=replace(config.random, actions_per_sweep=actions, reach_m=reach_m))
+        return policies.action(attempt, step, horizon, tip_pos_world, own)
+
+    return action
+
+
+def spiral(attempt, step, horizon, tip_pos_world, config):
+    """Attempts as they are at test time, one after the other."""
+    length = config.task.attempt_actions
+    own = replace(attempt, policy=policies.SPIRAL)
+    return policies.action(own, step % length, length, tip_pos_world, config)
+
+
+CANDIDATES: dict[str, policies.Policy] = {
+    "spirals, as in attempts": spiral,
+    "walk, sigma 1.25 mm": walk(0.00125),
+    "walk, sigma 25 mm": walk(0.025),
+    "jumps within ±25 mm": jumps,
+    "sweeps of 0.6 s, ±25 mm": sweeps(6, 0.025),
+    "sweeps of 1.2 s, ±25 mm": sweeps(12, 0.025),
+    "sweeps of 2.4 s, ±25 mm": sweeps(24, 0.025),
+    "sweeps of 1.2 s, ±35 mm": sweeps(12, 0.035),
+}
+HERE = Path(__file__).parent
+
+
+def main() -> None:
+    """Runs every candidate from the same starts in the same holes."""
+    config = Config()
+    attempts = draw_attempts(root_key(0, "policy"), jnp.arange(EPISODES), "random", config.detector)
+    done: dict[str, Interaction] = {}
+    for name, policy in CANDIDATES.items():
+        done[name] = NativeEngine(config, 2, policy).run(attempts, ACTIONS)
+    facts = {name: _facts(each) for name, each in done.items()}
+    script.save(HERE / "policy.json", {"episodes": EPISODES, "policies": facts})
+    script.draw(HERE / "policy.png", lambda: _figure(done))
+
+
+def _facts(done: Interaction) -> dict:
+    real = np.arange(ACTIONS) < done.length[:, None]
+    matched = done.peg_type == done.hole_type
+    offset = done.trace.tip_pos_world[..., :2] - done.hole_pos_world[:, None]
+    near = real & (np.abs(offset) < AROUND_M).all(-1)
+    cells = _cells(offset)
+    visited = [len(np.unique(cells[i][near[i]])) for i in range(len(real))]
+    share = np.bincount(cells[near], minlength=_CELLS**2) / near.sum()
+    walls = _walls(done, real)
+    return {
+        "cells_visited_in_one_interaction": float(np.mean(visited)) / _CELLS**2,
+        "evenness_of_all_visits": float(
+            -(share[share > 0] * np.log(share[share > 0])).sum() / np.log(_CELLS**2)
+        ),
+        "actions_near_the_hole": float(near.sum() / real.sum()),
+        "actions_in_contact": float((done.trace.contact & real).sum() / real.sum()),
+        "actions_with_a_wall_met": float(sum(walls) / real.sum()),
+        "walls_met_by_direction": (np.array(walls) / sum(walls)).round(4),
+        "matched_inserted": _rate(done.inserted[matched]),
+        **{
+            f"{name}_inserted": _rate(done.inserted[matched & (done.peg_type == i)])
+            for i, name in enumerate(NAMES)
+        },
+        "length_matched_quartiles": np.quantile(done.length[matched], [0.25, 0.5, 0.75]),
+        "beside_the_plate": int((~done.inserted & _left_plate(done, real)).sum()),
+        "speed_quartiles_m_per_s": np.quantile(_speed(done)[real], [0.25, 0.5, 0.75]),
+        "force_median_n": float(np.median(_force(done)[real])),
+        "force_99_percent_n": float(np.quantile(_force(done)[real], 0.99)),
+        "mismatched_inserted": int(done.inserted[~matched].sum()),
+    }
+
+
+_CELLS = round(2 * AROUND_M / CELL_M)
+
+
+def _cells(offset: np.ndarray) -> np.ndarray:
+    """Number of the cell that each offset from the hole is in; only those within the square are meant."""
+    x, y = np.clip((offset + AROUND_M) // CELL_M, 0, _CELLS - 1).astype(int).transpose(2, 0, 1)
+    return _CELLS * y + x
+
+
+def _walls(done: Interaction, real: np.ndarray) -> list[int]:
+    """Actions in which the peg met a wall, by the eighth of the circle that the wall pushes towards."""
+    force = done.trace.wrench_sensor[..., :3] - done.tare_sensor[:, None, None, :3]
+    strongest = np.hypot(force[..., 0], force[..., 1]).argmax(-1)
+    force = np.take_along_axis(force, strongest[..., None, None], 2)[:, :, 0]
+    # A steady push is not straight down: the arm's inertia couples the axes of the controller's command.
+    steady = np.nanmedian(np.where(real[..., None], force, np.nan), 1, keepdims=True)
+    force = force - np.array([1, 1, 0]) * steady
+    sideways = np.hypot(force[..., 0], force[..., 1])
+    met = real & (sideways > WALL_RATIO * np.abs(force[..., 2])) & (sideways > 2)
+    eighth = np.floor((np.arctan2(force[..., 1], force[..., 0]) + np.pi) / (np.pi / 4)).astype(int) % 8
+    return np.bincount(eighth[met], minlength=8).tolist()
+
+
+def _left_plate(done: Interaction, real: np.ndarray) -> np.ndarray:
+    low = done.trace.tip_pos_world[..., 2] < plate_top_m(Config().scene) - Config().task.insertion_depth_m
+    return (low & real).any(1)
+
+
+def _speed(done: Interaction) -> np.ndarray:
+    """Distance in the plane from the end of one action to that of the next, per second."""
+    way = np.diff(done.trace.tip_pos_world[..., :2], axis=1, prepend=done.estimate_world[:, None])
+    return np.linalg.norm(way, axis=-1) / 0.1
+
+
+def _force(done: Interaction) -> np.ndarray:
+    """The largest force within each action, N."""
+    force = done.trace.wrench_sensor[..., :3] - done.tare_sensor[:, None, None, :3]
+    return np.linalg.norm(force, axis=-1).max(-1)
+
+
+def _rate(inserted: np.ndarray) -> list[float]:
+    row = wilson(int(inserted.sum()), len(inserted))
+    return [round(x, 3) for x in (row.value, row.low, row.high)]
+
+
+def _figure(done: dict[str, Interaction]) -> Figure:
+    figure = Figure(figsize=(11, 6))
+    axes = figure.subplots(2, 4).ravel()
+    edges = np.linspace(-5, 5, 81)
+    mesh = None
+    for ax, (name, each) in zip(axes, done.items(), strict=False):
+        real = np.arange(ACTIONS) < each.length[:, None]
+        x, y = 100 * (each.trace.tip_pos_world[..., :2] - each.hole_pos_world[:, None])[real].T
+        counts, *_ = np.histogram2d(x, y, bins=[edges, edges])
+        mesh = ax.pcolormesh(edges, edges, np.ma.masked_equal(counts.T, 0), norm=LogNorm(1, 300))
+        ax.plot(2.5 * np.array([-1, 1, 1, -1, -1]), 2.5 * np.array([-1, -1, 1, 1, -1]), color="#D55E00")
+        ax.set(title=name, aspect="equal", xticks=[-4, -2, 0, 2, 4], yticks=[-4, -2, 0, 2, 4])
+        ax.grid(visible=False)
+    for ax in axes[len(done) :]:
+        ax.set_axis_off()
+    figure.supxlabel("x from the hole's centre (cm)", fontsize=11)
+    figure.supylabel("y from the hole's centre (cm)", fontsize=11)
+    assert mesh is not None
+    figure.colorbar(mesh, ax=axes[-1], label="Actions that ended there", format="%g", location="left")
+    return figure
+
+
+if __name__ == "__main__":
+    runtime.configure()
+    main()

@@ -1,0 +1,126 @@
+"""The manifest of a data set: what was asked, and which shards are complete, with their SHA-256.
+
+It carries a SHA-256 of itself, so that a change of a single byte of it is noticed.
+"""
+
+import hashlib
+import json
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from mjx_fit import files
+from mjx_fit.errors import RequestError
+
+NAME = "manifest.json"
+FORMAT = 2
+
+
+class FormatError(ValueError):
+    """The manifest is of a format that this version does not read."""
+
+
+@dataclass(frozen=True)
+class Shard:
+    """A file that is complete.
+
+    Attributes:
+        name: Its name.
+        first_episode: Least id of its episodes, which follow one another.
+        episodes: How many there are.
+        bytes: Its size.
+        sha256: Its SHA-256, hexadecimal.
+    """
+
+    name: str
+    first_episode: int
+    episodes: int
+    bytes: int
+    sha256: str
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """What a folder holds.
+
+    Attributes:
+        request: What was asked, with the resolved configuration.
+        part: Which part of the whole this folder is to hold, from 0, and of how many.
+        versions: Versions of all that its numbers may depend on.
+        device: What they were computed on.
+        shapes: Names of the shapes, in the order of their indices.
+        complete: Whether all shards of the part are there.
+        shards: Those that are, by name.
+    """
+
+    request: dict[str, Any]
+    part: tuple[int, int]
+    versions: dict[str, str]
+    device: str
+    shapes: tuple[str, ...]
+    complete: bool = False
+    shards: tuple[Shard, ...] = field(default=())
+
+    def shard(self, name: str) -> Shard | None:
+        """The shard of that name, or None."""
+        return next((shard for shard in self.shards if shard.name == name), None)
+
+    def with_shard(self, new: Shard) -> "Manifest":
+        """The same with one shard more, or with another in its place."""
+        others = [shard for shard in self.shards if shard.name != new.name]
+        return replace(self, shards=tuple(sorted([*others, new], key=lambda shard: shard.name)))
+
+
+def render(manifest: Manifest) -> str:
+    """The manifest as text."""
+    tree = {"format": FORMAT, **asdict(manifest)}
+    digest = hashlib.sha256(json.dumps(tree, sort_keys=True).encode()).hexdigest()
+    return json.dumps(tree | {"sha256": digest}, indent=1) + "\n"
+
+
+def parse(text: str) -> Manifest:
+    """What ``render`` wrote.
+
+    Raises:
+        FormatError: It is of another format.
+        ValueError: It is damaged.
+    """
+    try:
+        tree = json.loads(text)
+        if tree["format"] != FORMAT:
+            raise FormatError(f"its format is {tree['format']!r}, not {FORMAT}")
+        fields = {name: value for name, value in tree.items() if name not in ("format", "sha256")}
+        fields["part"] = tuple(fields["part"])
+        fields["shapes"] = tuple(fields["shapes"])
+        fields["shards"] = tuple(Shard(**shard) for shard in fields["shards"])
+        manifest = Manifest(**fields)
+    except (KeyError, TypeError, AttributeError) as error:
+        raise ValueError(f"it lacks {error}") from None
+    if render(manifest) != text:
+        raise ValueError("its SHA-256 does not fit")
+    return manifest
+
+
+def read(folder: Path) -> Manifest:
+    """The manifest of a data set.
+
+    Raises:
+        RequestError: The folder is not there, or holds no data set, or one that cannot be read.
+    """
+    if not folder.is_dir():
+        raise RequestError(f"data: {folder} is not allowed: there is no such folder")
+    try:
+        return parse((folder / NAME).read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise RequestError(
+            f"data: {folder} is not allowed: it holds no {NAME}, so it is no data set"
+        ) from None
+    except FormatError as error:
+        raise RequestError(f"data: {folder} is not allowed: {error}") from None
+    except (OSError, ValueError) as error:
+        raise RequestError(f"data: {folder} is not allowed: its {NAME} is damaged: {error}") from None
+
+
+def write(folder: Path, manifest: Manifest) -> None:
+    """Writes it as a whole or not at all."""
+    files.write_text(folder / NAME, render(manifest))

@@ -1,0 +1,136 @@
+"""One file of a data set: stacked episodes as HDF5, each field with unit, frame, shape and meaning.
+
+Equal episodes give equal bytes: no time stamps, and gzip, since lzf's output depends on what lay in memory.
+Files are made and read in memory, so that a full disk or a damaged file is met outside the HDF5 library, and
+what is read is what was verified.
+"""
+
+import io
+import json
+from typing import Any, NamedTuple
+
+import h5py
+import numpy as np
+
+from mjx_fit.dataset.episode import Episode
+from mjx_fit.dataset.manifest import FORMAT
+from mjx_fit.shapes import NAMES
+from mjx_fit.types import Array, Interaction, Trace
+
+
+class Field(NamedTuple):
+    """What is said about a field beside its numbers.
+
+    Attributes:
+        unit: Unit of its numbers; several for several columns.
+        frame: Frame that they are in.
+        shape: What its axes are; n episodes of J actions.
+        meaning: What they say.
+    """
+
+    unit: str
+    frame: str
+    shape: str
+    meaning: str
+
+
+FIELDS = {
+    "episode": Field("1", "-", "n", "id"),
+    "sequence": Field("1", "-", "n", "id of a row of attempts of one peg at one hole"),
+    "number": Field("1", "-", "n", "which attempt of its sequence it is, from 0"),
+    "estimate_cov": Field(
+        "m²", "world", "n 2 2", "covariance of estimate_world as it was believed before the interaction"
+    ),
+    "trace/wrench_sensor": Field(
+        "N, N·m",
+        "sensor",
+        "n J 50 6",
+        "force and torque of the arm on the peg: clean, 500 Hz, weight included",
+    ),
+    "trace/tip_pos_world": Field(
+        "m", "world", "n J 3", "centre of the peg's lower face at the end of each action"
+    ),
+    "trace/tip_quat_world": Field("1", "world", "n J 4", "its orientation, w x y z"),
+    "trace/tip_linvel_world": Field("m/s", "world", "n J 3", "its linear velocity"),
+    "trace/tip_angvel_world": Field("rad/s", "world", "n J 3", "its angular velocity"),
+    "trace/contact": Field("1", "-", "n J", "whether a contact force acted during the action"),
+    "trace/action_world": Field("m", "world", "n J 3", "desired change of the tip's position"),
+    "length": Field(
+        "1",
+        "-",
+        "n",
+        "number of actions performed; rows behind it are padding; 0: its sequence had ended before",
+    ),
+    "inserted": Field("1", "-", "n", "whether the peg was inserted"),
+    "peg_type": Field("1", "-", "n", "index into shapes"),
+    "hole_type": Field("1", "-", "n", "index into shapes"),
+    "hole_pos_world": Field("m", "world", "n 2", "true centre of the hole"),
+    "estimate_world": Field("m", "world", "n 2", "estimate over which the interaction started"),
+    "tare_sensor": Field(
+        "N, N·m", "sensor", "n 6", "clean reading at rest in free space before the interaction"
+    ),
+    "end_qpos": Field(
+        "rad", "-", "n 7", "joint angles at the end; where it broke, before the action that broke it"
+    ),
+    "end_qvel": Field("rad/s", "-", "n 7", "joint velocities at the same moment"),
+    "valid": Field("1", "-", "n", "false where the simulation turned non-finite"),
+}
+
+_OWN = ("episode", "sequence", "number", "estimate_cov")
+"""Fields of the episode; the others are of its interaction."""
+
+
+def encode(episodes: Episode, request: dict[str, Any]) -> bytes:
+    """A shard as the content of a file.
+
+    Args:
+        episodes: Stacked (n,), NumPy arrays.
+        request: What the data set was asked to be; kept in the shard so that it explains itself.
+    """
+    buffer = io.BytesIO()
+    with h5py.File(buffer, "w", libver="latest") as file:
+        file.attrs["format"] = FORMAT
+        file.attrs["shapes"] = list(NAMES)
+        file.attrs["request"] = json.dumps(request)
+        for name, field in FIELDS.items():
+            dataset = file.create_dataset(
+                name,
+                data=_get(episodes, name),
+                compression="gzip",
+                compression_opts=1,
+                shuffle=True,
+                track_times=False,
+            )
+            dataset.attrs.update(field._asdict())
+    return buffer.getvalue()
+
+
+def decode(content: bytes) -> Episode:
+    """What ``encode`` was given.
+
+    Raises:
+        ValueError: It is not the content of a shard.
+    """
+    try:
+        with h5py.File(io.BytesIO(content), "r") as file:
+            return _from_fields({name: np.asarray(file[name]) for name in FIELDS})
+    except (OSError, KeyError, RuntimeError) as error:
+        raise ValueError(f"it is no shard: {error}") from None
+
+
+def flat(episodes: Episode) -> dict[str, Array]:
+    """The fields by their names in a file."""
+    return {name: _get(episodes, name) for name in FIELDS}
+
+
+def _get(episodes: Episode, name: str) -> np.ndarray:
+    value: Any = episodes if name in _OWN else episodes.interaction
+    for part in name.split("/"):
+        value = getattr(value, part)
+    return np.asarray(value)
+
+
+def _from_fields(fields: dict[str, np.ndarray]) -> Episode:
+    own = {name: fields.pop(name) for name in _OWN}
+    trace = {name.removeprefix("trace/"): fields.pop(name) for name in list(fields) if "trace/" in name}
+    return Episode(**own, interaction=Interaction(trace=Trace(**trace), **fields))

@@ -1,0 +1,146 @@
+"""Adding shards to a data set, so that a kill at any moment loses the shard at work and nothing else.
+
+A shard is written under a temporary name, synced and renamed; the manifest is written anew after each shard.
+So whatever the manifest names is there and whole, and a collection that was killed goes on behind it.
+"""
+
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from mjx_fit import files, provenance
+from mjx_fit.dataset import manifest as manifest_
+from mjx_fit.dataset.manifest import Manifest, Shard
+from mjx_fit.errors import RequestError
+from mjx_fit.shapes import NAMES
+
+LOCK = ".lock"
+_SIDE = {"broken", "report"}
+"""Folders that may stand beside the shards."""
+
+
+def new_manifest(request: dict[str, Any], part: tuple[int, int]) -> Manifest:
+    """The manifest of a data set of which nothing is there yet, made by this installation on this device."""
+    return Manifest(request, part, provenance.versions(), provenance.device(), tuple(NAMES))
+
+
+def is_finished(folder: Path, wanted: Manifest, names: Iterable[str]) -> bool:
+    """Whether the folder holds all of what is wanted, whole. Nothing is written.
+
+    Raises:
+        RequestError: It holds something else.
+    """
+    if not (folder / manifest_.NAME).is_file():
+        return False
+    there = manifest_.read(folder)
+    _require_same(folder, there, wanted)
+    return there.complete and all(is_whole(folder, there, name) for name in names)
+
+
+def is_whole(folder: Path, manifest: Manifest, name: str) -> bool:
+    """Whether a shard is in the manifest and its file is as the manifest says."""
+    shard, path = manifest.shard(name), folder / name
+    return shard is not None and path.is_file() and files.sha256(path) == shard.sha256
+
+
+class Writer:
+    """A context manager: holds the folder for itself, and writes shards into it.
+
+    Args:
+        folder: Where to; made if it is not there.
+        wanted: The manifest of the whole, or of the part, without shards.
+
+    Raises:
+        RequestError: The folder holds something else, or another process writes to it.
+    """
+
+    def __init__(self, folder: Path, wanted: Manifest):
+        self._folder, self._wanted = folder, wanted
+
+    def __enter__(self) -> "Writer":
+        _require_ours(self._folder)
+        self._folder.mkdir(parents=True, exist_ok=True)
+        try:
+            self._lock = files.lock(self._folder / LOCK)
+        except BlockingIOError:
+            raise RequestError(
+                f"--out: {self._folder} is not allowed now: another process is writing to it"
+            ) from None
+        try:
+            self._manifest = self._begin()
+        except BaseException:
+            self._lock.close()
+            raise
+        return self
+
+    def __exit__(self, *error) -> None:
+        self._lock.close()
+
+    def _begin(self) -> Manifest:
+        if (self._folder / manifest_.NAME).is_file():
+            there = manifest_.read(self._folder)
+            _require_same(self._folder, there, self._wanted)
+            return there
+        manifest_.write(self._folder, self._wanted)
+        return self._wanted
+
+    def missing(self, names: Iterable[str]) -> list[str]:
+        """Those of the shards that are not there, or not whole.
+
+        Raises:
+            RequestError: There are some, but other versions made the rest, and may compute other bytes.
+        """
+        missing = [name for name in names if not is_whole(self._folder, self._manifest, name)]
+        for library, version in self._manifest.versions.items():
+            here = self._wanted.versions.get(library)
+            if missing and here != version:
+                raise RequestError(
+                    f"--out: {self._folder} is not allowed: it was begun with {library} {version}, and here "
+                    f"is {here}"
+                )
+        return missing
+
+    def write(self, name: str, first_episode: int, episodes: int, content: bytes) -> None:
+        """Adds or replaces a shard.
+
+        Args:
+            name: Its file name.
+            first_episode: Id of its first episode.
+            episodes: How many it holds.
+            content: Of the file.
+        """
+        files.write_bytes(self._folder / name, content)
+        shard = Shard(name, first_episode, episodes, len(content), files.sha256_of(content))
+        self._save(self._manifest.with_shard(shard))
+
+    def finish(self) -> None:
+        """Notes that all shards are there. What is finished is not touched again."""
+        self._save(replace(self._manifest, complete=True))
+
+    def _save(self, manifest: Manifest) -> None:
+        if manifest != self._manifest:
+            manifest_.write(self._folder, manifest)
+            self._manifest = manifest
+
+
+def _require_ours(folder: Path) -> None:
+    """A data set may go to a new folder, or to one in which a data set was begun."""
+    if folder.exists() and not folder.is_dir():
+        raise RequestError(f"--out: {folder} is not allowed: it must be a folder")
+    if not folder.is_dir() or (folder / manifest_.NAME).is_file():
+        return
+    begun = {LOCK, f"{manifest_.NAME}.tmp"}  # what a kill may have left
+    foreign = sorted({path.name for path in folder.iterdir()} - begun - _SIDE)
+    if foreign:
+        raise RequestError(f"--out: {folder} is not allowed: it holds other files ({foreign[0]})")
+
+
+def _require_same(folder: Path, there: Manifest, wanted: Manifest) -> None:
+    pairs = [(name, there.request.get(name), value) for name, value in wanted.request.items()]
+    for name, old, new in [*pairs, ("part", there.part, wanted.part)]:
+        if old != new:
+            detail = "" if isinstance(new, dict) else f": {old!r} there, {new!r} here"
+            raise RequestError(
+                f"--out: {folder} is not allowed: it holds another run (its {name} differs{detail})"
+            )

@@ -1,0 +1,109 @@
+"""Figures of a data set: the pictures of its card."""
+
+from itertools import product
+
+import numpy as np
+from jaxtyping import Bool
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator, PercentFormatter
+
+from mjx_fit.report import style
+from mjx_fit.shapes import NAMES
+from mjx_fit.types import Interaction
+
+VIEW_CM = 6.0
+"""Half width of the picture of visited positions."""
+
+
+def interaction_lengths(data: Interaction) -> Figure:
+    """How long interactions lasted, for matched and mismatched pairs."""
+    matched = np.asarray(data.peg_type == data.hole_type)
+    length = np.asarray(data.length)
+    figure, ax = style.axes()
+    edges = np.linspace(0, max(int(length.max()), 1), 26).tolist()
+    groups = (("matched", matched, style.MATCHED_COLOUR), ("mismatched", ~matched, style.MISMATCHED_COLOUR))
+    drawn = [(name, length[which], colour) for name, which, colour in groups]
+    ax.hist(
+        [values for _, values, _ in drawn],
+        edges,
+        color=[colour for *_, colour in drawn],
+        label=[f"{name} (n = {len(values)})" for name, values, _ in drawn],
+        rwidth=0.9,
+    )
+    ax.set(xlabel="Length of the interaction (actions of 0.1 s)", ylabel="Interactions")
+    ax.set_xlim(0, edges[-1] * 1.01)
+    ax.yaxis.set_major_locator(MaxNLocator(integer=True))
+    handles, labels = ax.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper left", ncols=2)
+    return figure
+
+
+def visited_positions(data: Interaction) -> Figure:
+    """Where the tip was relative to the true hole, all actions of all interactions together."""
+    tip = np.asarray(data.trace.tip_pos_world)[..., :2] - np.asarray(data.hole_pos_world)[:, None]
+    x, y = 100 * tip[_real(data)].T
+    counts, edges, _ = np.histogram2d(x, y, bins=np.linspace(-VIEW_CM, VIEW_CM, 61), density=False)
+    figure, ax = style.axes(4.2)
+    shown = np.ma.masked_equal(counts.T, 0)
+    # One image instead of 3,600 squares keeps the page small.
+    mesh = ax.pcolormesh(edges, edges, shown, norm=LogNorm(1, max(counts.max(), 10)), rasterized=True)
+    ax.plot(0, 0, "+", color="#D55E00", markersize=14, markeredgewidth=2)
+    ax.set(xlabel="x from the hole's centre (cm)", ylabel="y from the hole's centre (cm)", aspect="equal")
+    ax.grid(visible=False)
+    # A log axis writes its labels as formulas, which the style has switched off.
+    figure.colorbar(mesh, ax=ax, label="Actions that ended there", format="%g", fraction=0.046, pad=0.03)
+    return figure
+
+
+def forces_by_pair(data: Interaction) -> Figure:
+    """Force of the peg on the plate by pair: what half and what 90 % of the samples in contact lie within.
+
+    One sample in ten is looked at.
+    """
+    tared = (
+        np.asarray(data.trace.wrench_sensor)[:, :, ::10, :3] - np.asarray(data.tare_sensor)[:, None, None, :3]
+    )
+    seen = _real(data) & np.asarray(data.trace.contact)
+    figure, ax = style.axes(4.6)
+    labels = []
+    for row, (peg, hole) in enumerate(product(range(len(NAMES)), repeat=2)):
+        pair = (np.asarray(data.peg_type) == peg) & (np.asarray(data.hole_type) == hole)
+        labels.append(f"{NAMES[peg]} in {NAMES[hole]}")
+        force = np.linalg.norm(tared[seen & pair[:, None]], axis=-1).ravel()
+        if not len(force):
+            continue
+        low, first, middle, third, high = np.quantile(force, [0.05, 0.25, 0.5, 0.75, 0.95])
+        colour = style.MATCHED_COLOUR if peg == hole else style.MISMATCHED_COLOUR
+        ax.plot([low, high], [row, row], color=colour, linewidth=1.2)
+        ax.plot([first, third], [row, row], color=colour, linewidth=6, alpha=0.55, solid_capstyle="butt")
+        ax.plot(middle, row, "o", color=colour, markersize=5)
+    ax.set_yticks(range(len(labels)), labels)
+    ax.set(xlabel="Force while in contact (N)", ylim=(len(labels) - 0.4, -0.6))
+    ax.set_xlim(left=0)
+    ax.grid(axis="y", visible=False)
+    return figure
+
+
+def contact_over_time(data: Interaction) -> Figure:
+    """How many of the interactions that still go on were in contact, action by action."""
+    real = _real(data)
+    touching = np.asarray(data.trace.contact) & real
+    matched = np.asarray(data.peg_type == data.hole_type)
+    figure, ax = style.axes()
+    for name, which, colour in (
+        ("matched", matched, style.MATCHED_COLOUR),
+        ("mismatched", ~matched, style.MISMATCHED_COLOUR),
+    ):
+        going = real[which].sum(0)
+        share = touching[which].sum(0)[going > 0] / going[going > 0]
+        ax.plot(np.arange(1, len(share) + 1), share, color=colour, label=name)
+    ax.set(xlabel="Action (of 0.1 s)", ylabel="In contact", ylim=(-0.02, 1.02))
+    ax.yaxis.set_major_formatter(PercentFormatter(1, decimals=0))
+    figure.legend(loc="outside upper left", ncols=2)
+    return figure
+
+
+def _real(data: Interaction) -> Bool[np.ndarray, "n J"]:
+    """Which actions were performed."""
+    return np.arange(data.trace.contact.shape[1]) < np.asarray(data.length)[:, None]

@@ -1,0 +1,46 @@
+"""Small collections, in this process with one engine for all, or in processes of their own."""
+
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from mjx_fit.config import Config
+from mjx_fit.dataset import collect as collect_
+from mjx_fit.dataset.collect import Plan
+from mjx_fit.dataset.writer import LOCK
+
+PLAN = Plan(episodes=10, steps=3, policy="mixed", engine="native", seed=5, batch=5)
+
+
+class Collector:
+    """Collects without compiling anew."""
+
+    def __init__(self, native):
+        self._native = native
+
+    def __call__(self, out: Path, config: Config | None = None, **changes: Any) -> Path:
+        create = collect_.create
+        collect_.create = lambda *_: self._native
+        try:
+            collect_.collect(config or Config(), out, replace(PLAN, **changes))
+        finally:
+            collect_.create = create
+        return out
+
+
+def files_of(folder: Path) -> dict[str, bytes]:
+    """What a folder holds, but for the lock, which has no content."""
+    return {path.name: path.read_bytes() for path in folder.iterdir() if path.name != LOCK}
+
+
+def command(out: Path, **plan: Any) -> list[str]:
+    """The command line of a collection."""
+    options = [x for name, value in plan.items() for x in (f"--{name.replace('_', '-')}", str(value))]
+    return [sys.executable, "-m", "mjx_fit", "collect", "--out", str(out), *options]
+
+
+def run(argv: list[str], **kwargs: Any) -> subprocess.CompletedProcess[str]:
+    """Runs a command to its end."""
+    return subprocess.run(argv, capture_output=True, text=True, timeout=200, check=False, **kwargs)

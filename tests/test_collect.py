@@ -1,0 +1,199 @@
+"""What is collected."""
+
+from dataclasses import replace
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+from collecting import Collector, files_of
+
+from mjx_fit.config import Config, load
+from mjx_fit.dataset import collect as collect_
+from mjx_fit.dataset import manifest, shard, store
+from mjx_fit.dataset.draws import pair_of, policy_of
+from mjx_fit.dataset.merge import merge
+from mjx_fit.errors import RequestError
+from mjx_fit.policies import SPIRAL
+from mjx_fit.simulate.native import NativeEngine
+
+CONFIG = Config()
+
+
+@pytest.fixture(scope="module")
+def collect(native):
+    return Collector(native)
+
+
+@pytest.fixture(scope="module")
+def folder(collect, tmp_path_factory):
+    return collect(tmp_path_factory.mktemp("data") / "set")
+
+
+def test_every_field_has_unit_frame_shape_and_meaning(folder):
+    sizes = {"n": 5, "J": 3}
+    with h5py.File(folder / "shard-00000000.h5") as file:
+        for name in shard.FIELDS:
+            about, data = file[name].attrs, file[name]
+            assert {"unit", "frame", "meaning"} <= set(about)
+            said = about["shape"].split()
+            assert data.shape == tuple(sizes.get(axis) or int(axis) for axis in said)
+        assert np.asarray(file["episode"]).tolist() == [0, 1, 2, 3, 4]
+        assert np.asarray(file.attrs["shapes"]).tolist() == ["cross", "rectangle", "square"]
+
+
+def test_both_engines_store_the_same_schema(folder, collect, tmp_path):
+    collect_.collect(CONFIG, tmp_path / "mjx", collect_.Plan(4, 2, "random", "mjx", batch=4))
+    assert store.describe(tmp_path / "mjx")["engine"] == "mjx"
+    with h5py.File(folder / "shard-00000000.h5") as c, h5py.File(tmp_path / "mjx/shard-00000000.h5") as mjx:
+        assert set(mjx) == set(c)
+        for name in shard.FIELDS:
+            assert mjx[name].dtype == c[name].dtype
+            assert dict(mjx[name].attrs) == dict(c[name].attrs)
+            assert mjx[name].shape[2:] == c[name].shape[2:]
+
+
+def test_load_gives_the_episodes_in_order(folder):
+    data = store.load(folder)
+    assert data.episode.tolist() == data.sequence.tolist() == list(range(10))
+    peg, hole = pair_of(np.arange(10))
+    done = data.interaction
+    assert np.array_equal(done.peg_type, peg)
+    assert np.array_equal(done.hole_type, hole)
+    error = np.abs(np.asarray(done.estimate_world) - np.asarray(done.hole_pos_world))
+    assert 0 < error.max() <= 0.02 + 1e-6
+    assert (done.length == 3).all()
+    assert np.allclose(data.estimate_cov, 1e-4 * np.eye(2))
+
+
+def test_describe_counts(folder):
+    told = store.describe(folder)
+    assert (told["episodes"], told["steps"], told["actions"]) == (10, 3, 30)
+    assert (told["engine"], told["seed"], told["policy"]) == ("native", 5, "mixed")
+    assert sum(pair["episodes"] for pair in told["pairs"].values()) == 10
+    assert told["pairs"]["cross-cross"]["episodes"] == 2
+    assert told["success_rate"] == {"matched": 0.0, "mismatched": 0.0}
+    assert told["units"]["trace/tip_pos_world"] == "m"
+    assert told["bytes"] == sum(path.stat().st_size for path in folder.glob("*.h5"))
+
+
+def test_sequences_keep_their_hole_and_end_with_an_insertion(collect, tmp_path):
+    """Easy holes and narrow estimates, so that pegs do go in."""
+    easy = load(None, ["scene.clearance_m=0.003", "sequence.max_std_m=0.001", "spiral.push_m=0.008"])
+    easily = Collector(NativeEngine(easy, 2))
+    plan = {"episodes": 36, "sequence": 3, "steps": 30, "policy": "spiral", "batch": 6}
+    data = store.load(easily(tmp_path / "easy", easy, **plan))
+    done = data.interaction
+    assert data.episode.tolist() == list(range(36))
+    assert data.sequence.tolist() == [i // 3 for i in range(36)]
+    assert data.number.tolist() == [i % 3 for i in range(36)]
+    rows = np.arange(36).reshape(12, 3)
+    for name in ("peg_type", "hole_type", "hole_pos_world"):
+        value = getattr(done, name)[rows]
+        assert (value == value[:, :1]).all()
+    assert len(np.unique(done.estimate_world, axis=0)) == 36
+    inserted, happened = done.inserted[rows], (done.length > 0)[rows]
+    assert np.array_equal(happened[:, 1:], np.cumsum(inserted, 1)[:, :-1] == 0)
+    assert inserted[:, 0].sum() + inserted[:, 1].sum() > 0
+    assert not happened.all()
+    assert not np.abs(done.trace.wrench_sensor[~happened.ravel()]).any()
+    assert np.allclose(data.estimate_cov[0], 1e-4 * np.eye(2))
+    assert np.linalg.det(data.estimate_cov[1]) <= (1e-6 * 1.01) ** 2
+    told = store.describe(tmp_path / "easy")
+    assert told["not_performed"] == int((~happened).sum())
+    assert told["sequences"] == 12
+    # The same whatever the batch.
+    again = store.load(easily(tmp_path / "other", easy, **{**plan, "batch": 5}))
+    assert np.array_equal(again.interaction.trace.wrench_sensor, done.trace.wrench_sensor)
+
+
+def test_a_spiral_is_as_long_as_an_attempt(collect, tmp_path):
+    """Twice the steps must not make it a slower spiral: it is to be what the robot does later."""
+    config = load(None, ["task.attempt_actions=4"])
+    data = store.load(collect(tmp_path / "long", config, episodes=24, batch=24, steps=6)).interaction
+    short = store.load(collect(tmp_path / "short", config, episodes=24, batch=24, steps=4)).interaction
+    spiral = policy_of("mixed", np.arange(24), 0) == SPIRAL
+    assert spiral.sum() == 12
+    assert (data.length == np.where(spiral, 4, 6)).all()
+    assert np.array_equal(data.trace.wrench_sensor[spiral, :4], short.trace.wrench_sensor[spiral])
+    assert not data.trace.wrench_sensor[spiral, 4:].any()
+
+
+def test_parts_merge_into_what_one_machine_makes(collect, tmp_path):
+    plan = {"episodes": 22, "sequence": 2, "batch": 3}
+    whole = collect(tmp_path / "whole", **plan)
+    parts = [collect(tmp_path / f"part{i}", **plan, shard_index=i, num_shards=3) for i in range(3)]
+    assert sum(len(list(part.glob("*.h5"))) for part in parts) == len(list(whole.glob("*.h5"))) == 4
+    merge(parts[::-1], tmp_path / "merged")
+    assert files_of(tmp_path / "merged") == files_of(whole)
+    stamps = {path: path.stat().st_mtime_ns for path in (tmp_path / "merged").iterdir()}
+    merge(parts, tmp_path / "merged")
+    assert stamps == {path: path.stat().st_mtime_ns for path in (tmp_path / "merged").iterdir()}
+    assert len(store.load(parts[0]).episode) == 10  # a part is a data set, too
+
+    for given, message in (
+        (parts[:2], "part 2 of 3 is missing"),
+        ([parts[0], whole], "it is a part of 1"),
+        ([*parts, collect(tmp_path / "odd", **{**plan, "seed": 1})], r"no part of the same whole .*seed"),
+    ):
+        with pytest.raises(RequestError, match=message):
+            merge(given, tmp_path / "refused")
+    assert not (tmp_path / "refused").exists()
+    damaged = parts[1] / sorted(path.name for path in parts[1].glob("*.h5"))[0]
+    damaged.write_bytes(damaged.read_bytes()[:-1])
+    with pytest.raises(RequestError, match=f"{damaged.name} .* is damaged"):
+        merge(parts, tmp_path / "fresh")
+    collect(parts[1], **plan, shard_index=1, num_shards=3)
+    merge(parts, tmp_path / "fresh")
+    assert files_of(tmp_path / "fresh") == files_of(whole)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"episodes": -3}, "--episodes: -3 is not allowed: it must be at least 1"),
+        (
+            {"episodes": 10, "sequence": 3},
+            "--episodes: 10 is not allowed: it must be a multiple",
+        ),
+        ({"steps": 0}, "--steps: 0 is not allowed"),
+        ({"policy": "zigzag"}, "--policy: 'zigzag' is not allowed: it must be one of spiral, random, mixed"),
+        ({"seed": -1}, "--seed: -1 is not allowed"),
+        ({"batch": 0}, "--batch: 0 is not allowed"),
+        ({"sequence": 0}, "--sequence: 0 is not allowed"),
+        ({"engine": "warp9"}, "--engine: 'warp9' is not allowed"),
+        ({"shard_index": 2, "num_shards": 2}, "--shard-index: 2 is not allowed: it must be between 0 and 1"),
+        ({"num_shards": 0}, "--num-shards: 0 is not allowed"),
+        ({"num_shards": 9, "shard_index": 8}, "--num-shards: 9 is not allowed: it must be at most 2"),
+    ],
+)
+def test_bad_requests_write_nothing(change: dict[str, Any], message, collect, tmp_path):
+    with pytest.raises(RequestError, match=message):
+        collect(tmp_path / "new", **change)
+    assert not (tmp_path / "new").exists()
+
+
+def test_folder_of_another_run_is_refused_and_untouched(folder, collect, tmp_path):
+    before = files_of(folder)
+    with pytest.raises(RequestError, match=r"holds another run .its seed differs: 5 there, 6 here"):
+        collect(folder, seed=6)
+    with pytest.raises(RequestError, match=r"holds another run .its config differs"):
+        collect(folder, load(None, ["scene.friction=0.2"]))
+    with pytest.raises(RequestError, match=r"holds another run .its part differs"):
+        collect(folder, num_shards=2)
+    assert files_of(folder) == before
+    (tmp_path / "thesis.tex").write_text("precious")
+    with pytest.raises(RequestError, match="holds other files"):
+        collect(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
+
+
+def test_what_other_versions_began_is_not_continued(collect, tmp_path):
+    out = collect(tmp_path / "old")
+    there = manifest.read(out)
+    manifest.write(out, replace(there, versions=there.versions | {"jax": "0.1"}))
+    collect(out)  # complete: there is nothing to do
+    (out / "shard-00000005.h5").unlink()
+    with pytest.raises(RequestError, match=r"begun with jax 0\.1, and here is"):
+        collect(out)
+    assert not (out / "shard-00000005.h5").exists()

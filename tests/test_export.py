@@ -1,0 +1,64 @@
+"""A data set in others' formats, against what was stored."""
+
+import json
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+from collecting import Collector
+
+from mjx_fit.dataset import shard, store
+from mjx_fit.dataset.export import export
+from mjx_fit.errors import RequestError
+
+
+@pytest.fixture(scope="module")
+def folder(native, tmp_path_factory):
+    return Collector(native)(tmp_path_factory.mktemp("data") / "set", sequence=2, episodes=10)
+
+
+def test_npz_holds_every_field(folder, tmp_path):
+    export(folder, tmp_path / "set.npz")
+    data = store.load(folder)
+    with np.load(tmp_path / "set.npz") as file:
+        about = json.loads(str(file["about"]))
+        for name, value in shard.flat(data).items():
+            key = name.replace("/", "_")
+            assert np.array_equal(file[key], value[data.interaction.length > 0])
+            assert about[key]["unit"] == shard.FIELDS[name].unit
+    assert about["request"]["seed"] == 5
+
+
+def test_demonstrations_are_laid_out_as_robomimic_reads_them(folder, native, tmp_path):
+    export(folder, tmp_path / "set.hdf5")
+    data = store.load(folder)
+    with h5py.File(tmp_path / "set.hdf5") as file:
+        root: Any = file["data"]
+        demos = list(root)
+        assert demos == [f"demo_{i}" for i in range(10)]
+        assert root.attrs["total"] == data.interaction.length.sum()
+        assert json.loads(root.attrs["env_args"])["env_kwargs"]["seed"] == 5
+        for i, name in enumerate(demos):
+            demo = root[name]
+            n = demo.attrs["num_samples"]
+            assert n == data.interaction.length[i] == len(demo["actions"])
+            assert demo["dones"][-1] == 1
+            assert demo["dones"][:-1].sum() == demo["rewards"][()].sum() == 0
+            for key in demo["obs"]:
+                stored = getattr(data.interaction.trace, key)[i, :n]
+                assert np.array_equal(demo["next_obs"][key], stored)
+                assert np.array_equal(demo["obs"][key][1:], stored[:-1])
+            start = demo["obs/tip_pos_world"][0]
+            assert start[:2] == pytest.approx(data.interaction.estimate_world[i])
+            assert start[2] == pytest.approx(native.scene.plate_top_m + 0.002)
+            assert demo.attrs["peg_type"] in ("cross", "rectangle", "square")
+
+
+def test_other_endings_and_folders_are_refused(folder, tmp_path):
+    with pytest.raises(RequestError, match=r"must end in one of \.npz, \.hdf5"):
+        export(folder, tmp_path / "set.csv")
+    (tmp_path / "set.npz").mkdir()
+    with pytest.raises(RequestError, match="it is a folder"):
+        export(folder, tmp_path / "set.npz")
+    assert list(tmp_path.iterdir()) == [tmp_path / "set.npz"]
