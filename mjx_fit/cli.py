@@ -151,9 +151,9 @@ def _evaluate_assembly(args: argparse.Namespace) -> None:
 
 
 def _report(args: argparse.Namespace) -> None:
-    from mjx_fit.report.build import build
+    from mjx_fit.report.build import beside, build
 
-    print(build(args.inputs, args.out))
+    print(build(args.inputs, args.out or beside(args.inputs[0])))
 
 
 def _bench(args: argparse.Namespace) -> None:
@@ -190,7 +190,11 @@ def _config(args: argparse.Namespace, preset: str | None = None) -> Config:
 def _show(tree: dict, as_json: bool) -> None:
     import yaml
 
-    print(json.dumps(tree, indent=1) if as_json else yaml.safe_dump(tree, sort_keys=False).rstrip())
+    print(
+        json.dumps(tree, indent=1)
+        if as_json
+        else yaml.safe_dump(tree, sort_keys=False, allow_unicode=True).rstrip()
+    )
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -240,7 +244,7 @@ def _parser() -> argparse.ArgumentParser:
 
     report = _command(commands, "report", _report, "one page with figures from results, runs and data sets")
     report.add_argument("inputs", type=Path, nargs="+", metavar="FILE.json|DIR")
-    report.add_argument("--out", type=Path, required=True, metavar="DIR")
+    report.add_argument("--out", type=Path, metavar="DIR", help="default: report in the first input's folder")
 
     bench = _command(commands, "bench", _bench, "speed of the engines, side by side")
     bench.add_argument("--json", action="store_true")

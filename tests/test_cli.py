@@ -1,6 +1,7 @@
 """The command line as scripts see it: exit codes, one line on stderr, nothing half written."""
 
 import json
+import shutil
 import subprocess
 import sys
 
@@ -147,6 +148,46 @@ def test_report_and_demo_leave_foreign_folders_alone(refused, data, tmp_path):
     (tmp_path / "index.html").write_text("<html>mine</html>")
     assert "index.html of something else" in refused("report", data, "--out", tmp_path)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["index.html", "thesis.txt"]
+
+
+def test_a_data_set_gets_its_card_beside_it(data, tmp_path, capsys):
+    folder = shutil.copytree(data, tmp_path / "data")
+    assert cli.main(["report", str(folder)]) == 0
+    page = folder / "report" / "index.html"
+    assert capsys.readouterr().out.strip() == str(page)
+    assert "6 actions" in page.read_text()
+    assert cli.main(["data", "check", str(folder)]) == 0  # it is still a data set, and still the same
+    argv = ["collect", "--out", str(folder), "--episodes", "4", "--steps", "6", "--engine", "native"]
+    assert cli.main(argv) == 0
+
+
+def test_data_check_names_what_is_damaged(data, tmp_path, capsys):
+    folder = shutil.copytree(data, tmp_path / "data")
+    assert cli.main(["data", "check", str(folder)]) == 0
+    assert "1 shards, all whole; complete" in capsys.readouterr().out
+    (folder / "shard-00000000.h5").write_bytes(b"gone")
+    assert cli.main(["data", "check", str(folder)]) == 1
+    out, err = capsys.readouterr()
+    assert out.splitlines() == [out.strip()]
+    assert out.startswith("shard-00000000.h5: damaged: 4 bytes")
+    assert err.count("\n") == 1
+
+
+def test_parts_are_collected_merged_and_exported(tmp_path, capsys, refused):
+    common = ["--episodes", "4", "--steps", "3", "--batch", "2", "--engine", "native", "--num-shards", "2"]
+    parts = [str(tmp_path / f"part{i}") for i in range(2)]
+    for i, part in enumerate(parts):
+        assert cli.main(["collect", "--out", part, *common, "--shard-index", str(i)]) == 0
+    assert "part 1 of 2" in capsys.readouterr().out
+    whole = str(tmp_path / "whole")
+    assert "part 1 of 2 is missing" in refused("data", "merge", parts[0], "--out", whole)
+    assert cli.main(["data", "merge", *parts, "--out", whole]) == 0
+    for name in ("whole.npz", "whole.hdf5"):
+        assert cli.main(["data", "export", whole, "--out", str(tmp_path / name)]) == 0
+        assert (tmp_path / name).stat().st_size > 1000
+    capsys.readouterr()
+    assert "must end in" in refused("data", "export", whole, "--out", tmp_path / "whole.csv")
+    assert "no such folder" in refused("data", "check", tmp_path / "nowhere")
 
 
 def test_data_info_tells_what_was_asked_for(data, capsys):

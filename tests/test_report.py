@@ -144,7 +144,7 @@ def test_the_page_stands_alone(folder: Path, tmp_path: Path):
     text = index.read_text()
     page = Page(text)
     figures = sorted((tmp_path / "out" / "figures").iterdir())
-    assert page.tags.count("svg") == page.tags.count("figcaption") == len(figures) == 3 * 3 + 2 + 1 + 4
+    assert page.tags.count("svg") == page.tags.count("figcaption") == len(figures) == 3 * 3 + 2 + 1 + 3
     assert len(page.ids) == len(set(page.ids))
     assert "script" not in page.tags
     assert "&lt;script&gt;" in text

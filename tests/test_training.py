@@ -16,7 +16,7 @@ from mjx_fit.config import Config, SensorConfig, TrainConfig, load
 from mjx_fit.dataset.windows import sample_windows
 from mjx_fit.errors import RequestError, WorkError
 from mjx_fit.training.checkpoint import LAST, from_arrays, load_sensor, to_arrays
-from mjx_fit.training.loop import _batches, train
+from mjx_fit.training.loop import train
 from mjx_fit.training.loss import filter_loss
 
 EPISODES, EPOCHS = 240, 40
@@ -199,16 +199,6 @@ def test_a_diverged_training_says_so(tmp_path):
     broken = changed(hole_pos_world=np.full((EPISODES, 2), np.nan, np.float32))
     with pytest.raises(WorkError, match="epoch 0 is not finite"):
         train(broken, CONFIG, tmp_path / "run", 0)
-
-
-@pytest.mark.parametrize(("n", "batch_size"), [(1, 8), (7, 8), (8, 8), (9, 8), (2700, 128), (3, 1)])
-def test_batches_hold_every_episode_once(n, batch_size):
-    episodes, weight, _ = map(np.asarray, _batches(jnp.arange(n), batch_size))
-    assert episodes.shape == weight.shape
-    assert episodes.shape[0] == -(-n // batch_size)
-    assert episodes.shape[1] <= batch_size
-    np.testing.assert_array_equal(np.sort(episodes[weight == 1]), np.arange(n))
-    assert (weight.sum(1) > 0).all()
 
 
 def test_arrays_keep_a_tree():

@@ -24,7 +24,7 @@ from mjx_fit.randomness import root_key
 from mjx_fit.report import script
 from mjx_fit.shapes import NAMES, plate_top_m
 from mjx_fit.simulate.native import NativeEngine
-from mjx_fit.types import Interaction
+from mjx_fit.types import Array, Interaction
 
 EPISODES, ACTIONS = 252, 200
 AROUND_M, CELL_M = 0.025, 0.0025
@@ -111,6 +111,7 @@ def _facts(done: Interaction) -> dict:
         "actions_in_contact": float((done.trace.contact & real).sum() / real.sum()),
         "actions_with_a_wall_met": float(sum(walls) / real.sum()),
         "walls_met_by_direction": (np.array(walls) / sum(walls)).round(4),
+        "steady_sideways_over_push": _steady(done, real),
         "matched_inserted": _rate(done.inserted[matched]),
         **{
             f"{name}_inserted": _rate(done.inserted[matched & (done.peg_type == i)])
@@ -128,7 +129,7 @@ def _facts(done: Interaction) -> dict:
 _CELLS = round(2 * AROUND_M / CELL_M)
 
 
-def _cells(offset: np.ndarray) -> np.ndarray:
+def _cells(offset: Array) -> np.ndarray:
     """Number of the cell that each offset from the hole is in; only those within the square are meant."""
     x, y = np.clip((offset + AROUND_M) // CELL_M, 0, _CELLS - 1).astype(int).transpose(2, 0, 1)
     return _CELLS * y + x
@@ -148,8 +149,18 @@ def _walls(done: Interaction, real: np.ndarray) -> list[int]:
     return np.bincount(eighth[met], minlength=8).tolist()
 
 
-def _left_plate(done: Interaction, real: np.ndarray) -> np.ndarray:
-    low = done.trace.tip_pos_world[..., 2] < plate_top_m(Config().scene) - Config().task.insertion_depth_m
+def _steady(done: Interaction, real: np.ndarray) -> float:
+    """Median over the interactions of what the arm steadily pushes sideways, over what it pushes down."""
+    force = done.trace.wrench_sensor[..., :3] - done.tare_sensor[:, None, None, :3]
+    force = np.nanmedian(np.where(real[..., None, None], force, np.nan), (1, 2))
+    return float(np.median(np.hypot(force[:, 0], force[:, 1]) / np.abs(force[:, 2])))
+
+
+def _left_plate(done: Interaction, real: np.ndarray) -> Array:
+    low = (
+        np.asarray(done.trace.tip_pos_world)[..., 2]
+        < plate_top_m(Config().scene) - Config().task.insertion_depth_m
+    )
     return (low & real).any(1)
 
 
@@ -165,7 +176,7 @@ def _force(done: Interaction) -> np.ndarray:
     return np.linalg.norm(force, axis=-1).max(-1)
 
 
-def _rate(inserted: np.ndarray) -> list[float]:
+def _rate(inserted: Array) -> list[float]:
     row = wilson(int(inserted.sum()), len(inserted))
     return [round(x, 3) for x in (row.value, row.low, row.high)]
 
@@ -175,7 +186,7 @@ def _figure(done: dict[str, Interaction]) -> Figure:
     axes = figure.subplots(2, 4).ravel()
     edges = np.linspace(-5, 5, 81)
     mesh = None
-    for ax, (name, each) in zip(axes, done.items(), strict=False):
+    for ax, (name, each) in zip(axes, done.items(), strict=True):
         real = np.arange(ACTIONS) < each.length[:, None]
         x, y = 100 * (each.trace.tip_pos_world[..., :2] - each.hole_pos_world[:, None])[real].T
         counts, *_ = np.histogram2d(x, y, bins=[edges, edges])
@@ -183,12 +194,10 @@ def _figure(done: dict[str, Interaction]) -> Figure:
         ax.plot(2.5 * np.array([-1, 1, 1, -1, -1]), 2.5 * np.array([-1, -1, 1, 1, -1]), color="#D55E00")
         ax.set(title=name, aspect="equal", xticks=[-4, -2, 0, 2, 4], yticks=[-4, -2, 0, 2, 4])
         ax.grid(visible=False)
-    for ax in axes[len(done) :]:
-        ax.set_axis_off()
     figure.supxlabel("x from the hole's centre (cm)", fontsize=11)
     figure.supylabel("y from the hole's centre (cm)", fontsize=11)
     assert mesh is not None
-    figure.colorbar(mesh, ax=axes[-1], label="Actions that ended there", format="%g", location="left")
+    figure.colorbar(mesh, ax=list(axes), label="Actions that ended there", format="%g", shrink=0.6)
     return figure
 
 

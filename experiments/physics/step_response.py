@@ -77,13 +77,12 @@ def follow(config: Config, start: np.ndarray, goal: np.ndarray) -> tuple[np.ndar
     qpos = np.asarray(jax.vmap(inverse, (None, 0))(chain_of(scene.models[0]), jnp.asarray(start)))
     block = Block(scene, layout, attempts, qpos, n)
     command = jax.jit(jax.vmap(lambda row, to: control.torque(layout.unpack(row), to, config.control)))
-    everyone = np.arange(n)
     tips, frames, torques = [], [], []
     for step in range(round(SECONDS / DT_S)):
-        torques.append(np.asarray(command(block.packed(everyone, n), goal)))
-        block.step(torques[-1], everyone, step % SUBSTEPS)
+        torques.append(np.asarray(command(block.packed(), goal)))
+        block.step(torques[-1], step % SUBSTEPS)
         tips.append(block.tip_pos_world.copy())
-        frames.append(block.packed(everyone, n)[:, layout.slices["site_xmat"]].reshape(n, 3, 3).copy())
+        frames.append(block.packed()[:, layout.slices["site_xmat"]].reshape(n, 3, 3).copy())
     return np.array(tips), np.array(frames), np.array(torques)
 
 

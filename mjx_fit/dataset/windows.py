@@ -87,12 +87,24 @@ def sample_windows(
         key: Source of windows, noise and type priors.
         config: Static; ``train``, ``wrist`` and ``scene`` are used.
     """
+    return windows_of(jax.tree.map(lambda leaf: leaf[episodes], data), episodes, key, config)
 
-    def sample(index: Int[Array, ""]) -> Sample:
-        episode = jax.tree.map(lambda leaf: leaf[index], data)
+
+@partial(jax.jit, static_argnames="config")
+def windows_of(rows: Episode, indices: Int[Array, "batch"], key: Key[Array, ""], config: Config) -> Sample:
+    """Draw one window from each episode of a batch; see ``sample_windows``.
+
+    Args:
+        rows: The episodes, stacked.
+        indices: Their indices in the data set, on which the draws depend.
+        key: Source of windows, noise and type priors.
+        config: Static.
+    """
+
+    def sample(episode: Episode, index: Int[Array, ""]) -> Sample:
         return _sample_one(episode, jax.random.fold_in(key, index), config)
 
-    return jax.vmap(sample)(episodes)
+    return jax.vmap(sample)(rows, indices)
 
 
 def _sample_one(episode: Episode, key: Key[Array, ""], config: Config) -> Sample:

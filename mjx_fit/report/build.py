@@ -51,6 +51,11 @@ def build(inputs: list[Path], out: Path) -> Path:
     return index
 
 
+def beside(path: Path) -> Path:
+    """Where a report goes that was given no place: into ``report`` in a folder, or beside a file."""
+    return (path if path.is_dir() else path.parent) / "report"
+
+
 def _require_ours(inputs: list[Path], out: Path) -> None:
     """A page may go to a new folder, over a page of ours, or beside the inputs in a folder that is one."""
     index = out / "index.html"

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator, PercentFormatter
+from matplotlib.ticker import PercentFormatter
 
 from mjx_fit.report import style
 from mjx_fit.shapes import NAMES
@@ -14,28 +14,27 @@ from mjx_fit.types import Interaction
 
 VIEW_CM = 6.0
 """Half width of the picture of visited positions."""
+_COLOURS = ("#0072B2", "#009E73", "#56B4E9", style.MISMATCHED_COLOUR)
+"""Of the matched shapes and of all that do not match."""
 
 
 def interaction_lengths(data: Interaction) -> Figure:
-    """How long interactions lasted, for matched and mismatched pairs."""
+    """How many interactions were still going on after each action, by shape where peg and hole match."""
     matched = np.asarray(data.peg_type == data.hole_type)
-    length = np.asarray(data.length)
+    length, steps = np.asarray(data.length), data.trace.contact.shape[1]
+    ended = np.where(np.asarray(data.inserted), length, steps + 1)  # others were cut off, not ended
     figure, ax = style.axes()
-    edges = np.linspace(0, max(int(length.max()), 1), 26).tolist()
-    groups = (("matched", matched, style.MATCHED_COLOUR), ("mismatched", ~matched, style.MISMATCHED_COLOUR))
-    drawn = [(name, length[which], colour) for name, which, colour in groups]
-    ax.hist(
-        [values for _, values, _ in drawn],
-        edges,
-        color=[colour for *_, colour in drawn],
-        label=[f"{name} (n = {len(values)})" for name, values, _ in drawn],
-        rwidth=0.9,
-    )
-    ax.set(xlabel="Length of the interaction (actions of 0.1 s)", ylabel="Interactions")
-    ax.set_xlim(0, edges[-1] * 1.01)
-    ax.yaxis.set_major_locator(MaxNLocator(integer=True))
-    handles, labels = ax.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper left", ncols=2)
+    groups = [
+        (f"{name} in {name}", matched & (np.asarray(data.peg_type) == i)) for i, name in enumerate(NAMES)
+    ]
+    for (name, which), colour in zip([*groups, ("mismatched", ~matched)], _COLOURS, strict=True):
+        if which.any():
+            going = (ended[which, None] > np.arange(steps + 1)).mean(0)
+            label = f"{name} ({which.sum():,})"
+            ax.step(np.arange(steps + 1), going, where="post", color=colour, label=label)
+    ax.set(xlabel="Actions (of 0.1 s)", ylabel="Not inserted yet", ylim=(-0.02, 1.04), xlim=(0, steps))
+    ax.yaxis.set_major_formatter(PercentFormatter(1, decimals=0))
+    figure.legend(loc="outside upper left", ncols=2)
     return figure
 
 
@@ -82,25 +81,6 @@ def forces_by_pair(data: Interaction) -> Figure:
     ax.set(xlabel="Force while in contact (N)", ylim=(len(labels) - 0.4, -0.6))
     ax.set_xlim(left=0)
     ax.grid(axis="y", visible=False)
-    return figure
-
-
-def contact_over_time(data: Interaction) -> Figure:
-    """How many of the interactions that still go on were in contact, action by action."""
-    real = _real(data)
-    touching = np.asarray(data.trace.contact) & real
-    matched = np.asarray(data.peg_type == data.hole_type)
-    figure, ax = style.axes()
-    for name, which, colour in (
-        ("matched", matched, style.MATCHED_COLOUR),
-        ("mismatched", ~matched, style.MISMATCHED_COLOUR),
-    ):
-        going = real[which].sum(0)
-        share = touching[which].sum(0)[going > 0] / going[going > 0]
-        ax.plot(np.arange(1, len(share) + 1), share, color=colour, label=name)
-    ax.set(xlabel="Action (of 0.1 s)", ylabel="In contact", ylim=(-0.02, 1.02))
-    ax.yaxis.set_major_formatter(PercentFormatter(1, decimals=0))
-    figure.legend(loc="outside upper left", ncols=2)
     return figure
 
 

@@ -89,7 +89,7 @@ def of_dataset(slug: str, folder: Path) -> Section:
         ),
         (
             "lengths",
-            "Interactions end at insertion or at the last action, so short ones are insertions.",
+            "Share of the interactions in which the peg was not inserted yet.",
             lambda: data_figures.interaction_lengths(data),
         ),
         (
@@ -97,11 +97,6 @@ def of_dataset(slug: str, folder: Path) -> Section:
             "Forces by pair, while in contact: median (dot), middle half (bar) and middle 90 % (line) of the "
             "samples.",
             lambda: data_figures.forces_by_pair(data),
-        ),
-        (
-            "contact",
-            "Share of the interactions still going on that were in contact during an action.",
-            lambda: data_figures.contact_over_time(data),
         ),
     ]
     pictures = _pictures(slug, drawings)

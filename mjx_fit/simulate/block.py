@@ -105,6 +105,8 @@ class Block:
                 field = field[:, layout.tip]
             self._fields.append((where, field.reshape(len(qpos), -1)))
         self._packed = np.zeros((rows, layout.width), np.float32)
+        self._running = None  # all: then no list is looked at, which is some per cent faster
+        self.show(np.arange(len(qpos)), rows)
         self.wrench = np.empty((SUBSTEPS, len(qpos), 6), np.float32)
         self._pushed, self._applied = np.zeros((2, SUBSTEPS, *qpos.shape), np.float32)
         batch.forward()
@@ -115,24 +117,34 @@ class Block:
         self.qpos[:], self.qvel[:] = qpos, qvel
         self.batch.forward(stage=_OBSERVED)
 
-    def packed(self, running: Int[np.ndarray, "r"], rows: int) -> Float[np.ndarray, "rows k"]:
-        """The controller's inputs of the running simulations, in a buffer that the next call overwrites."""
-        r = len(running)
-        for where, field in self._fields:
-            self._packed[:r, where] = field if self._all(running) else field[running]
-        return self._packed[:rows]
+    def show(self, shown: Int[np.ndarray, "s"], rows: int) -> None:
+        """Chooses the simulations whose inputs the controller is given, in this order.
 
-    def step(self, torque: Float[np.ndarray, "rows 7"], running: Int[np.ndarray, "r"], substep: int) -> None:
-        """One step of the running simulations under these torques (N·m); notes what they feel."""
-        everyone = self._all(running)  # then no list is looked at: some per cent faster
-        where = slice(None) if everyone else running
-        self._ctrl[where] = self._applied[substep, where] = torque[: len(running)]
-        self.batch.step(None if everyone else running, stage=_OBSERVED)
+        Args:
+            shown: Which.
+            rows: Rows that it is given, s or more.
+        """
+        # A slice where all are shown, since numbers are copied faster without a list.
+        self._shown = slice(None) if len(shown) == len(self.qpos) else shown
+        self._rows, self._inputs = self._packed[:rows], self._packed[: len(shown)]
+
+    def run_only(self, running: Int[np.ndarray, "r"]) -> None:
+        """Lets only these simulations go on."""
+        self._running = running
+
+    def packed(self) -> Float[np.ndarray, "rows k"]:
+        """The controller's inputs of the simulations shown, in a buffer that the next call overwrites."""
+        for where, field in self._fields:
+            self._inputs[:, where] = field[self._shown]
+        return self._rows
+
+    def step(self, torque: Float[np.ndarray, "rows 7"], substep: int) -> None:
+        """One step of the running simulations, under the torques (N·m) of those shown; notes what is felt."""
+        self._ctrl[self._shown] = torque[: len(self._inputs)]
+        self._applied[substep] = self._ctrl
+        self.batch.step(self._running, stage=_OBSERVED)
         self.wrench[substep] = self._sensordata
         self._pushed[substep] = self._contact_force
-
-    def _all(self, running: Int[np.ndarray, "r"]) -> bool:
-        return len(running) == len(self.qpos)
 
     def finite(self) -> Bool[np.ndarray, "m"]:
         """Whether the state is finite (m,), and so were all torques of its last action.

@@ -101,7 +101,7 @@ class NativeEngine:
         done, ids = _nothing_done(attempts, actions), np.arange(len(qpos))
         block = Block(self.scene, self._layout, attempts, qpos, _rows_for(len(ids)))
         block.move(qpos, qvel)
-        self._act(block, ids, ids, _rows(attempts, ids), step, actions, done)
+        self._act(block, ids, ids, ids, _rows(attempts, ids), step, actions, done)
         return done
 
     def batch_at_rest(self, attempts: Attempt) -> Batch:
@@ -128,10 +128,10 @@ class NativeEngine:
         block = Block(self.scene, self._layout, own, start, _rows_for(len(ids)))
         done.tare_sensor[ids] = block.tare_sensor
         hole, depth = np.asarray(own.hole_pos_world), self._config.task.insertion_depth_m
-        running = np.arange(len(ids))
+        running = shown = np.arange(len(ids))
         for step in range(actions):
             before = block.qpos.copy(), block.qvel.copy()
-            self._act(block, ids, running, rows, step, actions, done)
+            self._act(block, ids, running, shown, rows, step, actions, done)
             finite = block.finite()
             inserted = finite & is_inserted(block.tip_pos_world, hole, self.scene, depth)
             done.length[ids[running]] = step + 1
@@ -144,13 +144,17 @@ class NativeEngine:
                 return
             if over.any():
                 running = running[~over]
-                rows = _rows(attempts, ids[running])
+                block.run_only(running)
+                if _rows_for(len(running)) < len(rows.peg_type):
+                    shown, rows = running, _rows(attempts, ids[running])
+                    block.show(shown, len(rows.peg_type))
 
     def _act(
         self,
         block: Block,
         ids: Int[np.ndarray, "m"],
         running: Int[np.ndarray, "r"],
+        shown: Int[np.ndarray, "s"],
         rows: Attempt,
         step: int,
         actions: int,
@@ -161,21 +165,21 @@ class NativeEngine:
         Args:
             block: The simulations.
             ids: Which attempts they are of.
-            running: Which of them run.
-            rows: The attempts of these, padded.
+            running: Which of them run, in order.
+            shown: Which of them the controller is given, in order: these, and finished ones, as long as no
+                smaller number of rows would do.
+            rows: The attempts of those shown, padded.
             step: Number j of the action.
             actions: J.
             done: Arrays over all attempts.
         """
-        n = _rows_for(len(running))
-        action, goal = self._begin_action(rows, block.packed(running, n), step, actions)
+        action, goal = self._begin_action(rows, block.packed(), step, actions)
         for substep in range(SUBSTEPS):
-            block.step(np.asarray(self._torque(block.packed(running, n), goal)), running, substep)
+            block.step(np.asarray(self._torque(block.packed(), goal)), substep)
             if self._on_step is not None:
                 self._on_step(ids, block.batch)
-        velocity, quaternion = (
-            np.asarray(x)[: len(running)] for x in self._observe(block.packed(running, n))
-        )
+        place = np.searchsorted(shown, running)
+        velocity, quaternion = (np.asarray(x)[place] for x in self._observe(block.packed()))
         row = Trace(
             wrench_sensor=block.wrench.swapaxes(0, 1)[running],
             tip_pos_world=block.tip_pos_world[running],
@@ -183,7 +187,7 @@ class NativeEngine:
             tip_linvel_world=velocity[:, :3],
             tip_angvel_world=velocity[:, 3:],
             contact=block.touched()[running],
-            action_world=np.asarray(action)[: len(running)],
+            action_world=np.asarray(action)[place],
         )
         for stored, now in zip(jax.tree.leaves(done.trace), jax.tree.leaves(row), strict=True):
             stored[ids[running], step] = now

@@ -21,6 +21,7 @@ from jaxtyping import Float, Int, Key, PyTree
 from mjx_fit import provenance
 from mjx_fit.config import Config
 from mjx_fit.dataset.episode import Episode
+from mjx_fit.dataset.reader import equal_batches
 from mjx_fit.dataset.windows import sample_windows, split, usable
 from mjx_fit.errors import RequestError, WorkError
 from mjx_fit.progress import Progress
@@ -197,32 +198,18 @@ def _run_epoch(
         return (optax.apply_updates(params, updates), opt_state), sums
 
     def val_step(params, batch):
-        episodes, weight, _ = batch
+        episodes, weight = batch
         return params, loss(params, episodes, weight, val_key, None)[1]
 
-    batches = _batches(jax.random.permutation(order_key, train_ids), config.train.batch_size)
+    ids, weight = equal_batches(jax.random.permutation(order_key, train_ids), config.train.batch_size)
+    batches = ids, weight, jnp.arange(len(ids))
     (params, opt_state), training = jax.lax.scan(train_step, (state.params, state.opt_state), batches)
-    _, validation = jax.lax.scan(val_step, params, _batches(val_ids, config.train.batch_size))
+    _, validation = jax.lax.scan(val_step, params, equal_batches(val_ids, config.train.batch_size))
     return (
         TrainState(params, state.scale, opt_state),
         jax.tree.map(lambda sums: sums.sum() / len(train_ids), training),
         jax.tree.map(lambda sums: sums.sum() / len(val_ids), validation),
     )
-
-
-def _batches(
-    episodes: Int[Array, "n"], batch_size: int
-) -> tuple[Int[Array, "steps batch"], Float[Array, "steps batch"], Int[Array, "steps"]]:
-    """Cut into ceil(n / batch_size) batches of equal size, at most ``batch_size``.
-
-    Equal sizes leave fewer places over than there are batches; those repeat an episode, with weight zero.
-    """
-    n = len(episodes)
-    steps = math.ceil(n / batch_size)
-    size = math.ceil(n / steps)
-    places = jnp.arange(steps * size)
-    weight = (places < n).astype(float)
-    return episodes[places % n].reshape(steps, size), weight.reshape(steps, size), jnp.arange(steps)
 
 
 def _metrics(epoch: int, training: Loss, validation: Loss) -> dict:

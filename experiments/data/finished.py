@@ -1,0 +1,53 @@
+"""What does a world cost that has ended its attempt?
+
+    python experiments/data/finished.py
+
+Half of a batch starts right over its hole and inserts within a second; the other half never inserts. Compared
+with a batch of the other half alone: were finished worlds free, both would take the time of their own steps.
+"""
+
+import time
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+
+from mjx_fit import runtime
+from mjx_fit.config import Config
+from mjx_fit.dataset.draws import MISMATCHED, draw_places
+from mjx_fit.policies import SPIRAL
+from mjx_fit.randomness import root_key
+from mjx_fit.report import script
+from mjx_fit.simulate.native import NativeEngine
+from mjx_fit.types import SUBSTEPS, Attempt
+
+HALF, ACTIONS, TIMES = 128, 100, 3
+
+
+def main() -> None:
+    config = Config()
+    ids = np.arange(2 * HALF)
+    easy = ids % 2 == 0
+    peg, hole = np.where(easy, ids // 2 % 3, MISMATCHED[ids // 2 % 6].T)
+    place, estimate, key, _ = draw_places(root_key(0, "finished"), jnp.asarray(ids), config.detector)
+    estimate = jnp.where(easy[:, None], place, estimate)
+    both = Attempt(jnp.asarray(peg), jnp.asarray(hole), place, estimate, jnp.full(2 * HALF, SPIRAL), key)
+    engine = NativeEngine(config, 2)
+    seconds: dict[str, list[float]] = {"both": [], "alone": []}
+    steps = {}
+    for _ in range(TIMES + 1):  # the first compiles
+        for name, active in (("both", None), ("alone", ~easy)):
+            began = time.perf_counter()
+            done = engine.run(both, ACTIONS, active)
+            seconds[name].append(time.perf_counter() - began)
+            steps[name] = int(done.length.sum()) * SUBSTEPS
+    median = {name: float(np.median(values[1:])) for name, values in seconds.items()}
+    speed = {name: steps[name] / median[name] for name in median}
+    results = {"seconds": median, "steps": steps, "steps_per_s": speed}
+    results |= {"speed_of_both_over_alone": speed["both"] / speed["alone"]}
+    script.save(Path(__file__).parent / "finished.json", results)
+
+
+if __name__ == "__main__":
+    runtime.configure()
+    main()

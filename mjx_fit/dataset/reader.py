@@ -1,0 +1,73 @@
+"""Passes over a data set in batches of windows: from the device where it fits, from the host where not."""
+
+import math
+from collections.abc import Iterator
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float, Int, Key
+
+from mjx_fit.config import Config
+from mjx_fit.dataset.episode import Episode
+from mjx_fit.dataset.windows import Sample, windows_of
+from mjx_fit.types import Array
+
+DEVICE_SHARE = 0.5
+"""Share of the device's free memory that a data set may take; the rest is for what is computed with it."""
+
+
+def placed(data: Episode, free_bytes: int | None = None) -> Episode:
+    """The data set on the device if it fits there, otherwise as NumPy arrays on the host.
+
+    Args:
+        data: Stacked episodes.
+        free_bytes: Free memory of the device; None: as the device says, and any amount where it says nothing.
+    """
+    if free_bytes is None:
+        stats = jax.devices()[0].memory_stats()
+        free_bytes = stats["bytes_limit"] - stats["bytes_in_use"] if stats else None
+    size = sum(leaf.nbytes for leaf in jax.tree.leaves(data))
+    fits = free_bytes is None or size <= DEVICE_SHARE * free_bytes
+    return jax.tree.map(jnp.asarray if fits else np.asarray, data)
+
+
+def batches(
+    data: Episode, episodes: Int[np.ndarray, "n"], key: Key[Array, ""], config: Config
+) -> Iterator[tuple[Sample, Float[Array, "batch"]]]:
+    """One pass: a fresh window from each of the episodes, in an order drawn from the key.
+
+    The same key gives the same order, windows and noise, wherever the data are and however large the batches.
+
+    Args:
+        data: The data set, on the device or on the host.
+        episodes: Indices of those that take part.
+        key: Source of the order, of windows, noise and type priors.
+        config: ``train.batch_size`` is the most windows in a batch.
+
+    Yields:
+        Batches of one shape, on the device, and the weight of each window: 0 for those that only fill up.
+    """
+    order_key, window_key = jax.random.split(key)
+    order = jax.random.permutation(order_key, jnp.asarray(episodes))
+    for ids, weight in zip(*equal_batches(order, config.train.batch_size), strict=True):
+        rows = np.asarray(ids) if isinstance(data.episode, np.ndarray) else ids
+        yield (
+            windows_of(jax.tree.map(lambda leaf, rows=rows: leaf[rows], data), ids, window_key, config),
+            weight,
+        )
+
+
+def equal_batches(
+    episodes: Int[Array, "n"], batch_size: int
+) -> tuple[Int[Array, "steps batch"], Float[Array, "steps batch"]]:
+    """Cut into ceil(n / batch_size) batches of equal size, at most ``batch_size``.
+
+    Equal sizes leave fewer places over than there are batches; those repeat an episode, with weight zero.
+    """
+    n = len(episodes)
+    steps = math.ceil(n / batch_size)
+    size = math.ceil(n / steps)
+    places = jnp.arange(steps * size)
+    weight = (places < n).astype(float)
+    return episodes[places % n].reshape(steps, size), weight.reshape(steps, size)

@@ -1,0 +1,42 @@
+"""The examples that read a data set without this library."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from collecting import Collector, run
+
+EXAMPLES = Path(__file__).parent.parent / "experiments" / "data"
+
+
+@pytest.fixture(scope="module")
+def folder(native, tmp_path_factory):
+    return Collector(native)(tmp_path_factory.mktemp("data") / "set", sequence=2)
+
+
+def test_plain_h5py(folder):
+    done = run([sys.executable, str(EXAMPLES / "read_h5py.py"), str(folder)])
+    assert done.returncode == 0, done.stderr
+    assert "10 interactions, policy mixed" in done.stdout
+    assert "trace/wrench_sensor" in done.stdout
+    assert "[N, N·m] force and torque" in done.stdout
+    assert "episode 0: cross in cross, 3 actions" in done.stdout
+
+
+def test_plain_h5py_needs_nothing_of_this_library():
+    for name in ("read_h5py.py", "read_torch.py"):
+        assert "mjx_fit" not in (EXAMPLES / name).read_text()
+
+
+def test_torch(folder):
+    pytest.importorskip("torch")
+    done = run([sys.executable, str(EXAMPLES / "read_torch.py"), str(folder)])
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[0] == "10 interactions"
+    assert "wrench (10, 3, 50, 6), lengths 3 to 3" in done.stdout
+    assert "6 matched" in done.stdout
+
+
+def test_the_array_job_is_a_shell_script_that_parses():
+    subprocess.run(["bash", "-n", str(EXAMPLES / "slurm.sh")], check=True)

@@ -1,0 +1,19 @@
+"""The sample that is in the repository: what was written once must stay readable."""
+
+from pathlib import Path
+
+import numpy as np
+
+from mjx_fit.dataset import store
+
+SAMPLE = Path(__file__).parent.parent / "experiments" / "data" / "sample"
+
+
+def test_the_sample_is_whole_small_and_says_what_it_holds():
+    assert store.damages(SAMPLE) == {}
+    told = store.describe(SAMPLE)
+    assert (told["episodes"], told["sequences"], told["policy"]) == (24, 12, "mixed")
+    assert told["bytes"] < 3e6
+    data = store.load(SAMPLE)
+    assert data.interaction.trace.wrench_sensor.shape == (24, 100, 50, 6)
+    assert np.linalg.eigvalsh(data.estimate_cov).min() > 0
