@@ -161,7 +161,7 @@ def _left_plate(done: Interaction, real: np.ndarray) -> Array:
         np.asarray(done.trace.tip_pos_world)[..., 2]
         < plate_top_m(Config().scene) - Config().task.insertion_depth_m
     )
-    return (low & real).any(1)
+    return (low & real).sum(1) > 0
 
 
 def _speed(done: Interaction) -> np.ndarray:
