@@ -25,17 +25,26 @@ def replace_with(path: Path, write: Callable[[Path], object]) -> None:
     A kill at any moment leaves the old file or the new one, never a part of it. What fails leaves no
     temporary file behind: on a full disk it would be in the way.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(path.parent)
     temporary = path.with_name(f"{path.name}.tmp")
     try:
         write(temporary)
         _sync(temporary)
         temporary.replace(path)
-    except OSError as error:
+    except BaseException as error:
         temporary.unlink(missing_ok=True)
-        error.filename = error.filename or str(path)
+        if isinstance(error, OSError):
+            error.filename = error.filename or str(path)
         raise
     _sync(path.parent)
+
+
+def make_folder(path: Path) -> None:
+    """Makes a folder and those above it, and syncs their entries, so that what is in it cannot be lost."""
+    if not path.is_dir():
+        make_folder(path.parent)
+        path.mkdir(exist_ok=True)
+        _sync(path.parent)
 
 
 def lock(path: Path) -> IO[bytes]:
@@ -53,13 +62,21 @@ def lock(path: Path) -> IO[bytes]:
     return file
 
 
+def holds(file: IO[bytes], path: Path) -> bool:
+    """Whether a lock that was taken on a path still is the one that others would meet there."""
+    try:
+        return os.path.samestat(os.fstat(file.fileno()), path.stat())
+    except FileNotFoundError:
+        return False
+
+
 def require_writable(path: Path) -> None:
     """Makes sure that a file can be written, and its folder with it.
 
     Raises:
         OSError: It cannot; the error names the path.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(path.parent)
     if not os.access(path.parent, os.W_OK):
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
 

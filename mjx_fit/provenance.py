@@ -2,10 +2,15 @@
 
 import hashlib
 import platform
+import re
 from importlib.metadata import version
+from pathlib import Path
 
+import h5py
 import jax
 import numpy as np
+
+CPU_INFO = Path("/proc/cpuinfo")
 
 PACKAGES = (
     "mjx-fit",
@@ -18,18 +23,24 @@ PACKAGES = (
     "orbax-checkpoint",
     "numpy",
     "scipy",
+    "h5py",
 )
 
 
 def versions() -> dict[str, str]:
     """Version of Python and of each library that a number may depend on."""
-    return {"python": platform.python_version()} | {name: version(name) for name in PACKAGES}
+    libraries = {name: version(name) for name in PACKAGES}
+    return {"python": platform.python_version()} | libraries | {"hdf5": h5py.version.hdf5_version}
 
 
 def device() -> str:
-    """Platform and kind of the device that JAX computes on."""
+    """Platform and kind of the device that JAX computes on; of a CPU its model, as far as it is told."""
     first = jax.devices()[0]
-    return f"{first.platform}: {first.device_kind}"
+    kind = first.device_kind
+    if first.platform == "cpu" and CPU_INFO.is_file():
+        told = re.search(r"^model name\s*:\s*(.+)$", CPU_INFO.read_text(), re.MULTILINE)
+        kind = told[1] if told else platform.machine()
+    return f"{first.platform}: {kind}"
 
 
 def fingerprint(tree) -> str:

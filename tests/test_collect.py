@@ -30,6 +30,12 @@ def folder(collect, tmp_path_factory):
     return collect(tmp_path_factory.mktemp("data") / "set")
 
 
+def test_one_trace_can_be_read_alone(folder):
+    with h5py.File(folder / "shard-00000000.h5") as file:
+        wrench: Any = file["trace/wrench_sensor"]
+        assert wrench.chunks == (1, 3, 50, 6)
+
+
 def test_every_field_has_unit_frame_shape_and_meaning(folder):
     sizes = {"n": 5, "J": 3}
     with h5py.File(folder / "shard-00000000.h5") as file:
@@ -112,15 +118,19 @@ def test_a_spiral_is_as_long_as_an_attempt(collect, tmp_path):
     config = load(None, ["task.attempt_actions=4"])
     data = store.load(collect(tmp_path / "long", config, episodes=24, batch=24, steps=6)).interaction
     short = store.load(collect(tmp_path / "short", config, episodes=24, batch=24, steps=4)).interaction
+    # Fewer steps are the beginning of it, and not a spiral in a hurry.
+    cut = store.load(collect(tmp_path / "cut", config, episodes=24, batch=24, steps=2)).interaction
     spiral = policy_of("mixed", np.arange(24), 0) == SPIRAL
     assert spiral.sum() == 12
     assert (data.length == np.where(spiral, 4, 6)).all()
     assert np.array_equal(data.trace.wrench_sensor[spiral, :4], short.trace.wrench_sensor[spiral])
     assert not data.trace.wrench_sensor[spiral, 4:].any()
+    assert np.array_equal(data.trace.action_world[spiral, :2], cut.trace.action_world[spiral])
+    assert np.array_equal(data.trace.wrench_sensor[spiral, :2], cut.trace.wrench_sensor[spiral])
 
 
 def test_parts_merge_into_what_one_machine_makes(collect, tmp_path):
-    plan = {"episodes": 22, "sequence": 2, "batch": 3}
+    plan = {"episodes": 22, "sequence": 2, "batch": 6}
     whole = collect(tmp_path / "whole", **plan)
     parts = [collect(tmp_path / f"part{i}", **plan, shard_index=i, num_shards=3) for i in range(3)]
     assert sum(len(list(part.glob("*.h5"))) for part in parts) == len(list(whole.glob("*.h5"))) == 4
@@ -151,7 +161,7 @@ def test_parts_merge_into_what_one_machine_makes(collect, tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"episodes": -3}, "--episodes: -3 is not allowed: it must be at least 1"),
+        ({"episodes": -3}, "--episodes: -3 is not allowed: it must be between 1 and"),
         (
             {"episodes": 10, "sequence": 3},
             "--episodes: 10 is not allowed: it must be a multiple",
@@ -164,6 +174,8 @@ def test_parts_merge_into_what_one_machine_makes(collect, tmp_path):
         ({"engine": "warp9"}, "--engine: 'warp9' is not allowed"),
         ({"shard_index": 2, "num_shards": 2}, "--shard-index: 2 is not allowed: it must be between 0 and 1"),
         ({"num_shards": 0}, "--num-shards: 0 is not allowed"),
+        ({"num_shards": 9}, "--num-shards: 9 is not allowed: it must be at most 2"),
+        ({"episodes": 10**11}, "--episodes: 100000000000 is not allowed: it must be between 1 and 10000000"),
         ({"num_shards": 9, "shard_index": 8}, "--num-shards: 9 is not allowed: it must be at most 2"),
     ],
 )
@@ -177,7 +189,7 @@ def test_folder_of_another_run_is_refused_and_untouched(folder, collect, tmp_pat
     before = files_of(folder)
     with pytest.raises(RequestError, match=r"holds another run .its seed differs: 5 there, 6 here"):
         collect(folder, seed=6)
-    with pytest.raises(RequestError, match=r"holds another run .its config differs"):
+    with pytest.raises(RequestError, match=r"its config differs: scene.friction is 0.3 there and 0.2 here"):
         collect(folder, load(None, ["scene.friction=0.2"]))
     with pytest.raises(RequestError, match=r"holds another run .its part differs"):
         collect(folder, num_shards=2)

@@ -13,10 +13,16 @@ import pytest
 from collecting import Collector, command, files_of, run
 
 from mjx_fit import files
-from mjx_fit.dataset import store
-from mjx_fit.errors import RequestError
+from mjx_fit.dataset import manifest, shard, store
+from mjx_fit.dataset.merge import merge
+from mjx_fit.errors import RequestError, WorkError
 
-SMALL = {"episodes": 40, "steps": 4, "batch": 2, "policy": "mixed", "engine": "native", "sequence": 2}
+SMALL = {"episodes": 40, "steps": 4, "batch": 4, "policy": "mixed", "engine": "native", "sequence": 2}
+
+
+MOMENTS = 1 + 5 * 6
+"""In a collection of two shards: the new folder is synced; then the manifest, twice a shard and the manifest,
+and the manifest once more, are each written, synced, renamed (before and after) and synced in the folder."""
 
 
 class Killed(BaseException):
@@ -65,6 +71,7 @@ def kill_at(patch, moment):
             raise Killed
         sync(path)
 
+    patch.setattr(Path, "unlink", lambda *_, **__: None)  # nothing is tidied up by what is dead
     patch.setattr(Path, "write_bytes", dying_write)
     patch.setattr(Path, "replace", dying_rename)
     patch.setattr(files, "_sync", dying_sync)
@@ -86,20 +93,47 @@ def test_killed_at_any_file_operation_it_goes_on_to_the_same_bytes(folder, colle
         collect(out)
         assert files_of(out) == files_of(folder)
         moments += 1
-    # Five in each file: the manifest, a shard and the manifest, twice, and the manifest once more.
-    assert moments == 5 * 6
+    assert moments == MOMENTS
+
+
+def test_a_merge_killed_at_any_file_operation_goes_on(folder, collect, tmp_path, monkeypatch):
+    parts = [collect(tmp_path / f"part{i}", shard_index=i, num_shards=2) for i in range(2)]
+    for moment in range(MOMENTS):
+        out = tmp_path / f"killed{moment}"
+        with monkeypatch.context() as patch:
+            kill_at(patch, moment)
+            with pytest.raises(Killed):
+                merge(parts, out)
+        merge(parts, out)
+        assert files_of(out) == files_of(folder)
+
+
+def test_a_folder_that_is_taken_away_is_noticed(collect, tmp_path, monkeypatch):
+    out, encode = tmp_path / "out", shard.encode
+
+    def taken_away(*args):
+        monkeypatch.setattr(shard, "encode", encode)
+        shutil.rmtree(out)
+        collect(out, seed=6)  # somebody else's
+        return encode(*args)
+
+    monkeypatch.setattr(shard, "encode", taken_away)
+    with pytest.raises(WorkError, match="was removed or replaced"):
+        collect(out)
+    assert store.damages(out) == {}
+    assert manifest.read(out).request["seed"] == 6
 
 
 def test_killed_for_real(collect, tmp_path):
     """Twice, and then to the end; the slow test does it at fifty moments."""
     whole = collect(tmp_path / "whole", **SMALL, seed=0)
     out = tmp_path / "out"
-    for shards in (3, 9):
+    for shards in (2, 6):
         process = subprocess.Popen(command(out, **SMALL), stderr=subprocess.DEVNULL)
         wait_for(lambda n=shards: len(list(out.glob("*.h5"))) >= n, process)
         process.send_signal(signal.SIGKILL)
         assert process.wait() == -signal.SIGKILL
-    assert len(list(out.glob("*.h5"))) < 20
+    assert len(list(out.glob("*.h5"))) < len(list(whole.glob("*.h5"))) == 10
     assert run(command(out, **SMALL)).returncode == 0
     assert files_of(out) == files_of(whole)
 
@@ -191,7 +225,7 @@ def test_a_small_and_then_a_read_only_disk(tmp_path):
     """Real ones, where the system lets a user mount them."""
     if not can_mount(tmp_path / "mount"):
         pytest.skip("file systems cannot be mounted here")
-    argv = " ".join(f"'{word}'" for word in command(Path("/out"), **{**SMALL, "batch": 4}))
+    argv = " ".join(f"'{word}'" for word in command(Path("/out"), **{**SMALL, "batch": 8}))
     collecting = argv.replace("'/out'", '"$DIR/out"')
     check = collecting.split(" '--out'")[0].replace("'collect'", "'data' 'check'") + ' "$DIR/out"'
     script = (

@@ -24,6 +24,12 @@ def test_plain_h5py(folder):
     assert "episode 0: cross in cross, 3 actions" in done.stdout
 
 
+def test_plain_h5py_on_the_sample():
+    done = run([sys.executable, str(EXAMPLES / "read_h5py.py"), str(EXAMPLES / "sample")])
+    assert done.returncode == 0, done.stderr
+    assert "24 interactions, policy mixed" in done.stdout
+
+
 def test_plain_h5py_needs_nothing_of_this_library():
     for name in ("read_h5py.py", "read_torch.py"):
         assert "mjx_fit" not in (EXAMPLES / name).read_text()

@@ -1,6 +1,8 @@
 """A data set in others' formats, against what was stored."""
 
 import json
+import shutil
+from dataclasses import replace
 from typing import Any
 
 import h5py
@@ -8,7 +10,7 @@ import numpy as np
 import pytest
 from collecting import Collector
 
-from mjx_fit.dataset import shard, store
+from mjx_fit.dataset import manifest, shard, store
 from mjx_fit.dataset.export import export
 from mjx_fit.errors import RequestError
 
@@ -53,6 +55,19 @@ def test_demonstrations_are_laid_out_as_robomimic_reads_them(folder, native, tmp
             assert start[:2] == pytest.approx(data.interaction.estimate_world[i])
             assert start[2] == pytest.approx(native.scene.plate_top_m + 0.002)
             assert demo.attrs["peg_type"] in ("cross", "rectangle", "square")
+
+
+@pytest.mark.parametrize("name", ["set.npz", "set.hdf5"])
+def test_unfinished_and_damaged_sets_are_refused_and_leave_nothing(name, folder, tmp_path):
+    part = shutil.copytree(folder, tmp_path / "part")
+    manifest.write(part, replace(manifest.read(part), complete=False))
+    with pytest.raises(RequestError, match="it is not complete"):
+        export(part, tmp_path / name)
+    damaged = shutil.copytree(folder, tmp_path / "damaged")
+    next(damaged.glob("*.h5")).write_bytes(b"?")
+    with pytest.raises(RequestError, match="damaged or missing"):
+        export(damaged, tmp_path / name)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["damaged", "part"]
 
 
 def test_other_endings_and_folders_are_refused(folder, tmp_path):

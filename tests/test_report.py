@@ -13,7 +13,7 @@ from mjx_fit import config
 from mjx_fit.dataset.collect import Plan
 from mjx_fit.dataset.episode import Episode
 from mjx_fit.dataset.shard import encode
-from mjx_fit.dataset.writer import Writer, new_manifest
+from mjx_fit.dataset.writer import Writer, new_manifest, new_shard
 from mjx_fit.errors import RequestError
 from mjx_fit.evaluation import results
 from mjx_fit.evaluation.results import Result, summarise_assembly, summarise_attempt
@@ -82,7 +82,8 @@ def dataset_folder(path: Path) -> Path:
         ids, ids, 0 * ids, np.tile(1e-4 * np.eye(2, dtype=np.float32), (20, 1, 1)), interactions()
     )
     with Writer(path, new_manifest(request, (0, 1))) as writer:
-        writer.write("shard-00000000.h5", 0, 20, encode(episodes, request))
+        content = encode(episodes, request)
+        writer.write(new_shard("shard-00000000.h5", ids, content), content)
         writer.finish()
     return path
 

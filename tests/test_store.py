@@ -101,7 +101,7 @@ def test_a_shard_too_many_is_named(folder, tmp_path):
     out = tmp_path / "more"
     shutil.copytree(folder, out)
     shutil.copy(out / "shard-00000005.h5", out / "shard-00000099.h5")
-    assert store.damages(out) == {"shard-00000099.h5": "foreign: the manifest does not name it"}
+    assert store.damages(out) == {"shard-00000099.h5": "foreign: the manifest does not name it; remove it"}
 
 
 @given(place=st.integers(0, 10**6), bits=st.integers(1, 255))
@@ -133,5 +133,5 @@ def test_missing_or_damaged_data_is_one_line(folder, tmp_path):
     assert "damaged" in store.damages(tmp_path)["manifest.json"]
     (tmp_path / "manifest.json").write_text('{"format": 1}')
     for reader in (store.load, store.damages):
-        with pytest.raises(RequestError, match="its format is"):
+        with pytest.raises(RequestError, match="its format is 1, not 2"):
             reader(tmp_path)

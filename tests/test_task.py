@@ -66,7 +66,7 @@ class FakeEngine:
     def __init__(self):
         self.seen = []
 
-    def run(self, attempts, actions, active=None):
+    def run(self, attempts, actions, active=None, horizon=None):
         n = len(attempts.peg_type)
         active = np.ones(n, bool) if active is None else active
         error = np.linalg.norm(

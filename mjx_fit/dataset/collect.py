@@ -17,7 +17,7 @@ from mjx_fit.config import Config
 from mjx_fit.dataset import shard as shard_
 from mjx_fit.dataset.draws import POLICIES, draw_attempts, draw_later_attempts
 from mjx_fit.dataset.episode import Episode
-from mjx_fit.dataset.writer import Writer, is_finished, new_manifest
+from mjx_fit.dataset.writer import Writer, is_finished, new_manifest, new_shard
 from mjx_fit.errors import RequestError
 from mjx_fit.progress import Progress
 from mjx_fit.randomness import require_seed, root_key
@@ -25,7 +25,7 @@ from mjx_fit.simulate.broken import report
 from mjx_fit.simulate.engine import Engine, create, even_batch, resolve
 from mjx_fit.types import SUBSTEPS, Array, Attempt, Interaction
 
-MAX_ACTIONS, MAX_BATCH, MAX_SEQUENCE = 1000, 65536, 30
+MAX_EPISODES, MAX_ACTIONS, MAX_BATCH, MAX_SEQUENCE = 10**7, 1000, 65536, 30
 
 
 @dataclass(frozen=True)
@@ -34,12 +34,12 @@ class Plan:
 
     Attributes:
         episodes: Number of interactions, a multiple of ``sequence``.
-        steps: Most actions in one. A spiral has ``task.attempt_actions`` at most: it is a spiral as it will
-            be used.
+        steps: Most actions in one. A spiral is as long as it will be in use, ``task.attempt_actions``, or is
+            cut off.
         policy: ``random``, ``spiral``, or ``mixed``: both in turn.
         engine: ``auto``, ``mjx`` or ``native``.
         seed: Root seed.
-        batch: Most worlds that are simulated at once; what becomes of them is one shard.
+        batch: Most interactions in one shard. Their sequences are simulated at once.
         sequence: Attempts in a row of one peg at one hole. The first starts from the detector's estimate,
             later ones from estimates as a filter may have them by then; what follows an insertion is left
             out.
@@ -63,16 +63,13 @@ class Plan:
 
     @property
     def worlds(self) -> int:
-        """Worlds in each batch; the last may have idle ones."""
-        return even_batch(self.sequences, self.batch)
+        """Worlds in each batch, one for each sequence; the last batch may have idle ones."""
+        return even_batch(self.sequences, max(1, self.batch // self.sequence))
 
     def shards(self) -> dict[str, int]:
         """The shards of this part: the first sequence of each, by file name."""
-        starts = list(range(0, self.sequences, self.worlds))
-        return {
-            f"shard-{start * self.sequence:08d}.h5": start
-            for start in starts[self.shard_index :: self.num_shards]
-        }
+        starts = range(0, self.sequences, self.worlds)[self.shard_index :: self.num_shards]
+        return {f"shard-{start * self.sequence:08d}.h5": start for start in starts}
 
     def request(self, config: Config) -> dict[str, Any]:
         """What makes the whole what it is, JSON-ready: the same in all its parts."""
@@ -120,7 +117,7 @@ def _fill(
         for name, start in missing.items():
             episodes = simulate(start)
             content = shard_.encode(episodes, request)
-            writer.write(name, int(episodes.episode[0]), len(episodes.episode), content)
+            writer.write(new_shard(name, np.asarray(episodes.episode), content), content)
             done += 1
             actions += int(episodes.interaction.length.sum())
             inserted += int(episodes.interaction.inserted.sum())
@@ -148,18 +145,20 @@ class _Sequences:
         plan = self._plan
         sequences = np.arange(start, start + plan.worlds)
         wanted = sequences < plan.sequences
-        going, rounds = wanted, []
+        going, whole = wanted, None
         for number in range(plan.sequence):
             attempts, cov = self._attempts(sequences, number)
             ids = sequences * plan.sequence + number
             done = self._run(attempts, ids, going)
             going = going & done.valid & ~done.inserted
-            rounds.append(Episode(ids, sequences, np.full_like(ids, number), np.asarray(cov), done))
-
-        def in_turn(*leaves):
-            return np.stack(leaves, 1)[wanted].reshape(-1, *leaves[0].shape[1:])
-
-        return jax.tree.map(in_turn, *rounds)
+            one = Episode(ids, sequences, np.full_like(ids, number), np.asarray(cov), done)
+            one = jax.tree.map(lambda leaf: leaf[: wanted.sum()], one)
+            if plan.sequence == 1:
+                return one
+            if whole is None:  # in place at once: kept and joined at the end, all would be there twice
+                whole = jax.tree.map(partial(_with_axis, plan.sequence), one)
+            jax.tree.map(lambda to, leaf, n=number: to.__setitem__((slice(None), n), leaf), whole, one)
+        return jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), whole)
 
     def _attempts(
         self, sequences: Int[np.ndarray, "n"], number: int
@@ -177,14 +176,17 @@ class _Sequences:
         done = None
         for policy in np.unique(kind):
             mine = kind == policy
-            spiral = policy == policies.SPIRAL
-            actions = min(steps, self._config.task.attempt_actions) if spiral else steps
-            part = self._engine.run(attempts, actions, going & mine)
-            self.broken += report(part, attempts, ids, actions, self._config, self._dumps)
+            horizon = self._config.task.attempt_actions if policy == policies.SPIRAL else steps
+            part = self._engine.run(attempts, min(steps, horizon), going & mine, horizon)
+            self.broken += report(part, attempts, ids, horizon, self._config, self._dumps)
             part = _padded(part, steps)
             done = part if done is None else jax.tree.map(partial(_chosen, mine), part, done)
         assert done is not None
         return done
+
+
+def _with_axis(n: int, leaf: np.ndarray) -> np.ndarray:
+    return np.zeros((len(leaf), n, *leaf.shape[1:]), leaf.dtype)
 
 
 def _padded(interactions: Interaction, steps: int) -> Interaction:
@@ -201,7 +203,7 @@ def _chosen(chosen: Bool[np.ndarray, "n"], a: np.ndarray, b: np.ndarray) -> np.n
 def _check(plan: Plan) -> None:
     require_seed(plan.seed)
     for field, value, allowed, expected in (
-        ("--episodes", plan.episodes, plan.episodes >= 1, "at least 1"),
+        ("--episodes", plan.episodes, 1 <= plan.episodes <= MAX_EPISODES, f"between 1 and {MAX_EPISODES}"),
         ("--steps", plan.steps, 1 <= plan.steps <= MAX_ACTIONS, f"between 1 and {MAX_ACTIONS}"),
         ("--policy", plan.policy, plan.policy in POLICIES, f"one of {', '.join(POLICIES)}"),
         ("--batch", plan.batch, 1 <= plan.batch <= MAX_BATCH, f"between 1 and {MAX_BATCH}"),
@@ -221,8 +223,8 @@ def _check(plan: Plan) -> None:
             f"--episodes: {plan.episodes} is not allowed: it must be a multiple of --sequence, "
             f"{plan.sequence}"
         )
-    if not plan.shards():
-        batches = -(-plan.sequences // plan.worlds)
+    batches = -(-plan.sequences // plan.worlds)
+    if plan.num_shards > batches:
         raise RequestError(
             f"--num-shards: {plan.num_shards} is not allowed: it must be at most {batches}, the number of "
             "batches; a smaller --batch makes more"

@@ -30,6 +30,7 @@ class Shard:
         episodes: How many there are.
         bytes: Its size.
         sha256: Its SHA-256, hexadecimal.
+        device: What its numbers were computed on; another device may round otherwise.
     """
 
     name: str
@@ -37,6 +38,7 @@ class Shard:
     episodes: int
     bytes: int
     sha256: str
+    device: str
 
 
 @dataclass(frozen=True)
@@ -47,7 +49,6 @@ class Manifest:
         request: What was asked, with the resolved configuration.
         part: Which part of the whole this folder is to hold, from 0, and of how many.
         versions: Versions of all that its numbers may depend on.
-        device: What they were computed on.
         shapes: Names of the shapes, in the order of their indices.
         complete: Whether all shards of the part are there.
         shards: Those that are, by name.
@@ -56,7 +57,6 @@ class Manifest:
     request: dict[str, Any]
     part: tuple[int, int]
     versions: dict[str, str]
-    device: str
     shapes: tuple[str, ...]
     complete: bool = False
     shards: tuple[Shard, ...] = field(default=())
@@ -74,8 +74,11 @@ class Manifest:
 def render(manifest: Manifest) -> str:
     """The manifest as text."""
     tree = {"format": FORMAT, **asdict(manifest)}
-    digest = hashlib.sha256(json.dumps(tree, sort_keys=True).encode()).hexdigest()
-    return json.dumps(tree | {"sha256": digest}, indent=1) + "\n"
+    return json.dumps(tree | {"sha256": _digest(tree)}, indent=1) + "\n"
+
+
+def _digest(tree: dict[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(tree, sort_keys=True).encode()).hexdigest()
 
 
 def parse(text: str) -> Manifest:
@@ -86,10 +89,13 @@ def parse(text: str) -> Manifest:
         ValueError: It is damaged.
     """
     try:
-        tree = json.loads(text)
-        if tree["format"] != FORMAT:
-            raise FormatError(f"its format is {tree['format']!r}, not {FORMAT}")
-        fields = {name: value for name, value in tree.items() if name not in ("format", "sha256")}
+        fields = json.loads(text)
+        # Formats before 2 had no digest: what they say of themselves has to be believed.
+        digest = fields.pop("sha256") if fields["format"] != 1 else _digest(fields)
+        if digest != _digest(fields):
+            raise ValueError("its SHA-256 does not fit")
+        if (told := fields.pop("format")) != FORMAT:
+            raise FormatError(f"its format is {told!r}, not {FORMAT}")
         fields["part"] = tuple(fields["part"])
         fields["shapes"] = tuple(fields["shapes"])
         fields["shards"] = tuple(Shard(**shard) for shard in fields["shards"])
@@ -101,6 +107,18 @@ def parse(text: str) -> Manifest:
     return manifest
 
 
+def read_complete(folder: Path) -> Manifest:
+    """The manifest of a data set that is complete.
+
+    Raises:
+        RequestError: As in ``read``, or it is not complete.
+    """
+    manifest = read(folder)
+    if not manifest.complete:
+        raise RequestError(f"data: {folder} is not allowed: it is not complete; repeat its collect command")
+    return manifest
+
+
 def read(folder: Path) -> Manifest:
     """The manifest of a data set.
 
@@ -108,7 +126,8 @@ def read(folder: Path) -> Manifest:
         RequestError: The folder is not there, or holds no data set, or one that cannot be read.
     """
     if not folder.is_dir():
-        raise RequestError(f"data: {folder} is not allowed: there is no such folder")
+        what = "it is a file; give its folder" if folder.is_file() else "there is no such folder"
+        raise RequestError(f"data: {folder} is not allowed: {what}")
     try:
         return parse((folder / NAME).read_text(encoding="utf-8"))
     except FileNotFoundError:

@@ -7,14 +7,14 @@ from pathlib import Path
 
 from mjx_fit import files
 from mjx_fit.dataset import manifest as manifest_
-from mjx_fit.dataset.manifest import Manifest
+from mjx_fit.dataset.manifest import Manifest, Shard
 from mjx_fit.dataset.writer import Writer, is_finished
 from mjx_fit.errors import RequestError
 from mjx_fit.progress import Progress
 
 
 def merge(parts: Sequence[Path], out: Path) -> None:
-    """Makes of all parts of a data set what one machine would have made.
+    """Makes of all parts of a data set what one machine would have made; killed, the same call goes on.
 
     Args:
         parts: Folders of the parts, each complete, in any order.
@@ -24,16 +24,20 @@ def merge(parts: Sequence[Path], out: Path) -> None:
         RequestError: A part is missing, unfinished, damaged, or of another data set; or ``out`` holds
             something else.
     """
-    manifests = {folder: manifest_.read(folder) for folder in parts}
+    manifests = {folder: manifest_.read_complete(folder) for folder in parts}
+    if len({folder.resolve() for folder in parts}) < len(parts):
+        raise RequestError("data: a folder is given twice: give each part once")
     whole = _whole(manifests)
+    shards = {shard.name: shard for part in manifests.values() for shard in part.shards}
     sources = {shard.name: folder for folder, part in manifests.items() for shard in part.shards}
-    if is_finished(out, whole, sources):
+    _require_of_these(out, shards)
+    if is_finished(out, whole, shards):
         return
     with Writer(out, whole) as writer:
-        missing = writer.missing(sources)
-        with Progress("merge: shard", len(sources), len(sources) - len(missing)) as progress:
-            for done, name in enumerate(missing, 1 + len(sources) - len(missing)):
-                _copy(writer, sources[name], manifests[sources[name]], name)
+        missing = writer.missing(shards)
+        with Progress("merge: shard", len(shards), len(shards) - len(missing)) as progress:
+            for done, name in enumerate(missing, 1 + len(shards) - len(missing)):
+                writer.write(shards[name], _content(sources[name], shards[name]))
                 progress(done)
         for folder in parts:
             for dump in sorted((folder / "broken").glob("*.npz")):
@@ -46,11 +50,6 @@ def _whole(manifests: dict[Path, Manifest]) -> Manifest:
     """The manifest of the whole, without shards."""
     (first_folder, first), *others = manifests.items()
     of = first.part[1]
-    for folder, part in manifests.items():
-        if not part.complete:
-            raise RequestError(
-                f"data: {folder} is not allowed: it is not complete; repeat its collect command"
-            )
     for folder, part in others:
         for name in ("request", "versions"):
             one, other = getattr(first, name), getattr(part, name)
@@ -72,17 +71,23 @@ def _whole(manifests: dict[Path, Manifest]) -> Manifest:
     missing = [index for index in range(of) if index not in by_index]
     if missing:
         raise RequestError(f"data: part {missing[0]} of {of} is missing: give the folders of all parts")
-    devices = " and ".join(sorted({part.device for part in manifests.values()}))
-    return replace(first, part=(0, 1), device=devices, complete=False, shards=())
+    return replace(first, part=(0, 1), complete=False, shards=())
 
 
-def _copy(writer: Writer, folder: Path, part: Manifest, name: str) -> None:
-    shard = part.shard(name)
-    assert shard is not None
+def _require_of_these(out: Path, shards: dict[str, Shard]) -> None:
+    """What was merged before must have come of these parts as they are now."""
+    if not (out / manifest_.NAME).is_file():
+        return
+    for there in manifest_.read(out).shards:
+        if there.name in shards and shards[there.name] != there:
+            raise RequestError(f"--out: {out} is not allowed: its {there.name} is not of these parts")
+
+
+def _content(folder: Path, shard: Shard) -> bytes:
     try:
-        content = (folder / name).read_bytes()
+        content = (folder / shard.name).read_bytes()
     except OSError as error:
-        raise RequestError(f"data: {name} in {folder} is damaged or missing: {error}") from None
+        raise RequestError(f"data: {shard.name} in {folder} is damaged or missing: {error}") from None
     if files.sha256_of(content) != shard.sha256:
-        raise RequestError(f"data: {name} in {folder} is damaged: its SHA-256 is not the manifest's")
-    writer.write(name, shard.first_episode, shard.episodes, content)
+        raise RequestError(f"data: {shard.name} in {folder} is damaged: its SHA-256 is not the manifest's")
+    return content

@@ -48,6 +48,8 @@ def batches(
     Yields:
         Batches of one shape, on the device, and the weight of each window: 0 for those that only fill up.
     """
+    if not len(episodes):
+        return
     order_key, window_key = jax.random.split(key)
     order = jax.random.permutation(order_key, jnp.asarray(episodes))
     for ids, weight in zip(*equal_batches(order, config.train.batch_size), strict=True):

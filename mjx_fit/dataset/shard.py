@@ -76,6 +76,9 @@ FIELDS = {
     "valid": Field("1", "-", "n", "false where the simulation turned non-finite"),
 }
 
+_HDF5 = ("v108", "v110")
+"""Oldest and newest HDF5 whose format may be used: "latest" would be whatever is installed here."""
+
 _OWN = ("episode", "sequence", "number", "estimate_cov")
 """Fields of the episode; the others are of its interaction."""
 
@@ -88,14 +91,18 @@ def encode(episodes: Episode, request: dict[str, Any]) -> bytes:
         request: What the data set was asked to be; kept in the shard so that it explains itself.
     """
     buffer = io.BytesIO()
-    with h5py.File(buffer, "w", libver="latest") as file:
+    with h5py.File(buffer, "w", libver=_HDF5) as file:
         file.attrs["format"] = FORMAT
         file.attrs["shapes"] = list(NAMES)
         file.attrs["request"] = json.dumps(request)
         for name, field in FIELDS.items():
+            value = _get(episodes, name)
+            # One episode of a trace is one chunk: read alone, nothing else is unpacked with it.
+            chunks = (1, *value.shape[1:]) if name.startswith("trace/") else value.shape
             dataset = file.create_dataset(
                 name,
-                data=_get(episodes, name),
+                data=value,
+                chunks=chunks,
                 compression="gzip",
                 compression_opts=1,
                 shuffle=True,

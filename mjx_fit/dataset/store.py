@@ -16,6 +16,8 @@ from mjx_fit.errors import RequestError
 from mjx_fit.shapes import NAMES
 from mjx_fit.types import Array
 
+_LOST = "nothing says what the shards should be; collect them again into another folder"
+
 
 def load(folder: Path, without: Collection[str] = ()) -> Episode:
     """All episodes of a data set, stacked in the order of their ids, as NumPy arrays.
@@ -29,9 +31,7 @@ def load(folder: Path, without: Collection[str] = ()) -> Episode:
     Raises:
         RequestError: The folder holds no data set, an unfinished one, or a damaged shard.
     """
-    manifest = manifest_.read(folder)
-    if not manifest.complete:
-        raise RequestError(f"data: {folder} is not allowed: it is not complete; repeat its collect command")
+    manifest = manifest_.read_complete(folder)
     wanted = [shard for shard in manifest.shards if shard.name not in without]
     if not wanted:
         raise RequestError(f"data: {folder} is not allowed: no shard is left to be read")
@@ -71,18 +71,18 @@ def damages(folder: Path) -> dict[str, str]:
     """
     try:
         manifest = manifest_.parse((folder / manifest_.NAME).read_text(encoding="utf-8"))
-    except manifest_.FormatError:
-        raise RequestError(f"data: {folder} is not allowed: its format is not {manifest_.FORMAT}") from None
+    except manifest_.FormatError as error:
+        raise RequestError(f"data: {folder} is not allowed: {error}") from None
     except FileNotFoundError:
         if not list(folder.glob("shard-*.h5")):
             manifest_.read(folder)  # says why this is no data set
-        return {manifest_.NAME: "missing: nothing says what the shards should be"}
+        return {manifest_.NAME: f"missing: {_LOST}"}
     except (OSError, ValueError) as error:
-        return {manifest_.NAME: f"damaged ({error}): nothing says what the shards should be"}
+        return {manifest_.NAME: f"damaged ({error}): {_LOST}"}
     found = {shard.name: _damage(folder, shard, manifest) for shard in manifest.shards}
     # A collection at work, or killed, may have one shard more than its manifest names yet.
     for path in sorted(folder.glob("*.h5")) if manifest.complete else ():
-        found.setdefault(path.name, "foreign: the manifest does not name it")
+        found.setdefault(path.name, "foreign: the manifest does not name it; remove it")
     return {name: what for name, what in found.items() if what}
 
 
@@ -139,7 +139,7 @@ def describe(folder: Path) -> dict[str, Any]:
         "policy": request["policy"],
         "seed": request["seed"],
         "part": list(manifest.part),
-        "device": manifest.device,
+        "devices": sorted({shard.device for shard in manifest.shards}),
         "shards": len(manifest.shards),
         "bytes": sum(shard.bytes for shard in manifest.shards),
     }

@@ -9,10 +9,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from jaxtyping import Int
+
 from mjx_fit import files, provenance
 from mjx_fit.dataset import manifest as manifest_
 from mjx_fit.dataset.manifest import Manifest, Shard
-from mjx_fit.errors import RequestError
+from mjx_fit.errors import RequestError, WorkError
 from mjx_fit.shapes import NAMES
 
 LOCK = ".lock"
@@ -21,8 +24,14 @@ _SIDE = {"broken", "report"}
 
 
 def new_manifest(request: dict[str, Any], part: tuple[int, int]) -> Manifest:
-    """The manifest of a data set of which nothing is there yet, made by this installation on this device."""
-    return Manifest(request, part, provenance.versions(), provenance.device(), tuple(NAMES))
+    """The manifest of a data set of which nothing is there yet, made by this installation."""
+    return Manifest(request, part, provenance.versions(), tuple(NAMES))
+
+
+def new_shard(name: str, episodes: Int[np.ndarray, "n"], content: bytes) -> Shard:
+    """The manifest's entry for a shard of these episodes, computed on this device, and the file's content."""
+    size, digest = len(content), files.sha256_of(content)
+    return Shard(name, int(episodes[0]), len(episodes), size, digest, provenance.device())
 
 
 def is_finished(folder: Path, wanted: Manifest, names: Iterable[str]) -> bool:
@@ -60,7 +69,7 @@ class Writer:
 
     def __enter__(self) -> "Writer":
         _require_ours(self._folder)
-        self._folder.mkdir(parents=True, exist_ok=True)
+        files.make_folder(self._folder)
         try:
             self._lock = files.lock(self._folder / LOCK)
         except BlockingIOError:
@@ -101,25 +110,27 @@ class Writer:
                 )
         return missing
 
-    def write(self, name: str, first_episode: int, episodes: int, content: bytes) -> None:
-        """Adds or replaces a shard.
+    def write(self, shard: Shard, content: bytes) -> None:
+        """Adds or replaces a shard, whose file is to hold this content.
 
-        Args:
-            name: Its file name.
-            first_episode: Id of its first episode.
-            episodes: How many it holds.
-            content: Of the file.
+        Raises:
+            WorkError: The folder was taken away.
         """
-        files.write_bytes(self._folder / name, content)
-        shard = Shard(name, first_episode, episodes, len(content), files.sha256_of(content))
+        self._require_lock()
+        files.write_bytes(self._folder / shard.name, content)
         self._save(self._manifest.with_shard(shard))
 
     def finish(self) -> None:
         """Notes that all shards are there. What is finished is not touched again."""
         self._save(replace(self._manifest, complete=True))
 
+    def _require_lock(self) -> None:
+        if not files.holds(self._lock, self._folder / LOCK):
+            raise WorkError(f"{self._folder} was removed or replaced while this command was writing to it")
+
     def _save(self, manifest: Manifest) -> None:
         if manifest != self._manifest:
+            self._require_lock()
             manifest_.write(self._folder, manifest)
             self._manifest = manifest
 
@@ -130,7 +141,8 @@ def _require_ours(folder: Path) -> None:
         raise RequestError(f"--out: {folder} is not allowed: it must be a folder")
     if not folder.is_dir() or (folder / manifest_.NAME).is_file():
         return
-    begun = {LOCK, f"{manifest_.NAME}.tmp"}  # what a kill may have left
+    # What a kill may have left, and what another process may be making just now.
+    begun = {LOCK, manifest_.NAME, f"{manifest_.NAME}.tmp"}
     foreign = sorted({path.name for path in folder.iterdir()} - begun - _SIDE)
     if foreign:
         raise RequestError(f"--out: {folder} is not allowed: it holds other files ({foreign[0]})")
@@ -140,7 +152,18 @@ def _require_same(folder: Path, there: Manifest, wanted: Manifest) -> None:
     pairs = [(name, there.request.get(name), value) for name, value in wanted.request.items()]
     for name, old, new in [*pairs, ("part", there.part, wanted.part)]:
         if old != new:
-            detail = "" if isinstance(new, dict) else f": {old!r} there, {new!r} here"
+            detail = f": {old!r} there, {new!r} here"
+            if name == "config":
+                detail = f": {_first_difference(old, new)}"
             raise RequestError(
                 f"--out: {folder} is not allowed: it holds another run (its {name} differs{detail})"
             )
+
+
+def _first_difference(there: dict[str, Any], here: dict[str, Any]) -> str:
+    for section, values in here.items():
+        for key, value in values.items():
+            other = there.get(section, {}).get(key)
+            if other != value:
+                return f"{section}.{key} is {other!r} there and {value!r} here"
+    return "it has other keys there"

@@ -124,7 +124,7 @@ def _data_facts(folder: Path) -> tuple[tuple[str, str], ...]:
         ("inserted by pair", ", ".join(pairs)),
         ("left out, not finite", str(told["invalid"])),
         ("size", size),
-        *_provenance(request | {"device": manifest.device, "versions": manifest.versions}),
+        *_provenance(request | {"device": " and ".join(told["devices"]), "versions": manifest.versions}),
     )
 
 

@@ -22,7 +22,7 @@ def report(
     interactions: Interaction,
     attempts: Attempt,
     ids: Int[np.ndarray, "n"],
-    actions: int,
+    horizon: int,
     config: Config,
     folder: Path,
 ) -> int:
@@ -32,7 +32,7 @@ def report(
         interactions: What came of a batch (n,).
         attempts: What it was asked, with n rows or more.
         ids: Episode or trial ids of the batch.
-        actions: Most actions in one attempt.
+        horizon: Actions that the policy planned for.
         config: The configuration.
         folder: Where the files go, ``broken-<id>.npz``; made if it is needed.
 
@@ -46,7 +46,7 @@ def report(
             "qpos": interactions.end_qpos[i],
             "qvel": interactions.end_qvel[i],
             "step": interactions.length[i] - 1,
-            "actions": actions,
+            "horizon": horizon,
             "config": config_.to_yaml(config),
             "key": jax.random.key_data(attempts.key[i]),
             **{name: np.asarray(getattr(attempts, name))[i] for name in _PLAIN},
@@ -73,8 +73,8 @@ def replay(path: Path) -> Interaction:
         config = config_.from_yaml(str(kept["config"]))
         key = jax.random.wrap_key_data(kept["key"][None])
         attempt = Attempt(key=key, **{name: kept[name][None] for name in _PLAIN})
-        step, actions = int(kept["step"]), int(kept["actions"])
-        return NativeEngine(config, 1).act(attempt, kept["qpos"][None], kept["qvel"][None], step, actions)
+        step, horizon = int(kept["step"]), int(kept["horizon"])
+        return NativeEngine(config, 1).act(attempt, kept["qpos"][None], kept["qvel"][None], step, horizon)
 
 
 class Reporting:
@@ -92,12 +92,16 @@ class Reporting:
         self._seen = 0
 
     def run(
-        self, attempts: Attempt, actions: int, active: Bool[np.ndarray, "n"] | None = None
+        self,
+        attempts: Attempt,
+        actions: int,
+        active: Bool[np.ndarray, "n"] | None = None,
+        horizon: int | None = None,
     ) -> Interaction:
         """See ``Engine.run``."""
-        interactions = self._engine.run(attempts, actions, active)
+        interactions = self._engine.run(attempts, actions, active, horizon)
         ids = self._seen + np.arange(len(interactions.length))
-        report(interactions, attempts, ids, actions, self._config, self._folder)
+        report(interactions, attempts, ids, horizon or actions, self._config, self._folder)
         self._seen += len(ids)
         return interactions
 

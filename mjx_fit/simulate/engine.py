@@ -21,9 +21,9 @@ START_HEIGHT_M = 0.002
 """Height of the tip over the plate at which an attempt starts, at rest."""
 
 
-BESIDE_M = 0.02
-"""Horizontal distance from the hole's centre beyond which a peg that is low has left the plate instead: a
-quarter of the smallest plate's half width."""
+BESIDE_M, BELOW_M = 0.02, 0.002
+"""Horizontal distance from the hole's centre, and distance below the hole's floor, beyond which a peg that is
+low has left the plate instead: a quarter of the smallest plate's half width, more than any contact yields."""
 
 
 class Engine(Protocol):
@@ -32,14 +32,20 @@ class Engine(Protocol):
     name: str
 
     def run(
-        self, attempts: Attempt, actions: int, active: Bool[np.ndarray, "n"] | None = None
+        self,
+        attempts: Attempt,
+        actions: int,
+        active: Bool[np.ndarray, "n"] | None = None,
+        horizon: int | None = None,
     ) -> Interaction:
         """Runs every attempt until its peg is inserted or its actions are used up.
 
         Args:
             attempts: A batch (n,) of attempts. MJX compiles once for each n.
-            actions: J, the most actions in one attempt: also the spiral's horizon.
+            actions: J, the most actions in one attempt.
             active: Which of them to run; of the others nothing comes back but zeros. None: all.
+            horizon: Actions that a policy is given to plan for, such as the length of a spiral; J or more.
+                None: J.
 
         Returns:
             A batch (n,) of interactions with J rows each, as NumPy arrays.
@@ -50,7 +56,7 @@ class Engine(Protocol):
 def is_inserted(
     tip_pos_world: Float[Array, "*n 3"], hole_pos_world: Float[Array, "*n 2"], scene: Scene, depth_m: float
 ) -> Bool[Array, "*n"]:
-    """Whether pegs are in their holes: the tip so far below the plate's top, and over the hole.
+    """Whether pegs are in their holes: the tip so far below the plate's top, not under the hole, nor beside.
 
     Args:
         tip_pos_world: Centre of the peg's lower face, m.
@@ -59,7 +65,9 @@ def is_inserted(
         depth_m: ``task.insertion_depth_m``.
     """
     x, y = (tip_pos_world[..., i] - hole_pos_world[..., i] for i in range(2))
-    return (tip_pos_world[..., 2] <= scene.plate_top_m - depth_m) & (x**2 + y**2 < BESIDE_M**2)
+    below = scene.plate_top_m - tip_pos_world[..., 2]
+    deep = (below >= depth_m) & (below < scene.config.hole_depth_m + BELOW_M)
+    return deep & (x**2 + y**2 < BESIDE_M**2)
 
 
 def resolve(name: str) -> str:
@@ -84,7 +92,12 @@ def create(name: str, config: Config) -> Engine:
     from mjx_fit.simulate.mjx import MjxEngine
     from mjx_fit.simulate.native import NativeEngine
 
-    return (MjxEngine if resolve(name) == "mjx" else NativeEngine)(config, os.cpu_count() or 1)
+    return (MjxEngine if resolve(name) == "mjx" else NativeEngine)(config, host_threads())
+
+
+def host_threads() -> int:
+    """Threads that this process may use at once: on a cluster what it was granted, not all there are."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def even_batch(n: int, at_most: int) -> int:

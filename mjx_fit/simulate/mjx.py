@@ -27,9 +27,10 @@ def compiler_options() -> dict[str, bool]:
     return {"xla_cpu_use_fusion_emitters": False} if jax.default_backend() == "cpu" else {}
 
 
-MOST_ROWS = 256
-"""Most worlds in one computation on a CPU, so that what it works on stays small. No stage calls LAPACK:
-batches of its calls within loops can wait for each other for ever (jaxlib 0.10;
+MOST_ROWS = 128
+"""Most worlds in one computation on a CPU, so that what it works on stays small; how many there are depends
+on the batch alone, since arithmetic may differ in the last bit from one number of rows to another. No stage
+calls LAPACK: batches of its calls within loops can wait for each other for ever (jaxlib 0.10;
 experiments/physics/deadlock.py shows it)."""
 
 
@@ -55,17 +56,22 @@ class MjxEngine:
         self._chain = chain_of(self.scene.models[0])
         self._config, self._policy = config, policy
         self._threads = threads if jax.default_backend() == "cpu" else 1
-        self._jitted = jax.jit(self._rollout, static_argnames="actions", compiler_options=compiler_options())
-        self._compiled: dict[tuple[int, int], jax.stages.Compiled] = {}
+        static = ("actions", "horizon")
+        self._jitted = jax.jit(self._rollout, static_argnames=static, compiler_options=compiler_options())
+        self._compiled: dict[tuple[int, int, int], jax.stages.Compiled] = {}
 
     def run(
-        self, attempts: Attempt, actions: int, active: Bool[np.ndarray, "n"] | None = None
+        self,
+        attempts: Attempt,
+        actions: int,
+        active: Bool[np.ndarray, "n"] | None = None,
+        horizon: int | None = None,
     ) -> Interaction:
         """See ``Engine.run``."""
         n = len(attempts.peg_type)
         active = np.ones(n, bool) if active is None else active
         rows = self._rows(n)
-        rollout = self._executable(attempts, rows, actions)
+        rollout = self._executable(attempts, rows, actions, horizon or actions)
         starts = range(0, n, rows)
         done: dict[int, Interaction] = {}
 
@@ -78,29 +84,36 @@ class MjxEngine:
         return jax.tree.map(lambda *parts: np.concatenate(parts)[:n], *(done[start] for start in starts))
 
     def _rows(self, n: int) -> int:
-        """Worlds in one computation, so that parts of equal size keep all host threads busy."""
+        """Worlds in one computation: of two parts or more, so that there is work for two threads."""
         if jax.default_backend() != "cpu":
             return n
-        rounds = -(-n // (self._threads * MOST_ROWS))
-        return -(-n // min(n, self._threads * rounds))
+        return -(-n // max(2, -(-n // MOST_ROWS)))
 
-    def _executable(self, attempts: Attempt, rows: int, actions: int) -> jax.stages.Compiled:
-        if (rows, actions) not in self._compiled:
+    def _executable(self, attempts: Attempt, rows: int, actions: int, horizon: int) -> jax.stages.Compiled:
+        if (rows, actions, horizon) not in self._compiled:
 
             def shape(leaf):
                 return jax.ShapeDtypeStruct((rows, *leaf.shape[1:]), leaf.dtype)
 
             active = jax.ShapeDtypeStruct((rows,), bool)
-            lowered = self._jitted.lower(jax.tree.map(shape, attempts), active, actions=actions)
-            self._compiled[rows, actions] = lowered.compile()
-        return self._compiled[rows, actions]
+            sizes = {"actions": actions, "horizon": horizon}
+            lowered = self._jitted.lower(jax.tree.map(shape, attempts), active, **sizes)
+            self._compiled[rows, actions, horizon] = lowered.compile()
+        return self._compiled[rows, actions, horizon]
 
-    def _rollout(self, attempts: Attempt, active: Bool[Array, "n"], actions: int) -> Interaction:
+    def _rollout(
+        self, attempts: Attempt, active: Bool[Array, "n"], actions: int, horizon: int
+    ) -> Interaction:
         pair = pair_index(attempts.peg_type, attempts.hole_type)
         models = models_of(self._models, pair)
         qpos = start_qpos(self._chain, attempts, self.scene)
         world = partial(
-            rollout_world, config=self._config, scene=self.scene, policy=self._policy, actions=actions
+            rollout_world,
+            config=self._config,
+            scene=self.scene,
+            policy=self._policy,
+            actions=actions,
+            horizon=horizon,
         )
         # Matrix products of lower precision (TF32 on some accelerators) ruin the constraint solver.
         with jax.default_matmul_precision("highest"):
@@ -116,6 +129,7 @@ def rollout_world(
     scene: Scene,
     policy: policies.Policy,
     actions: int,
+    horizon: int,
 ) -> Interaction:
     """One attempt in one world, from a posture; a world that is not active stands still."""
     data = placed(model, qpos, attempt.hole_pos_world, scene.plate_top_m)
@@ -124,7 +138,7 @@ def rollout_world(
     def act(carry, step):
         data, running = carry
         arm = arm_state(model, data, scene)
-        action = policy(attempt, step, actions, arm.tip_pos_world, config)
+        action = policy(attempt, step, horizon, arm.tip_pos_world, config)
         after, (wrench, touched) = hold(model, data, arm.tip_pos_world + action, config, scene)
         row = _trace_row(model, after, scene, wrench, touched.any(), action)
         inserted = is_inserted(

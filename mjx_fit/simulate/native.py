@@ -68,7 +68,11 @@ class NativeEngine:
         self._observe = jax.jit(jax.vmap(self._observe_of))
 
     def run(
-        self, attempts: Attempt, actions: int, active: Bool[np.ndarray, "n"] | None = None
+        self,
+        attempts: Attempt,
+        actions: int,
+        active: Bool[np.ndarray, "n"] | None = None,
+        horizon: int | None = None,
     ) -> Interaction:
         """See ``Engine.run``."""
         done = _nothing_done(attempts, actions)
@@ -76,7 +80,7 @@ class NativeEngine:
         parts = [wanted[part] for part in parts_of(len(wanted), self._threads, ROWS[-1])]
 
         def run_part(ids: Int[np.ndarray, "m"]) -> None:
-            self._run_block(ids, attempts, actions, done)
+            self._run_block(ids, attempts, actions, horizon or actions, done)
 
         on_threads(self._threads, run_part, parts)
         return done
@@ -87,7 +91,7 @@ class NativeEngine:
         qpos: Float[np.ndarray, "m 7"],
         qvel: Float[np.ndarray, "m 7"],
         step: int,
-        actions: int,
+        horizon: int,
     ) -> Interaction:
         """One action of a few attempts, up to 512, from any state: only its row is filled.
 
@@ -96,12 +100,12 @@ class NativeEngine:
             qpos: Joint angles, rad.
             qvel: Joint velocities, rad/s.
             step: Number j of the action.
-            actions: J.
+            horizon: Actions that the policy plans for: as many rows come back.
         """
-        done, ids = _nothing_done(attempts, actions), np.arange(len(qpos))
+        done, ids = _nothing_done(attempts, horizon), np.arange(len(qpos))
         block = Block(self.scene, self._layout, attempts, qpos, _rows_for(len(ids)))
         block.move(qpos, qvel)
-        self._act(block, ids, ids, ids, _rows(attempts, ids), step, actions, done)
+        self._act(block, ids, ids, ids, _rows(attempts, ids), step, horizon, done)
         return done
 
     def batch_at_rest(self, attempts: Attempt) -> Batch:
@@ -112,7 +116,7 @@ class NativeEngine:
         return batch_at_rest(self.scene, attempts, qpos, self._threads)
 
     def _run_block(
-        self, ids: Int[np.ndarray, "m"], attempts: Attempt, actions: int, done: Interaction
+        self, ids: Int[np.ndarray, "m"], attempts: Attempt, actions: int, horizon: int, done: Interaction
     ) -> None:
         """Runs the attempts with these ids and writes what comes of them into their rows of ``done``.
 
@@ -120,6 +124,7 @@ class NativeEngine:
             ids: Which attempts.
             attempts: All attempts.
             actions: Most actions in one attempt.
+            horizon: Actions that the policy plans for.
             done: Arrays over all attempts.
         """
         rows = _rows(attempts, ids)
@@ -131,7 +136,7 @@ class NativeEngine:
         running = shown = np.arange(len(ids))
         for step in range(actions):
             before = block.qpos.copy(), block.qvel.copy()
-            self._act(block, ids, running, shown, rows, step, actions, done)
+            self._act(block, ids, running, shown, rows, step, horizon, done)
             finite = block.finite()
             inserted = finite & is_inserted(block.tip_pos_world, hole, self.scene, depth)
             done.length[ids[running]] = step + 1
@@ -157,7 +162,7 @@ class NativeEngine:
         shown: Int[np.ndarray, "s"],
         rows: Attempt,
         step: int,
-        actions: int,
+        horizon: int,
         done: Interaction,
     ) -> None:
         """One action of the running attempts: pulls each tip to its goal, and records what happens.
@@ -170,10 +175,10 @@ class NativeEngine:
                 smaller number of rows would do.
             rows: The attempts of those shown, padded.
             step: Number j of the action.
-            actions: J.
+            horizon: Actions that the policy plans for.
             done: Arrays over all attempts.
         """
-        action, goal = self._begin_action(rows, block.packed(), step, actions)
+        action, goal = self._begin_action(rows, block.packed(), step, horizon)
         for substep in range(SUBSTEPS):
             block.step(np.asarray(self._torque(block.packed(), goal)), substep)
             if self._on_step is not None:
@@ -205,9 +210,9 @@ class NativeEngine:
         chunks = (x.reshape(-1, CHUNK, x.shape[1]) for x in (packed, goal_pos_world))
         return jax.lax.map(chunk, tuple(chunks)).reshape(-1, 7)
 
-    def _begin_action_of(self, attempt: Attempt, packed: Float[Array, "k"], step, actions: int):
+    def _begin_action_of(self, attempt: Attempt, packed: Float[Array, "k"], step, horizon: int):
         tip = self._layout.unpack(packed).tip_pos_world
-        action = self._policy(attempt, step, actions, tip, self._config)
+        action = self._policy(attempt, step, horizon, tip, self._config)
         return action, tip + action
 
     def _observe_of(self, packed: Float[Array, "k"]):

@@ -1,0 +1,50 @@
+"""The full data set: how long it takes, and with how much memory: ``python experiments/data/full.py DIR``.
+
+The data go to DIR, numbers and figures of the set and of its making beside this file, by the folder's name.
+"""
+
+import resource
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import jax
+
+from mjx_fit.dataset import manifest, store
+from mjx_fit.dataset.episode import happened
+from mjx_fit.report import data_figures, script
+
+HERE = Path(__file__).parent
+EPISODES = 3000
+
+
+def main(folder: Path) -> None:
+    if folder.exists():
+        sys.exit(f"{folder} is there already: what is done cannot be timed")
+    argv = ["collect", "--out", str(folder), "--episodes", str(EPISODES)]
+    began = time.monotonic()
+    subprocess.run([sys.executable, "-m", "mjx_fit", *argv], check=True)
+    seconds = time.monotonic() - began
+    peak_mb = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
+
+    episodes, there = store.load(folder), manifest.read(folder)
+    keep = happened(episodes)
+    data = jax.tree.map(lambda leaf: leaf[keep], episodes.interaction)
+    results = {
+        "seconds": round(seconds, 1),
+        "peak_memory_mb": round(peak_mb),
+        "request": {name: value for name, value in there.request.items() if name != "config"},
+        "holds": store.describe(folder),
+    }
+    script.save(HERE / f"{folder.name}.json", results)
+    for name, figure in (
+        ("visited", data_figures.visited_positions),
+        ("lengths", data_figures.interaction_lengths),
+        ("forces", data_figures.forces_by_pair),
+    ):
+        script.draw(HERE / f"{folder.name}_{name}.png", lambda figure=figure: figure(data))
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

@@ -1,0 +1,135 @@
+"""The contact sensor and its loss in PyTorch, as one would write them there: the peer of ``train_step``.
+
+Same layers, same sizes, same loss; the tests give both the same weights and compare.
+"""
+
+# PyTorch comes with the extra `bench` only.
+# pyright: reportMissingImports=false
+
+from itertools import pairwise
+
+import torch
+import torch.nn.functional as F  # noqa: N812
+from torch import Tensor, nn
+
+from mjx_fit.config import SensorConfig
+from mjx_fit.sensors.heads import H_INIT_LOGIT, MIN_STD_CM
+from mjx_fit.sensors.model import ROW_FEATURES
+from mjx_fit.types import SUBSTEPS
+
+METRES_PER_CM = 0.01
+EPSILON = 1e-6
+"""Of the layer norms: Flax's default, where PyTorch's is 1e-5."""
+
+
+class WrenchEncoder(nn.Module):
+    """Five convolutions with kernel 2 and stride 2; an odd number of steps gets a zero in front."""
+
+    def __init__(self, channels: tuple[int, ...]):
+        super().__init__()
+        sizes = (6, *channels)
+        self.layers = nn.ModuleList(nn.Conv1d(a, b, 2, stride=2) for a, b in pairwise(sizes))
+        steps = SUBSTEPS
+        for _ in channels:
+            steps = (steps + 1) // 2
+        self.out_features = steps * channels[-1]
+
+    def forward(self, wrench: Tensor) -> Tensor:
+        batch, length = wrench.shape[:2]
+        x = wrench.flatten(0, 1).transpose(1, 2)
+        for layer in self.layers:
+            x = F.leaky_relu(layer(F.pad(x, (x.shape[-1] % 2, 0))))
+        return x.transpose(1, 2).reshape(batch, length, -1)
+
+
+class Block(nn.Module):
+    """Pre-norm self-attention and feed-forward."""
+
+    def __init__(self, config: SensorConfig):
+        super().__init__()
+        width = config.width
+        self.heads = config.heads
+        self.attention_norm = nn.LayerNorm(width, eps=EPSILON)
+        self.query_key_value = nn.Linear(width, 3 * width, bias=False)
+        self.attention_out = nn.Linear(width, width)
+        self.feedforward_norm = nn.LayerNorm(width, eps=EPSILON)
+        self.up, self.down = nn.Linear(width, config.feedforward), nn.Linear(config.feedforward, width)
+
+    def forward(self, x: Tensor, mask: Tensor) -> Tensor:
+        batch, length, width = x.shape
+        qkv = self.query_key_value(self.attention_norm(x)).reshape(batch, length, 3, self.heads, -1)
+        query, key, value = qkv.permute(2, 0, 3, 1, 4)
+        attended = F.scaled_dot_product_attention(query, key, value, attn_mask=mask[:, None, None, :])
+        x = x + self.attention_out(attended.transpose(1, 2).reshape(batch, length, width))
+        return x + self.down(F.relu(self.up(self.feedforward_norm(x))))
+
+
+class SkipMLP(nn.Module):
+    """Three layers with a skip connection over each of the first two."""
+
+    def __init__(self, width: int):
+        super().__init__()
+        self.first, self.second, self.last = (
+            nn.Linear(width, width),
+            nn.Linear(width, width),
+            nn.Linear(width, 2),
+        )
+
+    def forward(self, x: Tensor) -> Tensor:
+        x = x + F.leaky_relu(self.first(x))
+        x = x + F.leaky_relu(self.second(x))
+        return self.last(x)
+
+
+class ContactSensor(nn.Module):
+    """Encoders, heads and noise models; inputs are standardised already."""
+
+    def __init__(self, config: SensorConfig, n_types: int = 3):
+        super().__init__()
+        self.n_types = n_types
+        self.wrench_encoder = WrenchEncoder(config.conv_channels)
+        self.token = nn.Linear(self.wrench_encoder.out_features + ROW_FEATURES, config.width)
+        self.blocks = nn.ModuleList(Block(config) for _ in range(config.layers))
+        self.norm = nn.LayerNorm(config.width, eps=EPSILON)
+        self.peg_encoder = nn.Embedding(n_types, config.width)
+        self.position, self.match = SkipMLP(2 * config.width), SkipMLP(2 * config.width)
+        self.position_noise = nn.Embedding(n_types, 3)
+        self.match_model = nn.Embedding(n_types, n_types * 2)
+        nn.init.zeros_(self.position_noise.weight)
+        diagonal = torch.eye(n_types)
+        self.match_model.weight.data = H_INIT_LOGIT * torch.stack([1 - diagonal, diagonal], -1).flatten(1)
+
+    def forward(
+        self, wrench: Tensor, rows: Tensor, mask: Tensor, peg_type: Tensor
+    ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """Innovation (cm), R (cm²), match logits, and log H."""
+        x = self.token(torch.cat([self.wrench_encoder(wrench), rows], -1))
+        for block in self.blocks:
+            x = block(x, mask)
+        trace_code = self.norm(x).masked_fill(~mask[..., None], -torch.inf).amax(1)
+        code = torch.cat([trace_code, self.peg_encoder(peg_type)], -1)
+        raw = self.position_noise(peg_type)
+        diagonal = F.softplus(raw[:, :2]) + MIN_STD_CM
+        tril = torch.diag_embed(diagonal)
+        tril = tril + F.pad(raw[:, 2:, None], (0, 1, 1, 0))
+        logits = self.match_model(peg_type).reshape(-1, self.n_types, 2)
+        return self.position(code), tril @ tril.mT, self.match(code), logits.log_softmax(-1)
+
+
+def filter_loss(observed: tuple[Tensor, ...], sample: dict[str, Tensor]) -> Tensor:
+    """The loss of each window; lengths in cm."""
+    innovation, noise, match_logits, match_model_logp = observed
+    cov = sample["prior_cov"]
+    gain = torch.cholesky_solve(cov, torch.linalg.cholesky(cov + noise)).mT
+    residual = torch.eye(2) - gain
+    new_cov = residual @ cov @ residual.mT + gain @ noise @ gain.mT
+    error = sample["offset"] - (gain @ innovation[..., None])[..., 0]
+    chol = torch.linalg.cholesky((new_cov + new_cov.mT) / 2)
+    whitened = torch.linalg.solve_triangular(chol, error[..., None], upper=False)[..., 0]
+    position = chol.diagonal(dim1=-2, dim2=-1).log().sum(-1) + 0.5 * whitened.square().sum(-1)
+    o_logp = match_logits.log_softmax(-1)
+    likelihood = torch.logsumexp(o_logp[:, None] + match_model_logp, -1)
+    type_logp = (sample["type_logp"] + likelihood).log_softmax(-1)
+    type_nll = -type_logp.gather(1, sample["hole_type"][:, None])[:, 0]
+    match_nll = -o_logp.gather(1, (sample["hole_type"] == sample["peg_type"]).long()[:, None])[:, 0]
+    return position + torch.where(sample["failed"], type_nll + match_nll, 0.0)

@@ -1,0 +1,145 @@
+"""What each command does: reads its arguments and calls the library."""
+
+import argparse
+import json
+from dataclasses import fields, replace
+
+from mjx_fit import config as config_
+from mjx_fit.config import Config
+from mjx_fit.errors import RequestError, WorkError
+
+# Each command imports what it needs: `mjx-fit --help` answers at once.
+
+
+def demo(args: argparse.Namespace) -> None:
+    from mjx_fit.demo import Size, demo
+
+    demo(_config(args, preset="quick"), args.out, Size())
+
+
+def collect(args: argparse.Namespace) -> None:
+    from mjx_fit.dataset.collect import Plan, collect
+
+    plan = Plan(**{field.name: getattr(args, field.name) for field in fields(Plan)})
+    collect(_config(args), args.out, plan)
+    part = f" (part {plan.shard_index} of {plan.num_shards})" if plan.num_shards > 1 else ""
+    print(f"{args.out}: complete{part}")
+
+
+def data_info(args: argparse.Namespace) -> None:
+    from mjx_fit.dataset.store import describe
+
+    _show(describe(args.folder), args.json)
+
+
+def data_check(args: argparse.Namespace) -> None:
+    from mjx_fit.dataset import manifest
+    from mjx_fit.dataset.store import damages
+
+    found = damages(args.folder)
+    for name, what in found.items():
+        print(f"{name}: {what}")
+    if found:
+        raise WorkError(f"{args.folder}: {_what_to_do(found, manifest.NAME)}")
+    there = manifest.read(args.folder)
+    state = "complete" if there.complete else "not complete: repeat its collect command"
+    print(f"{args.folder}: {len(there.shards)} shards, all whole; {state}")
+
+
+def _what_to_do(found: dict[str, str], manifest: str) -> str:
+    lost = sum(not what.startswith("foreign") for what in found.values())
+    if manifest in found or not lost:
+        return f"{len(found)} wrong"
+    return f"{lost} of its shards damaged; its collect command makes them anew"
+
+
+def data_merge(args: argparse.Namespace) -> None:
+    from mjx_fit.dataset.merge import merge
+
+    merge(args.folders, args.out)
+    print(f"{args.out}: complete")
+
+
+def data_export(args: argparse.Namespace) -> None:
+    from mjx_fit.dataset.export import export
+
+    export(args.folder, args.out)
+    print(args.out)
+
+
+def train(args: argparse.Namespace) -> None:
+    from mjx_fit.dataset.store import load
+    from mjx_fit.training.loop import train
+
+    config = _config(args)
+    if args.epochs is not None:
+        if args.epochs < 1:
+            raise RequestError(f"--epochs: {args.epochs} is not allowed: it must be at least 1")
+        config = replace(config, train=replace(config.train, epochs=args.epochs))
+    train(load(args.data), config, args.out, args.seed)
+    print(f"{args.out}: trained for {config.train.epochs} epochs")
+
+
+def evaluate_attempt(args: argparse.Namespace) -> None:
+    from mjx_fit.evaluation import experiments
+    from mjx_fit.report.terminal import print_summary
+
+    print_summary(experiments.attempt(_config(args), args.out, args.trials, args.seed, args.engine))
+
+
+def evaluate_assembly(args: argparse.Namespace) -> None:
+    from mjx_fit.evaluation import experiments
+    from mjx_fit.report.terminal import print_summary
+
+    config = _config(args)
+    result = experiments.assembly(
+        config, args.out, args.run, args.methods, args.trials, args.seed, args.engine
+    )
+    print_summary(result)
+
+
+def report(args: argparse.Namespace) -> None:
+    from mjx_fit.report.build import beside, build
+
+    print(build(args.inputs, args.out or beside(args.inputs[0])))
+
+
+def bench(args: argparse.Namespace) -> None:
+    from mjx_fit.bench.run import bench
+
+    bench(_config(args), args.json)
+
+
+def info(args: argparse.Namespace) -> None:
+    import jax
+
+    from mjx_fit import provenance
+    from mjx_fit.simulate.engine import resolve
+
+    _show(
+        {
+            "versions": provenance.versions(),
+            "devices": [f"{device.platform}: {device.device_kind}" for device in jax.devices()],
+            "engine": resolve("auto"),
+        },
+        args.json,
+    )
+
+
+def _config(args: argparse.Namespace, preset: str | None = None) -> Config:
+    from mjx_fit import resources
+
+    path = args.config
+    if path is None and preset is not None:
+        path = resources.folder("configs") / f"{preset}.yaml"
+    return config_.load(path, args.set)
+
+
+def _show(tree: dict, as_json: bool) -> None:
+    import yaml
+
+    print(
+        json.dumps(tree, indent=1)
+        if as_json
+        else yaml.safe_dump(tree, sort_keys=False, allow_unicode=True).rstrip()
+    )
