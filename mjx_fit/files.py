@@ -41,6 +41,8 @@ def replace_with(path: Path, write: Callable[[Path], object]) -> None:
 
 def make_folder(path: Path) -> None:
     """Makes a folder and those above it, and syncs their entries, so that what is in it cannot be lost."""
+    if path.exists() and not path.is_dir():
+        raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(path))
     if not path.is_dir():
         make_folder(path.parent)
         path.mkdir(exist_ok=True)

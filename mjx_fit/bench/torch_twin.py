@@ -8,16 +8,18 @@ Same layers, same sizes, same loss; the tests give both the same weights and com
 
 from itertools import pairwise
 
+import numpy as np
 import torch
 import torch.nn.functional as F  # noqa: N812
 from torch import Tensor, nn
 
 from mjx_fit.config import SensorConfig
+from mjx_fit.dataset.windows import Sample
+from mjx_fit.sensors import model
 from mjx_fit.sensors.heads import H_INIT_LOGIT, MIN_STD_CM
-from mjx_fit.sensors.model import ROW_FEATURES
+from mjx_fit.sensors.model import METRES_PER_CM, ROW_FEATURES
 from mjx_fit.types import SUBSTEPS
 
-METRES_PER_CM = 0.01
 EPSILON = 1e-6
 """Of the layer norms: Flax's default, where PyTorch's is 1e-5."""
 
@@ -133,3 +135,65 @@ def filter_loss(observed: tuple[Tensor, ...], sample: dict[str, Tensor]) -> Tens
     type_nll = -type_logp.gather(1, sample["hole_type"][:, None])[:, 0]
     match_nll = -o_logp.gather(1, (sample["hole_type"] == sample["peg_type"]).long()[:, None])[:, 0]
     return position + torch.where(sample["failed"], type_nll + match_nll, 0.0)
+
+
+def copy_weights(sensor: model.ContactSensor, twin: ContactSensor) -> None:
+    """Gives the twin the weights of a sensor."""
+    encoder = sensor.trace_encoder
+    for ours, theirs in zip(encoder.wrench_encoder.layers, twin.wrench_encoder.layers, strict=True):
+        kernel = _tensor(ours.kernel).T  # (out, 2 in), the two steps side by side
+        theirs.weight.data = kernel.reshape(len(kernel), 2, -1).transpose(1, 2).contiguous()
+        theirs.bias.data = _tensor(ours.bias)
+    linear = [(encoder.token, twin.token)]
+    norms = [(encoder.norm, twin.norm)]
+    for ours, theirs in zip(encoder.blocks, twin.blocks, strict=True):
+        norms += [(getattr(ours, n), getattr(theirs, n)) for n in ("attention_norm", "feedforward_norm")]
+        names = ("query_key_value", "attention_out", "up", "down")
+        linear += [(getattr(ours, name), getattr(theirs, name)) for name in names]
+    for head in ("position", "match"):
+        ours, theirs = getattr(sensor, head), getattr(twin, head)
+        linear += [(getattr(ours, name), getattr(theirs, name)) for name in ("first", "second", "last")]
+    for ours, theirs in linear:
+        theirs.weight.data = _tensor(ours.kernel).T.contiguous()
+        if theirs.bias is not None:
+            theirs.bias.data = _tensor(ours.bias)
+    for ours, theirs in norms:
+        theirs.weight.data, theirs.bias.data = _tensor(ours.scale), _tensor(ours.bias)
+    for ours, theirs in (
+        (sensor.peg_encoder, twin.peg_encoder),
+        (sensor.position_noise.raw, twin.position_noise),
+        (sensor.match_model.logits, twin.match_model),
+    ):
+        theirs.weight.data = _tensor(ours.embedding)
+
+
+def inputs_of(sensor: model.ContactSensor, sample: Sample) -> tuple[dict[str, Tensor], dict[str, Tensor]]:
+    """What the twin and its loss are given for a batch of windows."""
+    reading = sample.reading
+    mask = _tensor(reading.mask)
+    wrench = _standard(_tensor(reading.wrench_sensor), _tensor(sensor.wrench_scale))
+    rows = _standard(_tensor(model.row_features(reading)), _tensor(sensor.row_scale))
+    peg_type = _tensor(reading.peg_type).long()
+    inputs = {
+        "wrench": torch.where(mask[..., None, None], wrench, 0.0),
+        "rows": torch.where(mask[..., None], rows, 0.0),
+        "mask": mask,
+        "peg_type": peg_type,
+    }
+    truth = {
+        "prior_cov": _tensor(sample.prior.pos_cov) / METRES_PER_CM**2,
+        "offset": _tensor(sample.hole_pos_world - sample.prior.pos_mean_world) / METRES_PER_CM,
+        "type_logp": _tensor(sample.prior.type_logp),
+        "hole_type": _tensor(sample.hole_type).long(),
+        "failed": _tensor(sample.failed),
+        "peg_type": peg_type,
+    }
+    return inputs, truth
+
+
+def _standard(x: Tensor, scale: Tensor) -> Tensor:
+    return (x - scale[0]) / scale[1]
+
+
+def _tensor(x) -> Tensor:
+    return torch.from_numpy(np.array(x))
