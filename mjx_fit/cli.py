@@ -43,10 +43,13 @@ def main(argv: Sequence[str] | None = None) -> int:
 
             runtime.configure()
         args.command(args)
+        sys.stdout.flush()
     except RequestError as error:
         return _refuse(str(error), 2)
     except WorkError as error:
         return _refuse(str(error), 1)
+    except BrokenPipeError:  # whoever read the output has seen enough; nothing is left to be flushed to them
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except OSError as error:
         where = f"{error.filename} cannot be used: {error.strerror}" if error.filename else str(error)
         return _refuse(where, 2 if error.errno in _WRONG_PLACE else 1)

@@ -34,6 +34,7 @@ def data_info(args: argparse.Namespace) -> None:
 
 def data_check(args: argparse.Namespace) -> None:
     from mjx_fit.dataset import manifest
+    from mjx_fit.dataset.collect import plan_of
     from mjx_fit.dataset.store import damages
 
     found = damages(args.folder)
@@ -42,8 +43,13 @@ def data_check(args: argparse.Namespace) -> None:
     if found:
         raise WorkError(f"{args.folder}: {_what_to_do(found, manifest.NAME)}")
     there = manifest.read(args.folder)
-    state = "complete" if there.complete else "not complete: repeat its collect command"
-    print(f"{args.folder}: {len(there.shards)} shards, all whole; {state}")
+    if there.complete:
+        print(f"{args.folder}: complete, all {len(there.shards)} shards whole")
+        return
+    plan = plan_of(there)
+    count = f"{len(there.shards)} of {len(plan.shards())} shards, all whole"
+    print(f"{args.folder}: not complete: {count}. Go on with")
+    print(plan.command(args.folder), "and its --config and --set, if it had any")
 
 
 def _what_to_do(found: dict[str, str], manifest: str) -> str:

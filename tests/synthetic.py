@@ -62,6 +62,7 @@ def make_episodes(
         episode=_device(ids),
         sequence=_device(ids // sequence),
         number=_device(ids % sequence),
+        policy=_device(0 * ids),
         estimate_cov=_device(std[:, None, None] ** 2 * np.eye(2)),
         interaction=make_interactions(episodes, actions, seed, min_length),
     )

@@ -4,11 +4,13 @@ import json
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 
 import pytest
 import yaml
 
 from mjx_fit import cli, config
+from mjx_fit.dataset import manifest
 from mjx_fit.evaluation import results
 
 TINY = ["--set", "task.attempt_actions=2", "--set", "task.max_attempts=2", "--set", "task.n_holes=2"]
@@ -164,13 +166,23 @@ def test_a_data_set_gets_its_card_beside_it(data, tmp_path, capsys):
 def test_data_check_names_what_is_damaged(data, tmp_path, capsys):
     folder = shutil.copytree(data, tmp_path / "data")
     assert cli.main(["data", "check", str(folder)]) == 0
-    assert "1 shards, all whole; complete" in capsys.readouterr().out
+    assert "complete, all 1 shards whole" in capsys.readouterr().out
     (folder / "shard-00000000.h5").write_bytes(b"gone")
     assert cli.main(["data", "check", str(folder)]) == 1
     out, err = capsys.readouterr()
     assert out.splitlines() == [out.strip()]
     assert out.startswith("shard-00000000.h5: damaged: 4 bytes")
     assert err.count("\n") == 1
+
+
+def test_data_check_says_how_to_go_on(data, tmp_path, capsys):
+    folder = shutil.copytree(data, tmp_path / "data")
+    manifest.write(folder, replace(manifest.read(folder), complete=False))
+    assert cli.main(["data", "check", str(folder)]) == 0
+    said, command = capsys.readouterr().out.splitlines()
+    assert "not complete: 1 of 1 shards, all whole" in said
+    assert cli.main(command.partition(" and its")[0].split()[1:]) == 0
+    assert manifest.read(folder).complete
 
 
 def test_parts_are_collected_merged_and_exported(tmp_path, capsys, refused):

@@ -93,6 +93,7 @@ def test_sequences_keep_their_hole_and_end_with_an_insertion(collect, tmp_path):
     assert data.episode.tolist() == list(range(36))
     assert data.sequence.tolist() == [i // 3 for i in range(36)]
     assert data.number.tolist() == [i % 3 for i in range(36)]
+    assert set(data.policy.tolist()) == {SPIRAL}
     rows = np.arange(36).reshape(12, 3)
     for name in ("peg_type", "hole_type", "hole_pos_world"):
         value = getattr(done, name)[rows]
@@ -121,6 +122,7 @@ def test_a_spiral_is_as_long_as_an_attempt(collect, tmp_path):
     # Fewer steps are the beginning of it, and not a spiral in a hurry.
     cut = store.load(collect(tmp_path / "cut", config, episodes=24, batch=24, steps=2)).interaction
     spiral = policy_of("mixed", np.arange(24), 0) == SPIRAL
+    assert np.array_equal(store.load(tmp_path / "long").policy == SPIRAL, spiral)
     assert spiral.sum() == 12
     assert (data.length == np.where(spiral, 4, 6)).all()
     assert np.array_equal(data.trace.wrench_sensor[spiral, :4], short.trace.wrench_sensor[spiral])

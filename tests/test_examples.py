@@ -20,7 +20,7 @@ def test_plain_h5py(folder):
     assert done.returncode == 0, done.stderr
     assert "10 interactions, policy mixed" in done.stdout
     assert "trace/wrench_sensor" in done.stdout
-    assert "[N, N·m] force and torque" in done.stdout
+    assert "[N, N·m] sensor force and torque" in done.stdout
     assert "episode 0: cross in cross, 3 actions" in done.stdout
 
 

@@ -78,9 +78,8 @@ def interactions() -> Interaction:
 def dataset_folder(path: Path) -> Path:
     plan = Plan(episodes=20, steps=30, engine="native", seed=12)
     request, ids = plan.request(config.Config()), np.arange(20)
-    episodes = Episode(
-        ids, ids, 0 * ids, np.tile(1e-4 * np.eye(2, dtype=np.float32), (20, 1, 1)), interactions()
-    )
+    cov = np.tile(1e-4 * np.eye(2, dtype=np.float32), (20, 1, 1))
+    episodes = Episode(ids, ids, 0 * ids, 0 * ids, cov, interactions())
     with Writer(path, new_manifest(request, (0, 1))) as writer:
         content = encode(episodes, request)
         writer.write(new_shard("shard-00000000.h5", ids, content), content)

@@ -19,6 +19,8 @@ import numpy as np
 
 def main(folder: Path) -> None:
     manifest = json.loads((folder / "manifest.json").read_text())
+    if not manifest["complete"]:
+        sys.exit(f"{folder} is not complete")
     print(f"{manifest['request']['episodes']} interactions, policy {manifest['request']['policy']}")
     first = folder / manifest["shards"][0]["name"]
     with h5py.File(first, "r") as shard:
@@ -42,8 +44,10 @@ def main(folder: Path) -> None:
 def describe(name: str, item: h5py.Dataset | h5py.Group) -> None:
     if isinstance(item, h5py.Dataset):
         about = item.attrs
-        print(f"  {name:24} {item.shape!s:18} [{about['unit']}] {about['meaning']}")
+        print(f"  {name:24} {item.shape!s:18} [{about['unit']}] {about['frame']:6} {about['meaning']}")
 
 
 if __name__ == "__main__":
+    if len(sys.argv) != 2:
+        sys.exit(f"usage: python {sys.argv[0]} DIR")
     main(Path(sys.argv[1]))

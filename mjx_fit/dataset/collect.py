@@ -1,7 +1,7 @@
 """Collecting interactions: which peg meets which hole, where, and under which policy."""
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from mjx_fit.config import Config
 from mjx_fit.dataset import shard as shard_
 from mjx_fit.dataset.draws import POLICIES, draw_attempts, draw_later_attempts
 from mjx_fit.dataset.episode import Episode
+from mjx_fit.dataset.manifest import Manifest
 from mjx_fit.dataset.writer import Writer, is_finished, new_manifest, new_shard
 from mjx_fit.errors import RequestError
 from mjx_fit.progress import Progress
@@ -71,6 +72,11 @@ class Plan:
         starts = range(0, self.sequences, self.worlds)[self.shard_index :: self.num_shards]
         return {f"shard-{start * self.sequence:08d}.h5": start for start in starts}
 
+    def command(self, out: Path) -> str:
+        """The command that collects this, but for the configuration."""
+        options = ((field.name.replace("_", "-"), getattr(self, field.name)) for field in fields(self))
+        return f"mjx-fit collect --out {out} " + " ".join(f"--{name} {value}" for name, value in options)
+
     def request(self, config: Config) -> dict[str, Any]:
         """What makes the whole what it is, JSON-ready: the same in all its parts."""
         whole = ("episodes", "steps", "policy", "seed", "batch", "sequence")
@@ -79,6 +85,13 @@ class Plan:
             "engine": resolve(self.engine),
             "config": config_.to_tree(config),
         }
+
+
+def plan_of(manifest: Manifest) -> Plan:
+    """What a data set was asked to be."""
+    index, of = manifest.part
+    asked = {name: value for name, value in manifest.request.items() if name != "config"}
+    return Plan(**asked, shard_index=index, num_shards=of)
 
 
 def collect(config: Config, out: Path, plan: Plan) -> None:
@@ -151,7 +164,8 @@ class _Sequences:
             ids = sequences * plan.sequence + number
             done = self._run(attempts, ids, going)
             going = going & done.valid & ~done.inserted
-            one = Episode(ids, sequences, np.full_like(ids, number), np.asarray(cov), done)
+            policy = np.asarray(attempts.policy)
+            one = Episode(ids, sequences, np.full_like(ids, number), policy, np.asarray(cov), done)
             one = jax.tree.map(lambda leaf: leaf[: wanted.sum()], one)
             if plan.sequence == 1:
                 return one

@@ -13,6 +13,7 @@ class Episode:
         episode: Its id: sequence times attempts in a sequence, plus number.
         sequence: Id of the sequence.
         number: Which attempt of the sequence it is, from 0.
+        policy: Index into ``mjx_fit.policies.POLICIES``.
         estimate_cov: Covariance that went with ``interaction.estimate_world`` before it, m².
         interaction: What happened. Of length 0 where nothing did, since the sequence had ended before.
     """
@@ -20,6 +21,7 @@ class Episode:
     episode: Int[Array, "*batch"]
     sequence: Int[Array, "*batch"]
     number: Int[Array, "*batch"]
+    policy: Int[Array, "*batch"]
     estimate_cov: Float[Array, "*batch 2 2"]
     interaction: Interaction
 

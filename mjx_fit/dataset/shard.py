@@ -14,6 +14,7 @@ import numpy as np
 
 from mjx_fit.dataset.episode import Episode
 from mjx_fit.dataset.manifest import FORMAT
+from mjx_fit.policies import POLICIES
 from mjx_fit.shapes import NAMES
 from mjx_fit.types import Array, Interaction, Trace
 
@@ -38,6 +39,7 @@ FIELDS = {
     "episode": Field("1", "-", "n", "id"),
     "sequence": Field("1", "-", "n", "id of a row of attempts of one peg at one hole"),
     "number": Field("1", "-", "n", "which attempt of its sequence it is, from 0"),
+    "policy": Field("1", "-", "n", "index into policies"),
     "estimate_cov": Field(
         "m²", "world", "n 2 2", "covariance of estimate_world as it was believed before the interaction"
     ),
@@ -50,10 +52,10 @@ FIELDS = {
     "trace/tip_pos_world": Field(
         "m", "world", "n J 3", "centre of the peg's lower face at the end of each action"
     ),
-    "trace/tip_quat_world": Field("1", "world", "n J 4", "its orientation, w x y z"),
-    "trace/tip_linvel_world": Field("m/s", "world", "n J 3", "its linear velocity"),
-    "trace/tip_angvel_world": Field("rad/s", "world", "n J 3", "its angular velocity"),
-    "trace/contact": Field("1", "-", "n J", "whether a contact force acted during the action"),
+    "trace/tip_quat_world": Field("1", "world", "n J 4", "orientation of the tip, w x y z"),
+    "trace/tip_linvel_world": Field("m/s", "world", "n J 3", "linear velocity of the tip"),
+    "trace/tip_angvel_world": Field("rad/s", "world", "n J 3", "angular velocity of the peg"),
+    "trace/contact": Field("1", "-", "n J", "whether a contact force acted at any moment of the action"),
     "trace/action_world": Field("m", "world", "n J 3", "desired change of the tip's position"),
     "length": Field(
         "1",
@@ -72,14 +74,21 @@ FIELDS = {
     "end_qpos": Field(
         "rad", "-", "n 7", "joint angles at the end; where it broke, before the action that broke it"
     ),
-    "end_qvel": Field("rad/s", "-", "n 7", "joint velocities at the same moment"),
+    "end_qvel": Field("rad/s", "-", "n 7", "joint velocities at the end"),
     "valid": Field("1", "-", "n", "false where the simulation turned non-finite"),
 }
 
 _HDF5 = ("v108", "v110")
 """Oldest and newest HDF5 whose format may be used: "latest" would be whatever is installed here."""
 
-_OWN = ("episode", "sequence", "number", "estimate_cov")
+FRAMES = (
+    "world: origin on the table under the robot's base, x away from the robot, z up. "
+    "sensor: between the hand and the peg, turned as the hand is, z along the tool: down, in an attempt. "
+    "Forces and torques are what the arm exerts on the peg, torques about the sensor's origin."
+)
+ACTION_S = 0.1
+
+_OWN = ("episode", "sequence", "number", "policy", "estimate_cov")
 """Fields of the episode; the others are of its interaction."""
 
 
@@ -93,7 +102,8 @@ def encode(episodes: Episode, request: dict[str, Any]) -> bytes:
     buffer = io.BytesIO()
     with h5py.File(buffer, "w", libver=_HDF5) as file:
         file.attrs["format"] = FORMAT
-        file.attrs["shapes"] = list(NAMES)
+        file.attrs["shapes"], file.attrs["policies"] = list(NAMES), list(POLICIES)
+        file.attrs["frames"], file.attrs["action_s"] = FRAMES, ACTION_S
         file.attrs["request"] = json.dumps(request)
         for name, field in FIELDS.items():
             value = _get(episodes, name)

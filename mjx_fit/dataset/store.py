@@ -122,26 +122,26 @@ def describe(folder: Path) -> dict[str, Any]:
         row["inserted"] += int(inserted)
     matched = done.peg_type == done.hole_type
     return {
+        "policy": request["policy"],
+        "engine": request["engine"],
+        "seed": request["seed"],
         "episodes": len(keep),
+        "sequences": len(np.unique(data.sequence)),
         "not_performed": int((data.interaction.length == 0).sum()),
         "invalid": int((~data.interaction.valid).sum()),
-        "sequences": len(np.unique(data.sequence)),
         "steps": request["steps"],
         "actions": int(done.length.sum()),
         "contact_fraction": _mean(done.trace.contact[_real(done.length, request["steps"])]),
-        "pairs": dict(sorted(pairs.items())),
         "success_rate": {
             "matched": _mean(done.inserted[matched]),
             "mismatched": _mean(done.inserted[~matched]),
         },
-        "units": {name: field.unit for name, field in shard_.FIELDS.items()},
-        "engine": request["engine"],
-        "policy": request["policy"],
-        "seed": request["seed"],
-        "part": list(manifest.part),
-        "devices": sorted({shard.device for shard in manifest.shards}),
+        "pairs": dict(sorted(pairs.items())),
+        "part": "{} of {}".format(*manifest.part),
         "shards": len(manifest.shards),
         "bytes": sum(shard.bytes for shard in manifest.shards),
+        "devices": sorted({shard.device for shard in manifest.shards}),
+        "units": {name: field.unit for name, field in shard_.FIELDS.items()},
     }
 
 
@@ -151,4 +151,4 @@ def _real(length: Array, steps: int) -> Array:
 
 
 def _mean(values: Array) -> float | None:
-    return float(values.mean()) if len(values) else None
+    return round(float(values.mean()), 4) if len(values) else None

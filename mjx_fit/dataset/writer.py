@@ -4,6 +4,7 @@ A shard is written under a temporary name, synced and renamed; the manifest is w
 So whatever the manifest names is there and whole, and a collection that was killed goes on behind it.
 """
 
+import sys
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
@@ -101,6 +102,9 @@ class Writer:
             RequestError: There are some, but other versions made the rest, and may compute other bytes.
         """
         missing = [name for name in names if not is_whole(self._folder, self._manifest, name)]
+        for name in missing:
+            if self._manifest.shard(name) is not None:
+                print(f"mjx-fit: {name} in {self._folder} is damaged or missing: made anew", file=sys.stderr)
         for library, version in self._manifest.versions.items():
             here = self._wanted.versions.get(library)
             if missing and here != version:

@@ -14,25 +14,29 @@ from mjx_fit.types import Interaction
 
 VIEW_CM = 6.0
 """Half width of the picture of visited positions."""
-_COLOURS = ("#0072B2", "#009E73", "#56B4E9", style.MISMATCHED_COLOUR)
+_COLOURS = ("#0072B2", "#009E73", "#CC79A7", style.MISMATCHED_COLOUR)
 """Of the matched shapes and of all that do not match."""
 
 
 def interaction_lengths(data: Interaction) -> Figure:
-    """How many interactions were still going on after each action, by shape where peg and hole match."""
-    matched = np.asarray(data.peg_type == data.hole_type)
-    length, steps = np.asarray(data.length), data.trace.contact.shape[1]
-    ended = np.where(np.asarray(data.inserted), length, steps + 1)  # others were cut off, not ended
+    """How many pegs were not inserted yet, action by action, by shape where peg and hole match.
+
+    Kaplan and Meier's estimate, since interactions of different policies are cut off at different lengths.
+    """
+    matched, peg = np.asarray(data.peg_type == data.hole_type), np.asarray(data.peg_type)
+    length, inserted = np.asarray(data.length), np.asarray(data.inserted)
+    actions = np.arange(1, data.trace.contact.shape[1] + 1)
     figure, ax = style.axes()
-    groups = [
-        (f"{name} in {name}", matched & (np.asarray(data.peg_type) == i)) for i, name in enumerate(NAMES)
-    ]
+    groups = [(f"{name} in {name}", matched & (peg == i)) for i, name in enumerate(NAMES)]
     for (name, which), colour in zip([*groups, ("mismatched", ~matched)], _COLOURS, strict=True):
-        if which.any():
-            going = (ended[which, None] > np.arange(steps + 1)).mean(0)
-            label = f"{name} ({which.sum():,})"
-            ax.step(np.arange(steps + 1), going, where="post", color=colour, label=label)
-    ax.set(xlabel="Actions (of 0.1 s)", ylabel="Not inserted yet", ylim=(-0.02, 1.04), xlim=(0, steps))
+        if not which.any():
+            continue
+        going = (length[which, None] >= actions).sum(0)
+        ended = ((length[which, None] == actions) & inserted[which, None]).sum(0)
+        left = np.cumprod(1 - ended[going > 0] / going[going > 0])
+        label = f"{name} ({which.sum():,})"
+        ax.step([0, *actions[going > 0]], [1, *left], where="post", color=colour, label=label)
+    ax.set(xlabel="Actions (of 0.1 s)", ylabel="Not inserted yet", ylim=(-0.02, 1.04), xlim=(0, actions[-1]))
     ax.yaxis.set_major_formatter(PercentFormatter(1, decimals=0))
     figure.legend(loc="outside upper left", ncols=2)
     return figure
@@ -56,9 +60,9 @@ def visited_positions(data: Interaction) -> Figure:
 
 
 def forces_by_pair(data: Interaction) -> Figure:
-    """Force of the peg on the plate by pair: what half and what 90 % of the samples in contact lie within.
+    """Force of the peg on the plate by pair: what half and what 90 % of the samples lie within.
 
-    One sample in ten is looked at.
+    Of actions with some contact; one sample in ten is looked at.
     """
     tared = (
         np.asarray(data.trace.wrench_sensor)[:, :, ::10, :3] - np.asarray(data.tare_sensor)[:, None, None, :3]
@@ -78,7 +82,7 @@ def forces_by_pair(data: Interaction) -> Figure:
         ax.plot([first, third], [row, row], color=colour, linewidth=6, alpha=0.55, solid_capstyle="butt")
         ax.plot(middle, row, "o", color=colour, markersize=5)
     ax.set_yticks(range(len(labels)), labels)
-    ax.set(xlabel="Force while in contact (N)", ylim=(len(labels) - 0.4, -0.6))
+    ax.set(xlabel="Force (N)", ylim=(len(labels) - 0.4, -0.6))
     ax.set_xlim(left=0)
     ax.grid(axis="y", visible=False)
     return figure

@@ -89,13 +89,13 @@ def of_dataset(slug: str, folder: Path) -> Section:
         ),
         (
             "lengths",
-            "Share of the interactions in which the peg was not inserted yet.",
+            "Share of the pegs not inserted yet (Kaplan-Meier, since some interactions are cut off earlier).",
             lambda: data_figures.interaction_lengths(data),
         ),
         (
             "forces",
-            "Forces by pair, while in contact: median (dot), middle half (bar) and middle 90 % (line) of the "
-            "samples.",
+            "Forces by pair in actions with some contact, moments without it included: median (dot), middle "
+            "half (bar) and middle 90 % (line) of the samples.",
             lambda: data_figures.forces_by_pair(data),
         ),
     ]
@@ -116,10 +116,15 @@ def _data_facts(folder: Path) -> tuple[tuple[str, str], ...]:
     size = f"{told['bytes'] / 1e6:,.0f} MB in {told['shards']} files"
     return (
         ("asked for", f"{request['episodes']:,} interactions of up to {request['steps']} actions"),
-        ("policy", f"{request['policy']}, {request['sequence']} in a row at one hole"),
+        (
+            "policy",
+            request["policy"]
+            + (f", {request['sequence']} in a row at one hole" if request["sequence"] > 1 else ""),
+        ),
         *([("part", f"{index} of {of}")] if of > 1 else []),
         ("performed", f"{told['episodes'] - told['not_performed'] - told['invalid']:,}"),
-        ("actions", f"{told['actions']:,}, {told['contact_fraction']:.1%} of them in contact"),
+        *([("not performed", f"{told['not_performed']}: inserted before")] if told["not_performed"] else []),
+        ("actions", f"{told['actions']:,}, {told['contact_fraction']:.1%} of them with some contact"),
         ("inserted", rates),
         ("inserted by pair", ", ".join(pairs)),
         ("left out, not finite", str(told["invalid"])),
