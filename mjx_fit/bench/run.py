@@ -1,4 +1,4 @@
-"""Speed of the engines and of a peer, side by side in one run: physics steps per second of the same attempts.
+"""Speed of the engines and of their peers, side by side in one run, on the same attempts and windows.
 
 Each row is measured in two processes of its own, so that its memory is its own: the first compiles into an
 empty cache, the second finds what the first left there, and is timed once everything is warm.
@@ -19,6 +19,7 @@ from rich.console import Console
 from rich.table import Table
 
 from mjx_fit import provenance, runtime
+from mjx_fit.bench import training
 from mjx_fit.bench.engines import CONTENDERS, attempts_of
 from mjx_fit.config import Config
 from mjx_fit.types import SUBSTEPS
@@ -38,10 +39,13 @@ def bench(config: Config, as_json: bool) -> None:
         rows.append(measure(name, config, worlds))
     raw = rows[0]["physics_steps_per_s"]
     rows = [row | {"ratio_to_raw_batch": round(row["physics_steps_per_s"] / raw, 3)} for row in rows]
+    print("bench: train_step ...", file=sys.stderr)
+    steps = training.measure(config)
     if as_json:
-        print(json.dumps(rows, indent=1))
+        print(json.dumps([*rows, *(dict.fromkeys(rows[0]) | row for row in steps)], indent=1))
     else:
-        _print(rows)
+        _print(rows, f"{provenance.device()}, {os.cpu_count()} host threads")
+        _print(steps, f"one step of training, {config.train.batch_size} windows of {config.train.max_window}")
 
 
 def measure(name: str, config: Config, worlds: int) -> dict[str, Any]:
@@ -97,8 +101,8 @@ def _peak_mb() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
-def _print(rows: list[dict]) -> None:
-    table = Table(title=f"{provenance.device()}, {os.cpu_count()} host threads")
+def _print(rows: list[dict], title: str) -> None:
+    table = Table(title=title)
     for column in rows[0]:
         table.add_column(column.replace("_", " "), justify="left" if column == "name" else "right")
     for row in rows:
