@@ -1,13 +1,15 @@
 """What the benchmark times does what its rows say."""
 
+from dataclasses import replace
+
 import jax
 import mujoco
 import numpy as np
 import pytest
 
-from mjx_fit.bench import reference, run
+from mjx_fit.bench import reference, run, training
 from mjx_fit.bench.engines import CONTENDERS, attempts_of
-from mjx_fit.config import Config
+from mjx_fit.config import Config, SensorConfig, TrainConfig
 
 CONFIG = Config()
 
@@ -47,3 +49,19 @@ def test_a_row_says_what_the_contract_says():
     assert row["physics_steps_per_s"] > 1000
     assert row["cached_compile_s"] <= row["compile_s"] + 1
     assert jax.default_backend() != "cpu" or row["peak_memory_mb"] > 50
+
+
+def test_a_training_step_is_timed_on_windows_of_all_lengths():
+    small = replace(
+        CONFIG,
+        sensor=SensorConfig(width=8, conv_channels=(4, 4, 4, 4, 4), layers=1, heads=2, feedforward=8),
+        train=TrainConfig(batch_size=16, min_window=3, max_window=12),
+    )
+    reading = training.sample_of(small).reading
+    counts = np.asarray(reading.mask).sum(1)
+    assert reading.wrench_sensor.shape == (16, 12, 50, 6)
+    assert counts.min() >= 3
+    assert len(set(counts.tolist())) > 3
+    step = training._ours(small)
+    step()
+    step()
