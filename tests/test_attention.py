@@ -31,7 +31,7 @@ def test_values_and_gradients_are_jaxs(seed, causal):
     real = mask[:, None, :, None]  # what padding rows attend to is nobody's business
 
     def ours(qkv):
-        return jnp.where(real, attend(*qkv, mask, causal=causal) * weight, 0).sum()
+        return jnp.where(real, attend(qkv[0], qkv[1], qkv[2], mask, causal=causal) * weight, 0).sum()
 
     def theirs(qkv):
         return jnp.where(real, jaxs(qkv, mask, causal) * weight, 0).sum()
@@ -46,12 +46,15 @@ def test_what_padding_holds_makes_no_difference():
     qkv, mask, _ = inputs(0)
     other = jnp.where(mask[None, :, None, :, None], qkv, 1e3)
     real = np.asarray(jnp.broadcast_to(mask[:, None, :, None], qkv.shape[1:]))
-    assert np.array_equal(np.asarray(attend(*qkv, mask))[real], np.asarray(attend(*other, mask))[real])
+    assert np.array_equal(
+        np.asarray(attend(qkv[0], qkv[1], qkv[2], mask))[real],
+        np.asarray(attend(other[0], other[1], other[2], mask))[real],
+    )
 
 
 def test_an_empty_trace_stays_finite():
     qkv, mask, weight = inputs(1)
     nothing = jnp.zeros_like(mask)
-    value, grad = jax.value_and_grad(lambda x: (attend(*x, nothing) * weight).sum())(qkv)
+    value, grad = jax.value_and_grad(lambda x: (attend(x[0], x[1], x[2], nothing) * weight).sum())(qkv)
     assert np.isfinite(value)
     assert np.isfinite(np.asarray(grad)).all()

@@ -18,7 +18,7 @@ MASKED = -1e9
 
 def attend(
     query: _Head, key: _Head, value: _Head, mask: Bool[Array, "batch L"], *, causal: bool = False
-) -> _Head:
+) -> Float[jax.Array, "batch heads L d"]:
     """softmax(Q Kᵀ / √d) V of every head, over the rows that the mask keeps (Vaswani et al., 2017).
 
     Args:
@@ -32,7 +32,8 @@ def attend(
     bias = jnp.where(mask, 0.0, MASKED)[:, None, None, :]
     if causal:
         bias = bias + np.where(np.tri(length, dtype=bool), 0.0, MASKED)
-    return _attend(query / np.sqrt(query.shape[-1]), key, value, bias.astype(query.dtype))
+    scaled = query / np.sqrt(query.shape[-1])
+    return _attend(scaled, key, value, bias.astype(query.dtype))
 
 
 @jax.custom_vjp
