@@ -1,6 +1,7 @@
 import hypothesis
 import jax
 import pytest
+from collecting import Collector
 
 from mjx_fit.config import Config
 from mjx_fit.scene import Scene, simulation_scene
@@ -18,6 +19,11 @@ def scene() -> Scene:
 @pytest.fixture(scope="session")
 def native() -> NativeEngine:
     return NativeEngine(Config(), threads=2)
+
+
+@pytest.fixture(scope="session")
+def collect(native) -> Collector:
+    return Collector(native)
 
 
 @pytest.fixture

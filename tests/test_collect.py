@@ -21,11 +21,6 @@ CONFIG = Config()
 
 
 @pytest.fixture(scope="module")
-def collect(native):
-    return Collector(native)
-
-
-@pytest.fixture(scope="module")
 def folder(collect, tmp_path_factory):
     return collect(tmp_path_factory.mktemp("data") / "set")
 

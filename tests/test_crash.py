@@ -10,7 +10,7 @@ import time
 from pathlib import Path
 
 import pytest
-from collecting import Collector, command, files_of, run
+from collecting import command, files_of, run
 
 from mjx_fit import files
 from mjx_fit.dataset import manifest, shard, store
@@ -27,11 +27,6 @@ and the manifest once more, are each written, synced, renamed (before and after)
 
 class Killed(BaseException):
     """Comes where SIGKILL would."""
-
-
-@pytest.fixture(scope="module")
-def collect(native):
-    return Collector(native)
 
 
 @pytest.fixture(scope="module")

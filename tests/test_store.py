@@ -6,17 +6,12 @@ import shutil
 import jax
 import numpy as np
 import pytest
-from collecting import Collector, files_of
+from collecting import files_of
 from hypothesis import given
 from hypothesis import strategies as st
 
 from mjx_fit.dataset import manifest, store
 from mjx_fit.errors import RequestError
-
-
-@pytest.fixture(scope="module")
-def collect(native):
-    return Collector(native)
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,6 @@
 # MuJoCo's extension module has no stubs.
 # pyright: reportAttributeAccessIssue=false
 
-import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -20,14 +19,14 @@ from mjx_fit.config import Config
 from mjx_fit.dataset.draws import draw_attempts
 from mjx_fit.kinematics import chain_of
 from mjx_fit.scene import pair_index
-from mjx_fit.simulate.engine import create, start_qpos
+from mjx_fit.simulate.engine import create, host_threads, start_qpos
 from mjx_fit.simulate.mjx import MOST_ROWS, compiler_options
 from mjx_fit.simulate.native import NativeEngine
 from mjx_fit.simulate.stages import advance, models_of, placed, stacked_models
 from mjx_fit.simulate.threads import on_threads, parts_of
 from mjx_fit.types import SUBSTEPS, Attempt
 
-THREADS = os.cpu_count() or 1
+THREADS = host_threads()
 
 Run = Callable[[], int]
 """Simulates once and returns the number of physics steps, of worlds that were at work."""

@@ -92,7 +92,7 @@ def _ours(config: Config) -> Step:
     state = [params, adam.init(params)]
 
     @jax.jit
-    def update(params, opt_state):
+    def update(params, opt_state, sample):
         def loss(params):
             return filter_loss(nnx.merge(graph, params, scale)(sample.reading), sample).total.mean()
 
@@ -100,7 +100,7 @@ def _ours(config: Config) -> Step:
         return optax.apply_updates(params, updates), opt_state
 
     def step() -> None:
-        state[:] = jax.block_until_ready(update(*state))
+        state[:] = jax.block_until_ready(update(*state, sample))
 
     return step
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Int
 
+from mjx_fit import config as config_
 from mjx_fit import files, provenance
 from mjx_fit.dataset import manifest as manifest_
 from mjx_fit.dataset.manifest import Manifest, Shard
@@ -102,9 +103,6 @@ class Writer:
             RequestError: There are some, but other versions made the rest, and may compute other bytes.
         """
         missing = [name for name in names if not is_whole(self._folder, self._manifest, name)]
-        for name in missing:
-            if self._manifest.shard(name) is not None:
-                print(f"mjx-fit: {name} in {self._folder} is damaged or missing: made anew", file=sys.stderr)
         for library, version in self._manifest.versions.items():
             here = self._wanted.versions.get(library)
             if missing and here != version:
@@ -112,6 +110,9 @@ class Writer:
                     f"--out: {self._folder} is not allowed: it was begun with {library} {version}, and here "
                     f"is {here}"
                 )
+        for name in missing:
+            if self._manifest.shard(name) is not None:
+                print(f"mjx-fit: {name} in {self._folder} is damaged or missing: made anew", file=sys.stderr)
         return missing
 
     def write(self, shard: Shard, content: bytes) -> None:
@@ -158,16 +159,7 @@ def _require_same(folder: Path, there: Manifest, wanted: Manifest) -> None:
         if old != new:
             detail = f": {old!r} there, {new!r} here"
             if name == "config":
-                detail = f": {_first_difference(old, new)}"
+                detail = f": {config_.differences(*map(config_.from_tree, (old, new)))[0]}"
             raise RequestError(
                 f"--out: {folder} is not allowed: it holds another run (its {name} differs{detail})"
             )
-
-
-def _first_difference(there: dict[str, Any], here: dict[str, Any]) -> str:
-    for section, values in here.items():
-        for key, value in values.items():
-            other = there.get(section, {}).get(key)
-            if other != value:
-                return f"{section}.{key} is {other!r} there and {value!r} here"
-    return "it has other keys there"
