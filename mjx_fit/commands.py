@@ -74,16 +74,21 @@ def data_export(args: argparse.Namespace) -> None:
 
 
 def train(args: argparse.Namespace) -> None:
-    from mjx_fit.dataset.store import load
-    from mjx_fit.training.loop import train
+    from mjx_fit.dataset import manifest, store
+    from mjx_fit.training import run_folder
+    from mjx_fit.training.baseline import train_with_baseline
 
     config = _config(args)
     if args.epochs is not None:
         if args.epochs < 1:
             raise RequestError(f"--epochs: {args.epochs} is not allowed: it must be at least 1")
         config = replace(config, train=replace(config.train, epochs=args.epochs))
-    train(load(args.data), config, args.out, args.seed)
-    print(f"{args.out}: trained for {config.train.epochs} epochs")
+    data = store.load(args.data)
+    index, of = manifest.read(args.data).part
+    if of > 1:
+        print(f"{args.data}: part {index} of {of} of a data set; data merge joins them")
+    train_with_baseline(data, config, args.out, args.seed)
+    print(f"{args.out}: {run_folder.summary(args.out)}")
 
 
 def evaluate_attempt(args: argparse.Namespace) -> None:

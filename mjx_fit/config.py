@@ -187,6 +187,13 @@ class SensorConfig:
         dropout: Rate in the transformer while training.
         positional: Whether tokens carry their place in time.
         causal: Whether attention looks at the past only.
+        noise: What R depends on: the ``peg`` alone, as in the paper, or the ``trace`` as well.
+        reference: From where positions are measured: the ``estimate``, or the ``final`` position of the tip,
+            which makes it the frame-by-frame baseline. ``mjx-fit train`` trains both.
+        contact_features: Whether a token is told, beside the wrench itself, its mean and spread and the
+            centre of pressure.
+        places: Weighted means, over the attempt, of where the tip was and where it was pressed, that join
+            what the maximum over time gives; 0: none, as in the paper.
     """
 
     width: Annotated[int, Field(ge=4, multiple_of=4)] = 64
@@ -197,6 +204,10 @@ class SensorConfig:
     dropout: Annotated[float, Field(ge=0, lt=1)] = 0.0
     positional: bool = False
     causal: bool = False
+    noise: Literal["peg", "trace"] = "peg"
+    reference: Literal["estimate", "final"] = "estimate"
+    contact_features: bool = False
+    places: Annotated[int, Field(ge=0)] = 0
 
 
 @dataclass(frozen=True, config=_STRICT)
@@ -206,20 +217,31 @@ class TrainConfig:
     Attributes:
         epochs: Passes over the training episodes, one window from each per pass.
         batch_size: Windows in one step.
-        learning_rate: Adam's.
+        learning_rate: Adam's, the largest.
+        schedule: Of the learning rate: ``constant``, or ``cosine``, a half wave from 1 to 0 over all epochs.
         adam_b2: Adam's β2.
+        weight_decay: AdamW's.
+        mirror: Show every second window mirrored in the robot's plane of symmetry.
         min_window: Shortest window, actions.
         max_window: Longest window, actions; windows are padded to this.
         validation_fraction: Share of the episodes kept for validation.
+        patience: Epochs without a better validation NLL after which training stops early; 0: never.
+        baseline_share: Epochs of the frame-by-frame baseline, which ``mjx-fit train`` trains behind the
+            sensor, as a share of ``epochs``; 0: leave it out.
     """
 
     epochs: Count = 5000
     batch_size: Count = 128
     learning_rate: Positive = 1e-4
+    schedule: Literal["constant", "cosine"] = "constant"
     adam_b2: Probability = 0.99
+    weight_decay: NonNegative = 0.0
+    mirror: bool = False
     min_window: Count = 20
     max_window: Count = 100
     validation_fraction: Probability = 0.1
+    patience: Annotated[int, Field(ge=0)] = 0
+    baseline_share: Annotated[float, Field(ge=0, le=1)] = 1.0
 
 
 @dataclass(frozen=True, config=_STRICT)

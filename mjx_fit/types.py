@@ -112,6 +112,8 @@ class Reading:
 
     Attributes:
         wrench_sensor: Tared and noisy wrench, N and N·m.
+        pressure_tip: Centre of pressure on the peg's lower face over the action, from its centre, world x and
+            y, m: follows from the wrench.
         tip_pos_estimate: Tip position relative to the estimate (x, y) and to the plate's top (z), m.
         tip_quat_world: Orientation of the tip.
         tip_linvel_world: m/s.
@@ -123,6 +125,7 @@ class Reading:
     """
 
     wrench_sensor: Float[Array, "*batch L 50 6"]
+    pressure_tip: Float[Array, "*batch L 2"]
     tip_pos_estimate: Float[Array, "*batch L 3"]
     tip_quat_world: Float[Array, "*batch L 4"]
     tip_linvel_world: Float[Array, "*batch L 3"]

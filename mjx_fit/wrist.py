@@ -8,8 +8,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Float, Int, Key
 
-from mjx_fit.config import WristConfig
+from mjx_fit.config import SceneConfig, WristConfig
+from mjx_fit.shapes import plate_top_m
 from mjx_fit.types import Array, Interaction, Reading
+
+MIN_PRESS_N = 1.0
+FACE_M = 0.04
+"""Twice the distance from the centre of a peg's face to its farthest edge along an axis."""
 
 
 def wrench_noise_std(wrist: WristConfig) -> Float[Array, "6"]:
@@ -17,11 +22,29 @@ def wrench_noise_std(wrist: WristConfig) -> Float[Array, "6"]:
     return jnp.array([wrist.force_noise_n] * 3 + [wrist.torque_xy_noise_nm] * 2 + [wrist.torque_z_noise_nm])
 
 
+def centre_of_pressure(wrench_sensor: Float[Array, "*batch 6"], lever_m: float) -> Float[Array, "*batch 2"]:
+    """Where the resultant force meets the plane of the peg's lower face, from its centre, world x and y, m.
+
+    The torque about the tip is τ - r × F with r = (0, 0, lever); a force F_z at (x, y) makes (y F_z, -x F_z)
+    of it. The sensor looks down: its x is the world's, its y the world's -y. What lies beyond ``FACE_M`` is
+    brought there: with hardly any force the quotient means nothing.
+
+    Args:
+        wrench_sensor: Force (N) that the arm exerts on the peg over torque (N·m), tared.
+        lever_m: From the sensor to the tip, m.
+    """
+    force_x, force_y, force_z, torque_x, torque_y, _ = jnp.moveaxis(wrench_sensor, -1, 0)
+    press = jnp.maximum(force_z, MIN_PRESS_N)
+    along_x = -(torque_y - lever_m * force_x) / press
+    along_y = -(torque_x + lever_m * force_y) / press
+    return jnp.clip(jnp.stack([along_x, along_y], axis=-1), -FACE_M, FACE_M)
+
+
 def read(
     interaction: Interaction,
     key: Key[Array, ""],
     wrist: WristConfig,
-    plate_top_m: float,
+    scene: SceneConfig,
     *,
     rows: int,
     start: int | Int[Array, ""] = 0,
@@ -36,7 +59,7 @@ def read(
         interaction: One interaction, without batch axes.
         key: Source of the noise.
         wrist: Noise of the force/torque sensor.
-        plate_top_m: Height of the plate's upper face, m.
+        scene: Gives the height of the plate and the length of the peg.
         rows: L, static: rows beyond the window are padding, zeros and masked out.
         start: First action.
         count: Actions to read; those beyond the interaction's end are padding. None: all there are.
@@ -58,9 +81,11 @@ def read(
     tare_std = std / jnp.sqrt(wrist.tare_samples)
     tare = interaction.tare_sensor + tare_std * jax.random.normal(tare_key, std.shape, clean.dtype)
     noisy = clean - tare + std * jax.random.normal(sample_key, clean.shape, clean.dtype)
-    origin = jnp.append(interaction.estimate_world, jnp.asarray(plate_top_m, clean.dtype))
+    origin = jnp.append(interaction.estimate_world, jnp.asarray(plate_top_m(scene), clean.dtype))
+    wrench = jnp.where(mask[:, None, None], noisy, 0)
     return Reading(
-        wrench_sensor=jnp.where(mask[:, None, None], noisy, 0),
+        wrench_sensor=wrench,
+        pressure_tip=centre_of_pressure(wrench.mean(axis=1), scene.peg_length_m),
         tip_pos_estimate=jnp.where(mask[:, None], window.tip_pos_world - origin, 0),
         tip_quat_world=window.tip_quat_world,
         tip_linvel_world=window.tip_linvel_world,

@@ -188,7 +188,7 @@ def test_noise_of_a_reading_depends_on_its_key_alone(rollouts):
 
     def noise(interactions, rows):
         def one(interaction, key):
-            reading = wrist.read(interaction, key, CONFIG.wrist, 0.045, rows=4)
+            reading = wrist.read(interaction, key, CONFIG.wrist, CONFIG.scene, rows=4)
             clean = interaction.trace.wrench_sensor - interaction.tare_sensor
             return jnp.where(reading.mask[:, None, None], reading.wrench_sensor - clean, 0)
 

@@ -29,7 +29,7 @@ def make_problem(seed: int = 0) -> tuple[Observation, Sample]:
         match_model_logp=jnp.log(jnp.asarray(rng.dirichlet([1, 1], (B, 3)))),
     )
     empty = jnp.zeros((B, 0))
-    reading = Reading(*[empty] * 8, peg_type=jnp.arange(B) % 3)
+    reading = Reading(*[empty] * 9, peg_type=jnp.arange(B) % 3)
     prior = Belief(
         pos_mean_world=jnp.asarray(rng.uniform(-0.3, 0.3, (B, 2))),
         pos_cov=spd(1e-4),

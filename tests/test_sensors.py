@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic import make_interactions
 
-from mjx_fit.config import SensorConfig, WristConfig
+from mjx_fit.config import SceneConfig, SensorConfig, WristConfig
 from mjx_fit.errors import RequestError
 from mjx_fit.sensors.model import ContactSensor, InputScale, row_features
 from mjx_fit.types import Observation, Reading
@@ -24,7 +24,7 @@ ROWS = 12
 def make_reading(episodes: int = 6, rows: int = ROWS, seed: int = 0) -> Reading:
     data = make_interactions(episodes, actions=ROWS, seed=seed, min_length=3)
     keys = jax.random.split(jax.random.key(seed), episodes)
-    return jax.vmap(lambda one, key: read(one, key, WristConfig(), 0.045, rows=rows))(data, keys)
+    return jax.vmap(lambda one, key: read(one, key, WristConfig(), SceneConfig(), rows=rows))(data, keys)
 
 
 def make_sensor(config: SensorConfig = SMALL) -> ContactSensor:
@@ -121,7 +121,7 @@ def test_noise_models_are_a_covariance_and_distributions_whatever_the_weights(ra
     sensor.position_noise.raw.embedding[...] = jnp.array(raw).reshape(3, 3)
     sensor.match_model.logits.embedding[...] = jnp.array([*raw, *raw]).reshape(3, 6)
     peg_type = jnp.arange(3)
-    noise_cov = np.asarray(sensor.position_noise(peg_type), float)
+    noise_cov = np.asarray(sensor.position_noise(peg_type, jnp.zeros((3, 32))), float)
     np.testing.assert_array_equal(noise_cov, np.swapaxes(noise_cov, -1, -2))
     # det(L Lᵀ) = det(L)², and the product of the diagonal has a floor; eigenvalues in float32 do not show it.
     assert (noise_cov[:, 0, 0] > 0).all()

@@ -13,11 +13,14 @@ from flax import nnx
 from synthetic import make_episodes
 
 from mjx_fit.config import Config, SensorConfig, TrainConfig, load
+from mjx_fit.dataset.reader import placed
 from mjx_fit.dataset.windows import sample_windows
 from mjx_fit.errors import RequestError, WorkError
+from mjx_fit.training.baseline import FRAME_BY_FRAME, train_with_baseline
 from mjx_fit.training.checkpoint import LAST, from_arrays, load_sensor, to_arrays
 from mjx_fit.training.loop import train
 from mjx_fit.training.loss import filter_loss
+from mjx_fit.training.step import optimizer
 
 EPISODES, EPOCHS = 240, 40
 DATA = make_episodes(EPISODES, actions=12, min_length=6)
@@ -196,9 +199,118 @@ def test_runs_that_cannot_be_loaded_are_named(run, tmp_path):
 
 
 def test_a_diverged_training_says_so(tmp_path):
-    broken = changed(hole_pos_world=np.full((EPISODES, 2), np.nan, np.float32))
-    with pytest.raises(WorkError, match="epoch 0 is not finite"):
-        train(broken, CONFIG, tmp_path / "run", 0)
+    wild = replace(CONFIG, train=replace(CONFIG.train, learning_rate=1e30))
+    with pytest.raises(WorkError, match=r"epoch \d is not finite"):
+        train(DATA, wild, tmp_path / "run", 0)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"hole_pos_world": np.full((EPISODES, 2), np.nan, np.float32)}, "hole_pos_world of episode 0 "),
+        ({"peg_type": np.full(EPISODES, 3)}, "peg_type: 3 is not allowed: there are 3 types"),
+        (
+            {"trace": replace(DATA.interaction.trace, wrench_sensor=np.zeros((EPISODES, 12, 25, 6)))},
+            r"wrench_sensor: windows of shape \(25, 6\)",
+        ),
+    ],
+)
+def test_data_that_no_sensor_can_read_are_refused(tmp_path, change, message):
+    with pytest.raises(RequestError, match=message) as caught:
+        train(changed(**change), CONFIG, tmp_path / "run", 0)
+    assert "\n" not in str(caught.value)
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_broken_episode_that_is_not_used_does_no_harm(run, tmp_path):
+    short = np.asarray(DATA.interaction.length) < 7
+    length = np.where(short, 3, DATA.interaction.length)
+    place = np.where(short[:, None], np.nan, DATA.interaction.hole_pos_world)
+    train(changed(length=length, hole_pos_world=place), one_epoch(CONFIG), tmp_path / "run", 0)
+    assert metrics(tmp_path / "run")[0]["val_nll"] < 100
+
+
+def one_epoch(config: Config) -> Config:
+    return replace(config, train=replace(config.train, epochs=1))
+
+
+def test_data_too_large_for_the_device_give_the_same_curve(run, tmp_path, monkeypatch):
+    monkeypatch.setattr("mjx_fit.training.loop.placed", lambda data: placed(data, free_bytes=0))
+    few = replace(CONFIG, train=replace(CONFIG.train, epochs=3))
+    train(DATA, few, tmp_path / "run", 0)
+    for here, there in zip(metrics(tmp_path / "run"), metrics(run), strict=False):
+        assert here == pytest.approx(there, rel=1e-4, abs=1e-5)
+
+
+def test_training_stops_early_and_stays_stopped(tmp_path):
+    still = replace(CONFIG, train=replace(CONFIG.train, learning_rate=1e-12, patience=3, epochs=30))
+    out = tmp_path / "run"
+    train(DATA, still, out, 0)
+    rows = metrics(out)
+    best = min(rows, key=lambda row: row["val_nll"])["epoch"]
+    assert len(rows) == best + 1 + 3 < 30
+    before = files(out)
+    train(DATA, still, out, 0)
+    assert files(out) == before
+
+
+def test_a_cosine_schedule_ends_with_its_epochs(tmp_path):
+    out = tmp_path / "run"
+    waved = replace(CONFIG, train=replace(CONFIG.train, schedule="cosine", epochs=2))
+    train(DATA, waved, out, 0)
+    with pytest.raises(RequestError, match=r"train\.epochs is 2 there and 3 here"):
+        train(DATA, replace(waved, train=replace(waved.train, epochs=3)), out, 0)
+    rate = optimizer(waved, 10)
+    params = {"w": jnp.ones(())}
+    state = rate.init(params)
+    steps = []
+    for _ in range(20):
+        updates, state = rate.update({"w": jnp.ones(())}, state, params)
+        steps.append(float(np.abs(jax.tree.leaves(updates)[0])))
+    np.testing.assert_allclose(
+        steps, 0.5 * CONFIG.train.learning_rate * (1 + np.cos(np.pi * np.arange(20) / 20)), rtol=1e-3
+    )
+
+
+def test_the_baseline_is_trained_beside_and_knows_no_prior(tmp_path):
+    out = tmp_path / "run"
+    config = replace(CONFIG, train=replace(CONFIG.train, epochs=8, baseline_share=0.5))
+    train_with_baseline(DATA, config, out, 0)
+    rows = metrics(out / FRAME_BY_FRAME)
+    assert len(rows) == 4
+    assert all(row["type_nll"] == row["match_nll"] == 0 for row in rows)
+    assert all(
+        row["val_nll"] == pytest.approx(row["val_pos_logdet"] + row["val_pos_mahalanobis"]) for row in rows
+    )
+    sensor, there = load_sensor(out / FRAME_BY_FRAME)
+    assert there.sensor.reference == "final"
+    sample = sample_windows(DATA, jnp.arange(8), jax.random.key(3), config)
+    moved = replace(
+        sample.reading, tip_pos_estimate=sample.reading.tip_pos_estimate + jnp.array([0.01, 0.02, 0])
+    )
+    shift = sensor(moved).innovation - sensor(sample.reading).innovation
+    np.testing.assert_allclose(shift, np.tile([0.01, 0.02], (8, 1)), atol=1e-5)
+    before = files(out)
+    train_with_baseline(DATA, config, out, 0)
+    assert files(out) == before
+    train_with_baseline(
+        DATA, replace(config, train=replace(config.train, baseline_share=0.0)), tmp_path / "b", 0
+    )
+    assert not (tmp_path / "b" / FRAME_BY_FRAME).exists()
+
+
+@pytest.mark.parametrize("place", ["best", "last"])
+def test_a_corrupt_checkpoint_is_refused_in_a_line(run, tmp_path, place):
+    out = tmp_path / "run"
+    shutil.copytree(run, out)
+    for path in (out / "checkpoints" / place).rglob("*"):
+        if path.is_file() and path.stat().st_size > 100:
+            path.write_bytes(path.read_bytes()[:50])
+    longer = replace(CONFIG, train=replace(CONFIG.train, epochs=EPOCHS + 1))
+    use = (lambda: load_sensor(out)) if place == "best" else (lambda: train(DATA, longer, out, 0))
+    with pytest.raises(RequestError, match=r"checkpoint: .* cannot be read") as caught:
+        use()
+    assert "\n" not in str(caught.value)
 
 
 def test_arrays_keep_a_tree():

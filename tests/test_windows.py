@@ -93,7 +93,10 @@ def test_both_kinds_of_windows_come_from_inserted_interactions(many):
 def test_draws_depend_on_key_and_episode_and_not_on_the_batch(many):
     config = replace(CONFIG, wrist=WristConfig())
     some = sample_windows(DATA, jnp.array([7, 2]), jax.random.key(5), config)
-    jax.tree.map(lambda a, b: np.testing.assert_array_equal(a, b[0, [7, 2]]), some, many)
+    # To the last bit but for what is computed from the draws, where rounding depends on the batch's shape.
+    same = replace(some, reading=replace(some.reading, pressure_tip=many.reading.pressure_tip[0, [7, 2]]))
+    jax.tree.map(lambda a, b: np.testing.assert_array_equal(a, b[0, [7, 2]]), same, many)
+    np.testing.assert_allclose(some.reading.pressure_tip, same.reading.pressure_tip, atol=1e-6)
     other = sample_windows(DATA, jnp.array([7, 2]), jax.random.key(6), config)
     assert not np.array_equal(other.reading.wrench_sensor, some.reading.wrench_sensor)
     assert not np.array_equal(other.prior.type_logp, some.prior.type_logp)

@@ -65,7 +65,16 @@ def sample_of(config: Config, seed: int = 0) -> Any:
     peg, hole = (jnp.asarray(rng.integers(0, len(SHAPES), n)) for _ in range(2))
     place = jnp.asarray(rng.uniform(-0.01, 0.01, (n, 2)), jnp.float32)
     reading = Reading(
-        noise(SUBSTEPS, 6), noise(3), noise(4), noise(3), noise(3), noise(), noise(3), jnp.asarray(mask), peg
+        noise(SUBSTEPS, 6),
+        noise(2),
+        noise(3),
+        noise(4),
+        noise(3),
+        noise(3),
+        noise(),
+        noise(3),
+        jnp.asarray(mask),
+        peg,
     )
     cov = jnp.broadcast_to(1e-4 * jnp.eye(2), (n, 2, 2))
     prior = Belief(jnp.zeros((n, 2)), cov, jnp.full((n, len(SHAPES)), -np.log(len(SHAPES)), jnp.float32))

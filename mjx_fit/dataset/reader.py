@@ -50,14 +50,21 @@ def batches(
     """
     if not len(episodes):
         return
-    order_key, window_key = jax.random.split(key)
-    order = jax.random.permutation(order_key, jnp.asarray(episodes))
-    for ids, weight in zip(*equal_batches(order, config.train.batch_size), strict=True):
+    *order, window_key = in_order(jnp.asarray(episodes), key, config.train.batch_size)
+    for ids, weight in zip(*order, strict=True):
         rows = np.asarray(ids) if isinstance(data.episode, np.ndarray) else ids
         yield (
             windows_of(jax.tree.map(lambda leaf, rows=rows: leaf[rows], data), ids, window_key, config),
             weight,
         )
+
+
+def in_order(
+    episodes: Int[Array, "n"], key: Key[Array, ""], batch_size: int
+) -> tuple[Int[Array, "steps batch"], Float[Array, "steps batch"], Key[Array, ""]]:
+    """The batches of one pass in an order drawn from the key, their weights, and the key of their windows."""
+    order_key, window_key = jax.random.split(key)
+    return *equal_batches(jax.random.permutation(order_key, episodes), batch_size), window_key
 
 
 def equal_batches(

@@ -4,6 +4,7 @@ Section "Differentiable Filter Training" of the paper. Sampling is pure and jitt
 depend on the key and the episode's index alone, never on the batch that it is in.
 """
 
+from dataclasses import replace
 from functools import partial
 
 import jax
@@ -13,8 +14,9 @@ from jaxtyping import Bool, Float, Int, Key
 
 from mjx_fit.config import Config
 from mjx_fit.dataset.episode import Episode, happened
+from mjx_fit.dataset.mirror import mirror_belief, mirror_place, mirror_reading
 from mjx_fit.errors import RequestError
-from mjx_fit.shapes import SHAPES, plate_top_m
+from mjx_fit.shapes import SHAPES
 from mjx_fit.types import Array, Belief, Reading, pytree
 from mjx_fit.wrist import read
 
@@ -109,17 +111,17 @@ def windows_of(rows: Episode, indices: Int[Array, "batch"], key: Key[Array, ""],
 
 def _sample_one(episode: Episode, key: Key[Array, ""], config: Config) -> Sample:
     interaction = episode.interaction
-    count_key, start_key, noise_key, prior_key = jax.random.split(key, 4)
+    count_key, start_key, noise_key, prior_key, side_key = jax.random.split(key, 5)
     train = config.train
     drawn = jax.random.randint(count_key, (), train.min_window, train.max_window + 1)
     count = jnp.minimum(drawn, interaction.length)
     start = jax.random.randint(start_key, (), 0, interaction.length - count + 1)
-    return Sample(
+    sample = Sample(
         reading=read(
             interaction,
             noise_key,
             config.wrist,
-            plate_top_m(config.scene),
+            config.scene,
             rows=train.max_window,
             start=start,
             count=count,
@@ -128,6 +130,20 @@ def _sample_one(episode: Episode, key: Key[Array, ""], config: Config) -> Sample
         hole_type=interaction.hole_type,
         hole_pos_world=interaction.hole_pos_world,
         failed=~(interaction.inserted & (start + count == interaction.length)),
+    )
+    if not train.mirror:
+        return sample
+    mirrored = jax.random.bernoulli(side_key)
+    return jax.tree.map(lambda a, b: jnp.where(mirrored, a, b), _mirror(sample), sample)
+
+
+def _mirror(sample: Sample) -> Sample:
+    """The sample as it would be in the mirrored world."""
+    return replace(
+        sample,
+        reading=mirror_reading(sample.reading),
+        prior=mirror_belief(sample.prior),
+        hole_pos_world=mirror_place(sample.hole_pos_world),
     )
 
 

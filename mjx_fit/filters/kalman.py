@@ -4,16 +4,13 @@ Pure functions of arrays with any number of leading batch axes. A batch member w
 positive definite gives NaN for itself alone.
 """
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Float
 
+from mjx_fit import spd
 from mjx_fit.types import Array
 
 CM_PER_M = 100.0
-
-# The default precision of an accelerator (TF32 and the like) has ten bits: too few for the Joseph form.
-_PRECISION = jax.lax.Precision.HIGHEST
 
 
 def update(
@@ -38,11 +35,12 @@ def update(
     Returns:
         μ' (m) and Σ' (m²), symmetric to the last bit.
     """
-    chol = jnp.linalg.cholesky(_symmetric(cov + noise_cov))
+    cov, noise_cov = jnp.broadcast_arrays(cov, noise_cov)
+    root = spd.factor(_axes_first(_symmetric(cov + noise_cov)))
     # Σ and Σ + R are symmetric, so the solution X of (Σ + R) X = Σ is Kᵀ.
-    gain = _transpose(jax.scipy.linalg.cho_solve((chol, True), jnp.broadcast_to(cov, chol.shape)))
+    gain = _transpose(jnp.moveaxis(spd.solve(root, _axes_first(cov)), (0, 1), (-2, -1)))
     residual = jnp.eye(mean.shape[-1], dtype=mean.dtype) - gain
-    new_mean = mean + jnp.einsum("...ij,...j->...i", gain, innovation, precision=_PRECISION)
+    new_mean = mean + (gain * innovation[..., None, :]).sum(-1)
     return new_mean, _symmetric(_sandwich(residual, cov) + _sandwich(gain, noise_cov))
 
 
@@ -54,11 +52,10 @@ def gaussian_nll_terms(
     Arguments are in m and m². The density is taken per cm², so that numbers are readable: Σ = (1 cm)² I gives
     a determinant term of 0 (in m it would be -9.21). The constant ln 2π is left out, as in the paper.
     """
-    chol = jnp.linalg.cholesky(_symmetric(cov) * CM_PER_M**2)
-    error = jnp.broadcast_to((target - mean) * CM_PER_M, chol.shape[:-1])
-    whitened = jax.scipy.linalg.solve_triangular(chol, error[..., None], lower=True)[..., 0]
-    half_logdet = jnp.log(jnp.diagonal(chol, axis1=-2, axis2=-1)).sum(-1)
-    return half_logdet, 0.5 * jnp.square(whitened).sum(-1)
+    root = spd.factor(_axes_first(_symmetric(cov) * CM_PER_M**2))
+    whitened = spd.solve_lower(root, jnp.moveaxis((target - mean) * CM_PER_M, -1, 0))
+    half_logdet = -jnp.log(jnp.stack(root.inverse_diagonal)).sum(0)
+    return half_logdet, 0.5 * jnp.square(whitened).sum(0)
 
 
 def gaussian_nll(
@@ -77,7 +74,17 @@ def _symmetric(matrix: Float[Array, "*batch n n"]) -> Float[Array, "*batch n n"]
     return (matrix + _transpose(matrix)) / 2
 
 
+def _axes_first(matrix: Float[Array, "*batch n n"]) -> Float[Array, "n n *batch"]:
+    """As ``mjx_fit.spd`` has it."""
+    return jnp.moveaxis(matrix, (-2, -1), (0, 1))
+
+
+def _product(a: Float[Array, "*batch n n"], b: Float[Array, "*batch n n"]) -> Float[Array, "*batch n n"]:
+    """A B, added up: an accelerator's matrix products have ten bits (TF32), too few for Joseph's form."""
+    return (a[..., :, :, None] * b[..., None, :, :]).sum(-2)
+
+
 def _sandwich(
-    left: Float[Array, "*batch n n"], middle: Float[Array, "*#batch n n"]
+    left: Float[Array, "*batch n n"], middle: Float[Array, "*batch n n"]
 ) -> Float[Array, "*batch n n"]:
-    return jnp.einsum("...ij,...jk,...lk->...il", left, middle, left, precision=_PRECISION)
+    return _product(_product(left, middle), _transpose(left))

@@ -7,6 +7,7 @@ all tokens; a maximum over time ends it.
 
 from itertools import pairwise
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from flax import nnx
@@ -18,6 +19,7 @@ from mjx_fit.sensors.attention import attend
 from mjx_fit.types import SUBSTEPS, Array
 
 WRENCH_AXES = 6
+PLACE_AXES = 4
 
 
 class WrenchEncoder(nnx.Module):
@@ -108,15 +110,27 @@ class TraceEncoder(nnx.Module):
         self.token = nnx.Linear(self.wrench_encoder.out_features + row_features, config.width, rngs=rngs)
         self.blocks = nnx.List([DecoderBlock(config, rngs) for _ in range(config.layers)])
         self.norm = nnx.LayerNorm(config.width, rngs=rngs)
+        self.place_scores = nnx.Linear(config.width, config.places, rngs=rngs) if config.places else None
+        self.out_features = config.width + config.places * PLACE_AXES
 
     def __call__(
         self,
         wrench: Float[Array, "batch L 50 6"],
         rows: Float[Array, "batch L features"],
+        places: Float[Array, "batch L 4"],
         mask: Bool[Array, "batch L"],
         rngs: nnx.Rngs | None,
-    ) -> Float[Array, "batch width"]:
-        """Encode scaled windows and rows; a trace without any real row is encoded as zeros."""
+    ) -> Float[Array, "batch features"]:
+        """Encode a trace; one without any real row is encoded as zeros.
+
+        Args:
+            wrench: Scaled windows.
+            rows: Scaled numbers beside them.
+            places: Where the tip was and where it was pressed, of which weighted means join the code: a
+                position passes through them as it is, where the rest of the network has to code it.
+            mask: Which rows are real.
+            rngs: Source of dropout; None switches it off.
+        """
         measured = jnp.concatenate([self.wrench_encoder(wrench), rows], axis=-1)
         x = self.token(measured.reshape(mask.size, -1))
         if self.positional:
@@ -125,8 +139,12 @@ class TraceEncoder(nnx.Module):
         for block in self.blocks:
             x = block(x, mask, rngs)
         codes = self.norm(x).reshape(*mask.shape, -1)
-        peak = jnp.where(mask[..., None], codes, -jnp.inf).max(axis=1)
-        return jnp.where(jnp.any(mask, axis=1)[:, None], peak, 0)
+        code = jnp.where(mask[..., None], codes, -jnp.inf).max(axis=1)
+        if self.place_scores is not None:
+            scores = jnp.where(mask[..., None], self.place_scores(codes), -jnp.inf)
+            means = jnp.einsum("blk,bld->bkd", jax.nn.softmax(scores, axis=1), places)
+            code = jnp.concatenate([code, means.reshape(len(means), -1)], axis=-1)
+        return jnp.where(jnp.any(mask, axis=1)[:, None], code, 0)
 
 
 def _sinusoids(length: int, width: int) -> Float[np.ndarray, "L width"]:

@@ -33,15 +33,22 @@ class SkipMLP(nnx.Module):
 
 
 class PositionNoise(nnx.Module):
-    """R, an embedding of the peg type: R = L Lᵀ with L lower triangular and a positive diagonal."""
+    """R = L Lᵀ, L lower triangular with a positive diagonal: an embedding of the peg type, as in the paper.
 
-    def __init__(self, n_types: int, rngs: nnx.Rngs):
+    With ``of_trace`` a head adds to the embedding what it reads in the trace: some traces tell more than
+    others, and a filter should know which.
+    """
+
+    def __init__(self, n_types: int, code_width: int, of_trace: bool, rngs: nnx.Rngs):
         """Start with a standard deviation of 0.69 cm (softplus of 0) per axis."""
         self.raw = nnx.Embed(n_types, 3, embedding_init=nnx.initializers.zeros_init(), rngs=rngs)
+        self.head = SkipMLP(code_width, 3, rngs) if of_trace else None
 
-    def __call__(self, peg_type: Int[Array, "*batch"]) -> Float[Array, "*batch 2 2"]:
-        """R for each peg, cm²."""
-        raw = self.raw(peg_type)
+    def __call__(
+        self, peg_type: Int[Array, "*batch"], code: Float[Array, "*batch width"]
+    ) -> Float[Array, "*batch 2 2"]:
+        """R for each peg and trace, cm²."""
+        raw = self.raw(peg_type) + (0 if self.head is None else self.head(code))
         diagonal = jax.nn.softplus(raw[..., :2]) + MIN_STD_CM
         first = jnp.stack([diagonal[..., 0], jnp.zeros_like(raw[..., 2])], axis=-1)
         second = jnp.stack([raw[..., 2], diagonal[..., 1]], axis=-1)

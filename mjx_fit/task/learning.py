@@ -10,7 +10,6 @@ from jaxtyping import Bool, Key
 from mjx_fit.config import Config
 from mjx_fit.filters.belief import update_position, update_type
 from mjx_fit.sensors.model import ContactSensor
-from mjx_fit.shapes import plate_top_m
 from mjx_fit.types import Array, Belief, Interaction
 from mjx_fit.wrist import read
 
@@ -51,8 +50,7 @@ def learner(config: Config, sensor: ContactSensor | None) -> Learn:
 
 def _readings(interactions: Interaction, keys, config: Config):
     rows = interactions.trace.contact.shape[1]
-    top = plate_top_m(config.scene)
-    return jax.vmap(lambda interaction, key: read(interaction, key, config.wrist, top, rows=rows))(
+    return jax.vmap(lambda interaction, key: read(interaction, key, config.wrist, config.scene, rows=rows))(
         interactions, keys
     )
 

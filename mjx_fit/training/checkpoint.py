@@ -54,12 +54,27 @@ def save(folder: Path, epochs_done: int, arrays: Arrays) -> None:
 
 
 def load(folder: Path) -> tuple[int, Arrays] | None:
-    """The number of epochs done and the arrays of the newest checkpoint, or None where there is none."""
+    """The number of epochs done and the arrays of the newest checkpoint, or None where there is none.
+
+    Raises:
+        RequestError: The checkpoint cannot be read.
+    """
     if not folder.is_dir():
         return None
     with _manager(folder, create=False) as manager:
         step = manager.latest_step()
-        return None if step is None else (step, manager.restore(step, args=ocp.args.StandardRestore()))
+        if step is None:
+            return None
+        try:
+            return step, manager.restore(step, args=ocp.args.StandardRestore())
+        except Exception as error:  # Orbax and what it stands on raise whatever they like
+            what = " ".join(str(error).split())[:120]
+            raise RequestError(f"checkpoint: {folder / str(step)} cannot be read: {what}") from None
+
+
+def load_last(out: Path) -> tuple[int, Arrays | None]:
+    """The number of epochs done and the arrays of a run's last checkpoint; 0 and None where there is none."""
+    return load(out / LAST) or (0, None)
 
 
 def load_sensor(run: Path) -> tuple[ContactSensor, Config]:

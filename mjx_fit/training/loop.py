@@ -1,48 +1,38 @@
-"""Training of the contact sensor through the differentiable filters.
+"""Training of a contact sensor through the differentiable filters.
 
-An epoch is one dispatch: a scan over batches of fresh windows, then over the validation windows, with the
-data on the device throughout. Its randomness is ``fold_in(root, epoch)``: a run that was killed and continued
-gives the same curve as one that was not.
+The randomness of an epoch is ``fold_in(root, epoch)``: a run that was killed and continued gives the same
+curve as one that was not.
 """
 
 import math
 import time
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-import optax
 from flax import nnx
-from jaxtyping import Float, Int, Key, PyTree
+from jaxtyping import Int, Key
 
 from mjx_fit import provenance
 from mjx_fit.config import Config
 from mjx_fit.dataset.episode import Episode
-from mjx_fit.dataset.reader import equal_batches
-from mjx_fit.dataset.windows import sample_windows, split, usable
-from mjx_fit.errors import RequestError, WorkError
+from mjx_fit.dataset.reader import placed
+from mjx_fit.dataset.windows import Sample, windows_of
+from mjx_fit.errors import WorkError
 from mjx_fit.progress import Progress
 from mjx_fit.randomness import require_seed, root_key
 from mjx_fit.sensors.model import ContactSensor, InputScale
 from mjx_fit.shapes import SHAPES
 from mjx_fit.training import checkpoint, run_folder
-from mjx_fit.training.loss import Loss, filter_loss, weighted_sum
-from mjx_fit.types import Array, pytree
+from mjx_fit.training.epoch import run_epoch
+from mjx_fit.training.loss import Loss
+from mjx_fit.training.sides import usable_sides
+from mjx_fit.training.step import Recipe, TrainState, optimizer
+from mjx_fit.types import Array
 
 SCALE_WINDOWS = 512
 """Windows from which the scaling of the inputs is estimated, at most."""
-
-
-@pytree
-class TrainState:
-    """What a step of training changes, and the input scaling, which it does not."""
-
-    params: PyTree[Float[Array, "..."]]
-    scale: PyTree[Float[Array, "..."]]
-    opt_state: optax.OptState
 
 
 def train(
@@ -58,7 +48,8 @@ def train(
 
     Args:
         data: Episodes, stacked along one leading axis.
-        config: Everything; without ``train.epochs`` it must be the one that the folder was begun with.
+        config: Everything; with a constant learning rate, ``train.epochs`` may be more than when the folder
+            was begun.
         out: Folder of the run.
         seed: Root of weights, split, windows, noise.
         on_epoch: Called with the metrics of each epoch once they are stored.
@@ -70,146 +61,101 @@ def train(
     """
     out = Path(out)
     require_seed(seed)
-    train_ids, val_ids = _usable_split(data, config, seed)
+    sides = usable_sides(data, config, seed)
     data_id = provenance.fingerprint(data)
     run_folder.check(out, config, seed, data_id)
-    epochs_done, arrays = checkpoint.load(out / checkpoint.LAST) or (0, None)
-    if epochs_done >= config.train.epochs:
-        return
-    data = jax.tree.map(jnp.asarray, data)
-    init_key, epoch_root, val_key = jax.random.split(root_key(seed, "train"), 3)
-    graphdef, state = _initial_state(data, train_ids, config, init_key)
-    run_folder.write(out, config, seed, data_id)
-    run_folder.keep_metrics(out, epochs_done)
-    saver = _Saver(out, checkpoint_every_s)
+    epochs_done, arrays = checkpoint.load_last(out)
+    saver = _Saver(out, checkpoint_every_s, config.train.patience)
     if arrays is not None:
-        saver.best_nll = float(arrays.pop("best_nll"))
+        saver.resume(epochs_done, arrays)
+    if epochs_done >= config.train.epochs or saver.is_stale(epochs_done):
+        return
+    init_key, epoch_root, val_key = jax.random.split(root_key(seed, "train"), 3)
+    recipe, state = _begin(data, sides[0], config, init_key)
+    run_folder.write(out, config, seed, data_id, np.asarray(data.sequence), sides)
+    run_folder.keep_metrics(out, epochs_done)
+    if arrays is not None:
         state = checkpoint.from_arrays(state, arrays)
-    static = run_folder.without_epochs(config)
-    run_epoch = partial(
-        _run_epoch, graphdef, static, data=data, train_ids=train_ids, val_ids=val_ids, val_key=val_key
-    )
-    epochs = range(epochs_done, config.train.epochs)
-    with Progress("train: epoch", config.train.epochs, epochs_done) as show:
-        for epoch in epochs:
+    data = placed(data)
+    with Progress(_title(config, sides), config.train.epochs, epochs_done) as show:
+        for epoch in range(epochs_done, config.train.epochs):
             began = time.monotonic()
-            state, *losses = run_epoch(state, key=jax.random.fold_in(epoch_root, epoch))
+            state, *losses = run_epoch(
+                recipe, state, data, sides, jax.random.fold_in(epoch_root, epoch), val_key
+            )
             row = _metrics(epoch, *losses) | {"seconds": round(time.monotonic() - began, 3)}
             run_folder.append_metrics(out, row)
-            saver.after_epoch(epoch + 1, state, row["val_nll"], final=epoch == epochs[-1])
+            is_last = saver.after_epoch(epoch + 1, state, row["val_nll"], config.train.epochs)
             if on_epoch is not None:
                 on_epoch(row)
             show(epoch + 1, f"val_nll {row['val_nll']:.3f} (prior {row['prior_nll']:.3f})")
+            if is_last:
+                return
 
 
 class _Saver:
-    """Writes ``best`` and ``last`` now and then.
+    """Writes ``best`` and ``last`` now and then, and says when to stop early.
 
     ``best`` goes first: should a kill fall between the two, the epochs after ``last`` are run again and come
     to the same best.
     """
 
-    def __init__(self, out: Path, every_s: float):
-        self.out, self.best_nll, self.every_s = out, math.inf, every_s
-        self.best: tuple[int, checkpoint.Arrays] | None = None
+    def __init__(self, out: Path, every_s: float, patience: int):
+        self.out, self.every_s, self.patience = out, every_s, patience
+        self.best_nll, self.best_epoch = math.inf, 0
+        self.best: checkpoint.Arrays | None = None
         self.saved_at = -math.inf  # the first epoch, which compiles, is worth keeping
 
-    def after_epoch(self, epochs_done: int, state: TrainState, val_nll: float, *, final: bool) -> None:
+    def resume(self, epochs_done: int, arrays: checkpoint.Arrays) -> None:
+        """Take what was remembered out of the arrays of a checkpoint."""
+        self.best_nll = float(arrays.pop("best_nll"))
+        self.best_epoch = int(arrays.pop("best_epoch", epochs_done))
+
+    def is_stale(self, epochs_done: int) -> bool:
+        """Whether validation has not become better for so long that training is over."""
+        return bool(self.patience) and epochs_done - self.best_epoch >= self.patience
+
+    def after_epoch(self, epochs_done: int, state: TrainState, val_nll: float, epochs: int) -> bool:
+        """Keep what is worth keeping; whether this epoch was the last one."""
         if val_nll < self.best_nll:
-            self.best_nll = val_nll
-            self.best = epochs_done, checkpoint.to_arrays(nnx.merge_state(state.params, state.scale))
+            self.best_nll, self.best_epoch = val_nll, epochs_done
+            self.best = checkpoint.to_arrays(nnx.merge_state(state.params, state.scale))
+        final = epochs_done == epochs or self.is_stale(epochs_done)
         if not final and time.monotonic() - self.saved_at < self.every_s:
-            return
+            return False
         if self.best is not None:
-            checkpoint.save(self.out / checkpoint.BEST, *self.best)
+            checkpoint.save(self.out / checkpoint.BEST, self.best_epoch, self.best)
             self.best = None
-        arrays = checkpoint.to_arrays(state) | {"best_nll": np.asarray(self.best_nll)}
-        checkpoint.save(self.out / checkpoint.LAST, epochs_done, arrays)
+        remembered = {"best_nll": np.asarray(self.best_nll), "best_epoch": np.asarray(self.best_epoch)}
+        checkpoint.save(self.out / checkpoint.LAST, epochs_done, checkpoint.to_arrays(state) | remembered)
         self.saved_at = time.monotonic()
+        return final
 
 
-def _usable_split(data: Episode, config: Config, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Training and validation episodes: divided first, so that a dropped one does not move the others."""
-    if config.train.min_window > config.train.max_window:
-        raise RequestError(
-            f"config: train.min_window: {config.train.min_window} is not allowed: "
-            f"it must be at most train.max_window, {config.train.max_window}"
-        )
-    keep = usable(data)
-    sides = split(np.asarray(data.sequence), config.train.validation_fraction, seed)
-    train_ids, val_ids = (ids[keep[ids]] for ids in sides)
-    if not len(train_ids) or not len(val_ids):
-        raise RequestError(
-            f"--data: {len(train_ids)} training and {len(val_ids)} validation interactions are not allowed: "
-            "at least one of each must be valid and long enough"
-        )
-    return train_ids, val_ids
+def _title(config: Config, sides) -> str:
+    kind = " frame by frame" if config.sensor.reference == "final" else ""
+    n, m = map(len, sides)
+    return f"train{kind} on {n:,}, validate on {m:,}: epoch"
 
 
-def _initial_state(
+def _begin(
     data: Episode, train_ids: Int[np.ndarray, "n"], config: Config, key: Key[Array, ""]
-) -> tuple[nnx.GraphDef, TrainState]:
+) -> tuple[Recipe, TrainState]:
     """A sensor with new weights, its inputs scaled to windows of the training episodes."""
     weight_key, order_key, window_key = jax.random.split(key, 3)
     sensor = ContactSensor(config.sensor, nnx.Rngs(weight_key), len(SHAPES))
-    episodes = jax.random.permutation(order_key, train_ids)[:SCALE_WINDOWS]
-    windows = sample_windows(data, episodes, window_key, run_folder.without_epochs(config))
-    sensor.fit_input_scale(windows.reading)
+    static = run_folder.identity(config)
+    sensor.fit_input_scale(_some_windows(data, train_ids, static, order_key, window_key).reading)
     graphdef, params, scale = nnx.split(sensor, nnx.Param, InputScale)
-    return graphdef, TrainState(params, scale, _optimizer(config).init(params))
+    steps = math.ceil(len(train_ids) / config.train.batch_size)
+    state = TrainState(params, scale, optimizer(static, steps).init(params))
+    return Recipe(graphdef, static, steps), state
 
 
-def _optimizer(config: Config) -> optax.GradientTransformation:
-    return optax.adam(config.train.learning_rate, b2=config.train.adam_b2)
-
-
-@partial(jax.jit, static_argnums=(0, 1), donate_argnums=2)
-def _run_epoch(
-    graphdef: nnx.GraphDef,
-    config: Config,
-    state: TrainState,
-    *,
-    data: Episode,
-    train_ids: Int[Array, "n"],
-    val_ids: Int[Array, "m"],
-    val_key: Key[Array, ""],
-    key: Key[Array, ""],
-) -> tuple[TrainState, Loss, Loss]:
-    """One window from every training episode, then one from every validation episode, the same in each epoch.
-
-    Returns:
-        The new state, and the mean losses over the training (while it changed) and the validation windows.
-    """
-    order_key, window_key, dropout_key = jax.random.split(key, 3)
-
-    def loss(params, episodes, weight, windows, dropout):
-        sample = sample_windows(data, episodes, windows, config)
-        sensor = nnx.merge(graphdef, params, state.scale)
-        rngs = None if dropout is None else nnx.Rngs(dropout=dropout)
-        sums = weighted_sum(filter_loss(sensor(sample.reading, rngs), sample), weight)
-        return sums.total / weight.sum(), sums
-
-    def train_step(carry, batch):
-        params, opt_state = carry
-        episodes, weight, step = batch
-        dropout = jax.random.fold_in(dropout_key, step) if config.sensor.dropout else None
-        grads, sums = jax.grad(loss, has_aux=True)(params, episodes, weight, window_key, dropout)
-        updates, opt_state = _optimizer(config).update(grads, opt_state, params)
-        return (optax.apply_updates(params, updates), opt_state), sums
-
-    def val_step(params, batch):
-        episodes, weight = batch
-        return params, loss(params, episodes, weight, val_key, None)[1]
-
-    ids, weight = equal_batches(jax.random.permutation(order_key, train_ids), config.train.batch_size)
-    batches = ids, weight, jnp.arange(len(ids))
-    (params, opt_state), training = jax.lax.scan(train_step, (state.params, state.opt_state), batches)
-    _, validation = jax.lax.scan(val_step, params, equal_batches(val_ids, config.train.batch_size))
-    return (
-        TrainState(params, state.scale, opt_state),
-        jax.tree.map(lambda sums: sums.sum() / len(train_ids), training),
-        jax.tree.map(lambda sums: sums.sum() / len(val_ids), validation),
-    )
+def _some_windows(data, train_ids, config, order_key, window_key) -> Sample:
+    ids = np.asarray(jax.random.permutation(order_key, train_ids)[:SCALE_WINDOWS])
+    rows = jax.tree.map(lambda leaf: leaf[ids], data)
+    return windows_of(rows, ids, window_key, config)
 
 
 def _metrics(epoch: int, training: Loss, validation: Loss) -> dict:

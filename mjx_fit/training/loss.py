@@ -1,5 +1,7 @@
 """The loss of the differentiable filters: the paper's equation ``filter_loss``."""
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Float
@@ -67,6 +69,28 @@ def filter_loss(observation: Observation, sample: Sample) -> Loss:
         mismatch_nll=mismatch_nll,
         nll=nll,
         prior_nll=prior_pos_nll + _type_nll(prior, sample),
+    )
+
+
+def frame_by_frame_loss(observation: Observation, sample: Sample) -> Loss:
+    """The loss of the baseline, which knows no prior: the position terms, μ1 the observation and Σ1 = R."""
+    seen = replace(
+        sample.prior,
+        pos_mean_world=sample.prior.pos_mean_world + observation.innovation,
+        pos_cov=observation.pos_noise_cov,
+    )
+    pos_logdet, pos_mahalanobis = gaussian_nll_terms(sample.hole_pos_world, seen.pos_mean_world, seen.pos_cov)
+    nll, zero = pos_logdet + pos_mahalanobis, jnp.zeros_like(pos_logdet)
+    prior_nll = gaussian_nll(sample.hole_pos_world, sample.prior.pos_mean_world, sample.prior.pos_cov)
+    return Loss(
+        total=nll,
+        pos_logdet=pos_logdet,
+        pos_mahalanobis=pos_mahalanobis,
+        type_nll=zero,
+        match_nll=zero,
+        mismatch_nll=zero,
+        nll=nll,
+        prior_nll=prior_nll,
     )
 
 

@@ -7,6 +7,9 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+from jaxtyping import Int
+
 from mjx_fit import config as config_
 from mjx_fit import files, provenance
 from mjx_fit.config import Config
@@ -15,8 +18,13 @@ from mjx_fit.errors import RequestError
 CONFIG, RUN, METRICS = "config.yaml", "run.json", "metrics.jsonl"
 
 
-def without_epochs(config: Config) -> Config:
-    """The part of the configuration that makes it this run: a run may be continued to more epochs."""
+def identity(config: Config) -> Config:
+    """The part of the configuration that makes it this run.
+
+    A run may be continued to more epochs, unless its learning rate was to reach zero with the last.
+    """
+    if config.train.schedule == "cosine":
+        return config
     return replace(config, train=replace(config.train, epochs=1))
 
 
@@ -40,25 +48,60 @@ def check(out: Path, config: Config, seed: int, data: str) -> None:
         ]
     except (ValueError, KeyError, TypeError):
         raise RequestError(f"--out: {out} is not allowed: its {RUN} cannot be read") from None
-    differences += config_.differences(*map(without_epochs, (config_.load(out / CONFIG), config)))
+    differences += config_.differences(*map(identity, (config_.load(out / CONFIG), config)))
     if differences:
         raise RequestError(
             f"--out: {out} is not allowed: it holds another run ({differences[0]}); choose a new folder"
         )
 
 
-def write(out: Path, config: Config, seed: int, data: str) -> None:
-    """Write down what the run is; ``run.json`` last, and only once."""
+def write(
+    out: Path,
+    config: Config,
+    seed: int,
+    data: str,
+    sequences: Int[np.ndarray, "episodes"],
+    sides: tuple[Int[np.ndarray, "n"], Int[np.ndarray, "m"]],
+) -> None:
+    """Write down what the run is; ``run.json`` last, and only once.
+
+    Args:
+        out: The folder.
+        config: The configuration.
+        seed: Root seed.
+        data: Fingerprint of the data.
+        sequences: Which sequence, that is which hole, each episode belongs to.
+        sides: Indices of the training and of the validation episodes.
+    """
     out.mkdir(parents=True, exist_ok=True)
     files.write_text(out / CONFIG, config_.to_yaml(config))
     if not (out / RUN).is_file():
         run = {
             "seed": seed,
             "data": data,
+            **{
+                side: {"interactions": len(ids), "holes": len(np.unique(np.asarray(sequences)[ids]))}
+                for side, ids in zip(("training", "validation"), sides, strict=True)
+            },
             "versions": provenance.versions(),
             "device": provenance.device(),
         }
         files.write_text(out / RUN, json.dumps(run, indent=2) + "\n")
+
+
+def summary(out: Path) -> str:
+    """What a run has come to, in a line."""
+    run = json.loads((out / RUN).read_text())
+    sides = " and ".join(
+        f"{verb} on {run[side]['interactions']:,} interactions at {run[side]['holes']:,} holes"
+        for verb, side in (("trained", "training"), ("validated", "validation"))
+    )
+    rows = [json.loads(line) for line in (out / METRICS).read_text().splitlines()]
+    best = min(rows, key=lambda row: row["val_nll"])
+    return (
+        f"{sides}; validation NLL {best['val_nll']:.3f} after epoch {best['epoch'] + 1} of {len(rows)}, "
+        f"{best['prior_nll']:.3f} before any update"
+    )
 
 
 def keep_metrics(out: Path, epochs_done: int) -> None:

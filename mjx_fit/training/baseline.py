@@ -1,0 +1,34 @@
+"""The sensor and, behind it, the baseline that the paper compares it with, in one run."""
+
+from dataclasses import replace
+from pathlib import Path
+
+from mjx_fit.config import Config
+from mjx_fit.dataset.episode import Episode
+from mjx_fit.training.loop import train
+
+FRAME_BY_FRAME = "frame_by_frame"
+"""Folder of the baseline's training, in that of the run."""
+
+
+def train_with_baseline(data: Episode, config: Config, out: Path, seed: int) -> None:
+    """Train the sensor, then the frame-by-frame one on the same episodes, or go on with what was begun.
+
+    ``checkpoint.load_sensor(out / FRAME_BY_FRAME)`` loads the second. With ``train.baseline_share: 0``, or
+    where the sensor itself is of that kind, it is left out.
+
+    Raises:
+        RequestError: As ``mjx_fit.training.loop.train``.
+    """
+    train(data, config, out, seed)
+    if config.train.baseline_share and config.sensor.reference != "final":
+        train(data, _of_baseline(config), out / FRAME_BY_FRAME, seed)
+
+
+def _of_baseline(config: Config) -> Config:
+    epochs = max(1, round(config.train.baseline_share * config.train.epochs))
+    return replace(
+        config,
+        sensor=replace(config.sensor, reference="final"),
+        train=replace(config.train, epochs=epochs),
+    )

@@ -1,0 +1,94 @@
+"""One epoch: a window from every training episode, then one from every validation episode.
+
+In one dispatch where the data are on the device, batch by batch where they had to stay on the host. Both see
+the same windows in the same order.
+"""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Int, Key
+
+from mjx_fit.dataset.episode import Episode
+from mjx_fit.dataset.reader import batches, in_order
+from mjx_fit.dataset.windows import sample_windows
+from mjx_fit.training.loss import Loss
+from mjx_fit.training.step import (
+    Recipe,
+    TrainState,
+    train_step,
+    train_step_jit,
+    validation_step,
+    validation_step_jit,
+)
+from mjx_fit.types import Array
+
+
+def run_epoch(
+    recipe: Recipe,
+    state: TrainState,
+    data: Episode,
+    sides: tuple[Int[np.ndarray, "n"], Int[np.ndarray, "m"]],
+    key: Key[Array, ""],
+    val_key: Key[Array, ""],
+) -> tuple[TrainState, Loss, Loss]:
+    """Train for one epoch and validate.
+
+    Args:
+        recipe: Static.
+        state: Before; it is donated.
+        data: All episodes, on the device (JAX arrays) or on the host (NumPy arrays).
+        sides: Indices of the training and of the validation episodes.
+        key: Source of the epoch's order, windows, noise and dropout.
+        val_key: The same for validation: the same in each epoch, so that epochs compare.
+
+    Returns:
+        The new state, and the mean losses over the training (while it changed) and the validation windows.
+    """
+    run = _from_host if isinstance(data.episode, np.ndarray) else _on_device
+    state, training, validation = run(recipe, state, data, *sides, key, val_key)
+    return state, _mean(training, len(sides[0])), _mean(validation, len(sides[1]))
+
+
+@partial(jax.jit, static_argnums=0, donate_argnums=1)
+def _on_device(recipe, state, data, train_ids, val_ids, key, val_key):
+    pass_key, dropout_key = jax.random.split(key)
+    config = recipe.config
+
+    def train_batch(state, batch):
+        ids, weight, step = batch
+        sample = sample_windows(data, ids, window_key, config)
+        return train_step(recipe, state, sample, weight, jax.random.fold_in(dropout_key, step))
+
+    def validate_batch(state, batch):
+        ids, weight = batch
+        sample = sample_windows(data, ids, val_window_key, config)
+        return state, validation_step(recipe, state, sample, weight)
+
+    ids, weight, window_key = in_order(train_ids, pass_key, config.train.batch_size)
+    state, training = jax.lax.scan(train_batch, state, (ids, weight, jnp.arange(len(ids))))
+    *val_batches, val_window_key = in_order(val_ids, val_key, config.train.batch_size)
+    _, validation = jax.lax.scan(validate_batch, state, tuple(val_batches))
+    return state, training, validation
+
+
+def _from_host(recipe, state, data, train_ids, val_ids, key, val_key):
+    pass_key, dropout_key = jax.random.split(key)
+    training, validation = [], []
+    for step, (sample, weight) in enumerate(batches(data, train_ids, pass_key, recipe.config)):
+        dropout = jax.random.fold_in(dropout_key, step)
+        state, sums = train_step_jit(recipe, state, sample, weight, dropout)
+        training.append(sums)
+    for sample, weight in batches(data, val_ids, val_key, recipe.config):
+        validation.append(validation_step_jit(recipe, state, sample, weight))
+    return state, _stacked(training), _stacked(validation)
+
+
+def _mean(sums: Loss, n: int) -> Loss:
+    return jax.tree.map(lambda term: np.sum(term) / n, sums)
+
+
+def _stacked(losses: list[Loss]) -> Loss:
+    return jax.tree.map(lambda *terms: np.stack(terms), *losses)

@@ -1,0 +1,76 @@
+"""Which episodes train and which validate, and whether they can be trained on at all."""
+
+import jax
+import numpy as np
+from jaxtyping import Bool, Int
+
+from mjx_fit.config import Config
+from mjx_fit.dataset.episode import Episode
+from mjx_fit.dataset.windows import split, usable
+from mjx_fit.errors import RequestError
+from mjx_fit.sensors.encoder import WRENCH_AXES
+from mjx_fit.shapes import SHAPES
+from mjx_fit.types import SUBSTEPS
+
+
+def usable_sides(
+    data: Episode, config: Config, seed: int
+) -> tuple[Int[np.ndarray, "n"], Int[np.ndarray, "m"]]:
+    """Indices of the training and of the validation episodes.
+
+    Divided first, so that an episode that is dropped does not move the others to another side.
+
+    Raises:
+        RequestError: There is nothing to train or to validate on, or the data are not of this kind.
+    """
+    if config.train.min_window > config.train.max_window:
+        raise RequestError(
+            f"config: train.min_window: {config.train.min_window} is not allowed: "
+            f"it must be at most train.max_window, {config.train.max_window}"
+        )
+    keep = usable(data)
+    sides = split(np.asarray(data.sequence), config.train.validation_fraction, seed)
+    train_ids, val_ids = (ids[keep[ids]] for ids in sides)
+    if not len(train_ids) or not len(val_ids):
+        raise RequestError(
+            f"--data: {len(train_ids)} training and {len(val_ids)} validation interactions are not allowed: "
+            "at least one of each must be valid and long enough"
+        )
+    require_sound(data, keep)
+    return train_ids, val_ids
+
+
+def require_sound(data: Episode, keep: Bool[np.ndarray, "episodes"]) -> None:
+    """Make sure that a sensor can be shown these episodes.
+
+    Args:
+        data: Stacked episodes.
+        keep: Which of them it is to be shown.
+
+    Raises:
+        RequestError: One has a window of another size, a type that does not exist, or a number that is not
+            finite.
+    """
+    interaction = data.interaction
+    window = interaction.trace.wrench_sensor.shape[2:]
+    if window != (SUBSTEPS, WRENCH_AXES):
+        raise RequestError(
+            f"--data: wrench_sensor: windows of shape {window} are not allowed: "
+            f"a sensor reads {(SUBSTEPS, WRENCH_AXES)}"
+        )
+    for name in ("peg_type", "hole_type"):
+        types = np.asarray(getattr(interaction, name))[keep]
+        wrong = types[(types < 0) | (types >= len(SHAPES))]
+        if len(wrong):
+            raise RequestError(
+                f"--data: {name}: {wrong[0]} is not allowed: there are {len(SHAPES)} types, from 0"
+            )
+    for path, leaf in jax.tree_util.tree_leaves_with_path(data):
+        values = np.asarray(leaf).reshape(len(keep), -1)
+        broken = np.asarray(~np.isfinite(values).all(axis=1)) & keep
+        if broken.any():
+            episode = np.asarray(data.episode)[broken][0]
+            name = jax.tree_util.keystr(path[-1:], simple=True)
+            raise RequestError(
+                f"--data: {name} of episode {episode} is not allowed: it must hold finite numbers"
+            )

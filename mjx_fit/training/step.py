@@ -1,0 +1,89 @@
+"""One step of training, pure: the loss of a batch of windows, its gradient, the optimiser's update."""
+
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import optax
+from flax import nnx
+from jaxtyping import Float, Key, PyTree
+
+from mjx_fit.config import Config
+from mjx_fit.dataset.windows import Sample
+from mjx_fit.training.loss import Loss, filter_loss, frame_by_frame_loss, weighted_sum
+from mjx_fit.types import Array, pytree
+
+
+class Recipe(NamedTuple):
+    """What a step is made of; hashable, so that it can be static under jit.
+
+    Attributes:
+        graphdef: The sensor without its arrays.
+        config: ``sensor`` and ``train`` are used.
+        steps_per_epoch: For the schedule of the learning rate.
+    """
+
+    graphdef: nnx.GraphDef
+    config: Config
+    steps_per_epoch: int
+
+
+@pytree
+class TrainState:
+    """What a step of training changes, and the input scaling, which it does not."""
+
+    params: PyTree[Float[Array, "..."]]
+    scale: PyTree[Float[Array, "..."]]
+    opt_state: optax.OptState
+
+
+def optimizer(config: Config, steps_per_epoch: int) -> optax.GradientTransformation:
+    """AdamW; without weight decay it is Adam."""
+    train = config.train
+    rate = train.learning_rate
+    if train.schedule == "cosine":
+        rate = optax.cosine_decay_schedule(rate, train.epochs * steps_per_epoch)
+    return optax.adamw(rate, b2=train.adam_b2, weight_decay=train.weight_decay)
+
+
+def train_step(
+    recipe: Recipe, state: TrainState, sample: Sample, weight: Float[Array, "n"], dropout: Key[Array, ""]
+) -> tuple[TrainState, Loss]:
+    """Follow the gradient of the mean loss over the windows that count.
+
+    Args:
+        recipe: Static.
+        state: Before.
+        sample: n windows.
+        weight: 1 for those that count, 0 for the others.
+        dropout: Source of the dropout.
+
+    Returns:
+        The new state, and the terms of the loss before it, summed.
+    """
+    key = dropout if recipe.config.sensor.dropout else None
+
+    def mean_loss(params):
+        sums = _losses(recipe, params, state.scale, sample, weight, key)
+        return sums.total / weight.sum(), sums
+
+    grads, sums = jax.grad(mean_loss, has_aux=True)(state.params)
+    optimizer_ = optimizer(recipe.config, recipe.steps_per_epoch)
+    updates, opt_state = optimizer_.update(grads, state.opt_state, state.params)
+    return TrainState(optax.apply_updates(state.params, updates), state.scale, opt_state), sums
+
+
+def validation_step(recipe: Recipe, state: TrainState, sample: Sample, weight: Float[Array, "n"]) -> Loss:
+    """The terms of the loss over the windows that count, summed, without dropout."""
+    return _losses(recipe, state.params, state.scale, sample, weight, None)
+
+
+train_step_jit = partial(jax.jit, static_argnums=0, donate_argnums=1)(train_step)
+validation_step_jit = partial(jax.jit, static_argnums=0)(validation_step)
+
+
+def _losses(recipe, params, scale, sample, weight, dropout) -> Loss:
+    sensor = nnx.merge(recipe.graphdef, params, scale)
+    rngs = None if dropout is None else nnx.Rngs(dropout=dropout)
+    loss = frame_by_frame_loss if recipe.config.sensor.reference == "final" else filter_loss
+    return weighted_sum(loss(sensor(sample.reading, rngs), sample), weight)
