@@ -156,6 +156,23 @@ def _evaluations(evaluate: argparse.ArgumentParser) -> None:
         metavar="A,B",
         help="default: %(default)s",
     )
+    calibration = _command(
+        experiments,
+        "calibration",
+        commands.evaluate_calibration,
+        "a trained sensor on attempts of a data set",
+    )
+    calibration.add_argument(
+        "--run", type=Path, required=True, metavar="RUN", help="folder of a training run"
+    )
+    calibration.add_argument(
+        "--data", type=Path, required=True, metavar="DIR", help="a data set that it was not trained on"
+    )
+    calibration.add_argument("--out", type=Path, required=True, metavar="FILE.json")
+    calibration.add_argument(
+        "--seed", type=int, default=0, metavar="S", help="root seed of noise (default 0)"
+    )
+    _configurable(calibration)
     trials = {
         attempt: "matched attempts for each shape, and mismatched ones in all (default 100)",
         assembly: "assemblies under each method (default 100)",

@@ -109,6 +109,13 @@ def evaluate_assembly(args: argparse.Namespace) -> None:
     print_summary(result)
 
 
+def evaluate_calibration(args: argparse.Namespace) -> None:
+    from mjx_fit.evaluation.calibrate import calibrate
+    from mjx_fit.report.terminal import print_summary
+
+    print_summary(calibrate(_config(args), args.out, args.run, args.data, args.seed))
+
+
 def report(args: argparse.Namespace) -> None:
     from mjx_fit.report.build import beside, build
 

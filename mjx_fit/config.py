@@ -52,16 +52,19 @@ class SceneConfig:
 
 @dataclass(frozen=True, config=_STRICT)
 class ControlConfig:
-    """Operational-space control: critically damped, 500 Hz torque.
+    """Operational-space control, 500 Hz torque.
 
     Attributes:
         kp_position: Stiffness over inertia, 1/s², of the tip's position.
         kp_orientation: The same for its orientation.
-        kp_posture: The same for the joints, in the null space of the task.
+        damping_ratio: ζ of both. 1 would be critical if position and rotation did not move each other; they
+            do, and 1.2 keeps the overshoot of a 2 cm step below 5 % wherever a hole may be.
+        kp_posture: As ``kp_position`` for the joints, in the null space of the task, critically damped.
     """
 
     kp_position: Positive = 600.0
     kp_orientation: Positive = 600.0
+    damping_ratio: Positive = 1.2
     kp_posture: NonNegative = 10.0
 
 
@@ -170,7 +173,7 @@ class TaskConfig:
     max_attempts: Count = 30
     attempt_actions: Annotated[int, Field(ge=1, le=400)] = 100
     insertion_depth_m: Annotated[float, Field(gt=0, le=0.025)] = 0.01
-    success_probability: tuple[Probability, Probability, Probability] = (0.151, 0.141, 0.147)
+    success_probability: tuple[Probability, Probability, Probability] = (0.118, 0.162, 0.117)
     hard_match: bool = False
 
 

@@ -2,15 +2,18 @@
 
 One world's arrays or, with the worlds as their last axis, those of many: ``mjx_fit.lanes`` says why last.
 
-Task-space impedance decoupled by the task-space inertia Λ (Khatib, "A unified approach for motion and force
-control of robot manipulators", 1987), in the form of VICES (Martín-Martín et al., 2019):
+Task-space impedance shaped by the task-space inertia (Khatib, "A unified approach for motion and force
+control of robot manipulators", 1987), in the form of VICES (Martín-Martín et al., 2019) and robosuite, where
+position and rotation have an inertia each:
 
-    Λ = (J M⁻¹ Jᵀ)⁻¹
-    a = kp e - 2 √kp v                        desired task acceleration, critically damped
+    Λ = (J M⁻¹ Jᵀ)⁻¹,  Λp = (Jp M⁻¹ Jpᵀ)⁻¹,  Λr = (Jr M⁻¹ Jrᵀ)⁻¹
+    a = kp e - 2 ζ √kp v                      desired task acceleration (ap, ar)
     q̈₀ = kp₀ (q₀ - q) - 2 √kp₀ q̇              posture, in the null space
-    τ = Jᵀ Λ (a - J q̈₀) + M q̈₀ + h            h: Coriolis and gravity
+    τ = Jᵀ ((Λp ap, Λr ar) - Λ J q̈₀) + M q̈₀ + h     h: Coriolis and gravity
 
-which is the usual sum of Jᵀ Λ a and the posture torque M q̈₀ projected by I - Jᵀ Λ J M⁻¹.
+which is the usual sum of Jᵀ F and the posture torque M q̈₀ projected by I - Jᵀ Λ J M⁻¹. With F = Λ a instead,
+accelerations in free space would be held apart, and not forces: a peg that is pressed on a plate would be
+turned by its own push, and stand on one edge.
 """
 
 import jax.numpy as jnp
@@ -88,7 +91,8 @@ def torque(arm: ArmState, goal_pos_world: Float[Array, "3 *b"], gains: ControlCo
         [goal_pos_world - arm.tip_pos_world, rotation_error(arm.tip_frame_world, STRAIGHT_DOWN)]
     )
     stiffness = column(jnp.repeat(jnp.array([gains.kp_position, gains.kp_orientation]), 3), error)
-    task_acc = stiffness * error - 2 * jnp.sqrt(stiffness) * times(jac, arm.qvel)
+    damping = 2 * gains.damping_ratio * jnp.sqrt(stiffness)
+    task_acc = stiffness * error - damping * times(jac, arm.qvel)
 
     # The posture turns with the first joint, so that it never pulls the arm to the middle of the workspace.
     posture_error = posture_towards(arm.tip_pos_world) - arm.qpos
@@ -97,7 +101,12 @@ def torque(arm: ArmState, goal_pos_world: Float[Array, "3 *b"], gains: ControlCo
     # With M = L Lᵀ, J M⁻¹ Jᵀ = (L⁻¹ Jᵀ)ᵀ (L⁻¹ Jᵀ): half a solve, and symmetric by construction.
     whitened = spd.solve_lower(spd.factor(arm.mass_matrix, _DAMPING_MASS), jac.swapaxes(0, 1))
     inverse_inertia = total(whitened[:, :, None] * whitened[:, None])
-    force = spd.solve(spd.factor(inverse_inertia, _DAMPING_TASK), task_acc - times(jac, posture_acc))
+    root = spd.factor(inverse_inertia, _DAMPING_TASK)
+    # The factor of a leading block is the leading block of the factor.
+    of_position = spd.Factor(root.lower[:3], root.inverse_diagonal[:3])
+    of_rotation = spd.factor(inverse_inertia[3:, 3:], _DAMPING_TASK)
+    apart = [spd.solve(of_position, task_acc[:3]), spd.solve(of_rotation, task_acc[3:])]
+    force = jnp.concatenate(apart) - spd.solve(root, times(jac, posture_acc))
     unlimited = total(jac * force[:, None]) + times(arm.mass_matrix, posture_acc) + arm.bias
     limit = column(TORQUE_LIMIT_NM, unlimited)
     return jnp.clip(unlimited, -limit, limit)

@@ -277,7 +277,38 @@ def test_data_to_training_to_assembly_to_report(data, tmp_path, capsys, refused)
     capsys.readouterr()
     other = ["--out", tmp_path / "other.json", *settings[2:], "--set", "sensor.width=16"]
     assert "sensor.width is 8 there and 16 here" in refused(*command, *other)
+    seen = ["evaluate", "calibration", "--run", run, "--out", tmp_path / "seen.json", *settings]
+    assert "trained on are not allowed" in refused(*seen, "--data", data)
+    assert not (tmp_path / "seen.json").exists()
+    check_calibration(run, tmp_path, settings)
+    capsys.readouterr()
     assert cli.main(["report", str(out), str(run), str(data), "--out", str(tmp_path / "page")]) == 0
     page = (tmp_path / "page" / "index.html").read_text()
     assert page.count("<svg") >= 3
     capsys.readouterr()
+
+
+def check_calibration(run, tmp_path, settings):
+    """A run on attempts of its own, with its baseline beside it."""
+    fresh, out = tmp_path / "fresh", tmp_path / "calibration.json"
+    collect = ["collect", "--out", str(fresh), "--episodes", "18", "--steps", "2", "--policy", "spiral"]
+    assert cli.main([*collect, "--seed", "1", "--engine", "native", *TINY]) == 0
+    command = ["evaluate", "calibration", "--run", str(run), "--data", str(fresh), "--out", str(out)]
+    assert cli.main([*command, *settings]) == 0
+    result = results.read(out)
+    assert {trial["method"] for trial in result.trials} == {"full", "frame_by_frame"}
+    assert {trial["actions"] for trial in result.trials} == {2}
+    rows = {(row.method, row.metric, row.group): row for row in result.summary}
+    assert (
+        rows["full", "position_error_cm", "all"].n == rows["full", "position_error_cm", "actions:1"].n == 18
+    )
+    whole = [t for t in result.trials if t["method"] == "full"]
+    mean = sum(trial["error_cm"] for trial in whole) / 18
+    assert rows["full", "position_error_cm", "all"].value == pytest.approx(mean, rel=1e-4)
+    auroc = rows["full", "match_auroc", "all"]
+    assert auroc.low is not None
+    assert auroc.low <= auroc.value
+    assert ("frame_by_frame", "match_auroc", "all") not in rows
+    content = out.read_bytes()
+    assert cli.main([*command, *settings]) == 0
+    assert out.read_bytes() == content

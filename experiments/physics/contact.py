@@ -3,7 +3,7 @@
     python experiments/physics/contact.py
 
 Spiral attempts of all nine pairs in the C engine; at every step of 500 Hz the deepest contact is asked of
-MuJoCo itself. The controller's own push is the task-space force that its impedance commands, |Λ kp e|, with e
+MuJoCo itself. The controller's own push is the task-space force that its impedance commands, |Λp kp e|, e
 from the tip to the goal: what it would press with, were the peg held where it is.
 """
 
@@ -87,16 +87,16 @@ def main() -> None:
 
 
 def commanded(config: Config, engine: NativeEngine, done) -> np.ndarray:
-    """|Λ kp e| at the start of each action (n, J), N, with Λ of the posture at the attempt's end."""
+    """|Λp kp e| at the start of each action (n, J), N, with Λp of the posture at the attempt's end."""
     model = engine.scene.models[0]
     data = mujoco.MjData(model)
     forces = np.full(done.trace.contact.shape, np.nan)
     for i, qpos in enumerate(done.end_qpos):
         data.qpos[:] = qpos
         mujoco.mj_fwdPosition(model, data)
-        inertia = task_space(model, data)[2][:, :3]
+        inertia = task_space(model, data)[3][:3, :3]
         goal = config.control.kp_position * done.trace.action_world[i, : done.length[i]]
-        forces[i, : done.length[i]] = np.linalg.norm((goal @ inertia.T)[:, :3], axis=1)
+        forces[i, : done.length[i]] = np.linalg.norm(goal @ inertia, axis=1)
     return forces
 
 

@@ -4,8 +4,8 @@
 
 A peg is pressed on the plate, off the hole, by a goal held a few millimetres below the surface (and, where
 friction holds it, to a side). At rest nothing depends on damping: the force that the controller commands is
-F = Λ kp e, computed here with NumPy from MuJoCo's mass matrix and Jacobian. The wrist, whose z axis points
-down, must read it, and its torque about the right axes.
+F = (Λp kp e, Λr kp e), computed here with NumPy from MuJoCo's mass matrix and Jacobian. The wrist, whose
+z axis points down, must read it, and its torque about the right axes.
 """
 
 # pyright: reportAttributeAccessIssue=false
@@ -77,8 +77,8 @@ def _press(scene: Scene, config: Config, chain, torque, rng: np.random.Generator
         data.ctrl[:] = torque(arm_state(model, data), goal)
         mujoco.mj_step2(model, data)
     mujoco.mj_forward(model, data)
-    # Λ kp e: what the controller commands at rest, force over torque, world frame.
-    expected = task_space(model, data)[2] @ stiffness_acc(data, goal, config.control)
+    # What the controller commands at rest, force over torque, world frame.
+    expected = task_space(model, data)[3] @ stiffness_acc(data, goal, config.control)
     weight = -0.1 * 9.81  # of the peg behind the sensor, which points down: the arm holds it up
     reading = data.sensordata - np.array([0, 0, weight, 0, 0, 0])
     # Force of the arm on the peg, in the sensor's frame; the task-space force acts at the tip.

@@ -7,6 +7,7 @@ import jax
 import mujoco
 import numpy as np
 from jaxtyping import Float
+from scipy.linalg import block_diag
 
 from mjx_fit.config import Config, ControlConfig
 from mjx_fit.control import TORQUE_LIMIT_NM, ArmState
@@ -19,14 +20,14 @@ from mjx_fit.types import Attempt
 def torque(
     model, data, goal_pos_world: Float[np.ndarray, "3"], gains: ControlConfig
 ) -> Float[np.ndarray, "7"]:
-    """Khatib's law with MuJoCo's own Jacobian and mass matrix, in double precision, N·m."""
-    jac, mass, inertia = task_space(model, data)
-    damping = 2 * np.sqrt(np.repeat([gains.kp_position, gains.kp_orientation], 3))
+    """The law of ``mjx_fit.control`` with MuJoCo's own Jacobian and mass matrix, in double precision, N·m."""
+    jac, mass, inertia, apart = task_space(model, data)
+    damping = 2 * gains.damping_ratio * np.sqrt(np.repeat([gains.kp_position, gains.kp_orientation], 3))
     task_acc = stiffness_acc(data, goal_pos_world, gains) - damping * (jac @ data.qvel)
     posture = np.array(POSTURE)
     posture[[0, 6]] += np.arctan2(*data.site("tip").xpos[1::-1])
     posture_acc = gains.kp_posture * (posture - data.qpos) - 2 * np.sqrt(gains.kp_posture) * data.qvel
-    force = inertia @ (task_acc - jac @ posture_acc)
+    force = apart @ task_acc - inertia @ jac @ posture_acc
     return np.clip(jac.T @ force + mass @ posture_acc + data.qfrc_bias, -TORQUE_LIMIT_NM, TORQUE_LIMIT_NM)
 
 
@@ -42,12 +43,16 @@ def stiffness_acc(
 
 def task_space(
     model, data
-) -> tuple[Float[np.ndarray, "6 7"], Float[np.ndarray, "7 7"], Float[np.ndarray, "6 6"]]:
-    """The tip's Jacobian, the mass matrix M, and the task-space inertia Λ = (J M⁻¹ Jᵀ)⁻¹."""
+) -> tuple[
+    Float[np.ndarray, "6 7"], Float[np.ndarray, "7 7"], Float[np.ndarray, "6 6"], Float[np.ndarray, "6 6"]
+]:
+    """The tip's Jacobian, the mass matrix M, the task-space inertia Λ, and a matrix of Λp and Λr alone."""
     jac, mass = np.zeros((6, model.nv)), np.zeros((model.nv, model.nv))
     mujoco.mj_jacSite(model, data, jac[:3], jac[3:], model.site("tip").id)
     mujoco.mj_fullM(model, data, mass)
-    return jac, mass, np.linalg.inv(jac @ np.linalg.solve(mass, jac.T))
+    inverse = jac @ np.linalg.solve(mass, jac.T)
+    apart = np.asarray(block_diag(np.linalg.inv(inverse[:3, :3]), np.linalg.inv(inverse[3:, 3:])))
+    return jac, mass, np.linalg.inv(inverse), apart
 
 
 def arm_state(model, data) -> ArmState:

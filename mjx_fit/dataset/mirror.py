@@ -1,8 +1,9 @@
 """The robot's plane of symmetry: what an attempt looks like in the world mirrored at y = 0.
 
-Arm, pegs, holes and policies have no left and right, so the mirror image of an interaction is one that could
-have happened. Vectors change the sign of y; axial vectors (torques, angular velocities) change that of x and
-z. There is no such plane across x: the arm stands on one side of the table.
+Arm, pegs, holes and policies have no left and right, but for small asymmetries of the links' inertias, so the
+mirror image of an interaction is one that could nearly have happened. Vectors change the sign of y; axial
+vectors (torques, angular velocities) change that of x and z. There is no such plane across x: the arm stands
+on one side of the table.
 """
 
 from dataclasses import replace

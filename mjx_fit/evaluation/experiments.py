@@ -1,6 +1,5 @@
 """The experiments: what is run, and what of it is kept. Each writes one result file."""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,18 +9,18 @@ from flax import nnx
 from jaxtyping import Float, Int
 
 from mjx_fit import config as config_
-from mjx_fit import files, provenance
+from mjx_fit import provenance
 from mjx_fit.config import Config
 from mjx_fit.dataset.draws import MISMATCHED, draw_places
 from mjx_fit.errors import RequestError
-from mjx_fit.evaluation import results
+from mjx_fit.evaluation import outcome, results
 from mjx_fit.evaluation.results import Result
 from mjx_fit.policies import SPIRAL
 from mjx_fit.progress import Progress
-from mjx_fit.randomness import require_seed, root_key
+from mjx_fit.randomness import root_key
 from mjx_fit.shapes import NAMES, SHAPES
 from mjx_fit.simulate.broken import Reporting, report
-from mjx_fit.simulate.engine import create, even_batch, resolve
+from mjx_fit.simulate.engine import create, even_batch
 from mjx_fit.task import assembly as assembly_
 from mjx_fit.task.learning import learner
 from mjx_fit.task.methods import chosen
@@ -44,9 +43,9 @@ def attempt(config: Config, out: Path, trials: int, seed: int, engine: str) -> R
     Raises:
         RequestError: A value is not allowed, or the file holds another result.
     """
-    _require_positive("--trials", trials)
+    outcome.require_positive("--trials", trials)
     request = {"trials": trials}
-    done = _finished(out, "attempt", config, seed, request, engine)
+    done = outcome.finished(out, "attempt", config, seed, request, engine)
     if done is not None:
         return done
     peg_type, hole_type = _attempt_pairs(trials)
@@ -71,7 +70,7 @@ def attempt(config: Config, out: Path, trials: int, seed: int, engine: str) -> R
             report(interactions, attempts, ids, config.task.attempt_actions, config, _broken(out))
             rows += _attempt_rows(interactions, ids[ids < n])
             progress(len(rows), f"{sum(row['inserted'] for row in rows)} inserted")
-    return _write(out, "attempt", config, seed, request, engine, results.summarise_attempt(rows), rows)
+    return outcome.write(out, "attempt", config, seed, request, engine, results.summarise_attempt(rows), rows)
 
 
 def assembly(
@@ -92,7 +91,7 @@ def assembly(
         RequestError: A value is not allowed, a method needs a sensor and there is none, or the file holds
             another result.
     """
-    _require_positive("--trials", trials)
+    outcome.require_positive("--trials", trials)
     picked = chosen(methods)
     reading = [method.name for method in picked if method.needs_sensor]
     if reading and run is None:
@@ -100,7 +99,7 @@ def assembly(
     sensor, differs = None, []
     if reading and run is not None:
         sensor, trained = checkpoint.load_sensor(run)
-        config = _with_network_of(trained, config)
+        config = outcome.with_network_of(trained, config)
         differs = config_.differences(trained, config)
     request = {
         "methods": [method.name for method in picked],
@@ -110,7 +109,7 @@ def assembly(
         else None,
         "differs_from_training": differs,
     }
-    done = _finished(out, "assembly", config, seed, request, engine)
+    done = outcome.finished(out, "assembly", config, seed, request, engine)
     if done is not None:
         return done
     drawn = assembly_.draw_trials(config, seed, trials)
@@ -118,24 +117,14 @@ def assembly(
     learn = learner(config, sensor)
     with Progress("assembly pegs", len(picked) * trials * config.task.n_holes) as progress:
         rows = assembly_.run(config, picked, drawn, seed, simulator, learn, progress)
-    return _write(out, "assembly", config, seed, request, engine, results.summarise_assembly(rows), rows)
+    return outcome.write(
+        out, "assembly", config, seed, request, engine, results.summarise_assembly(rows), rows
+    )
 
 
 def _broken(out: Path) -> Path:
     """Where the broken worlds of a result file are kept."""
     return out.with_suffix(".broken")
-
-
-def _with_network_of(trained: Config, config: Config) -> Config:
-    """The configuration with the sensor and training of a run, which may not be asked to be others."""
-    for section in ("sensor", "train"):
-        asked, there = getattr(config, section), getattr(trained, section)
-        if asked not in (there, getattr(Config(), section)):
-            word = next(
-                word for word in config_.differences(trained, config) if word.startswith(f"{section}.")
-            )
-            raise RequestError(f"config: {word}: it is a property of the --run and cannot be changed")
-    return replace(config, sensor=trained.sensor, train=trained.train)
 
 
 def _attempt_pairs(trials: int) -> tuple[Int[np.ndarray, "n"], Int[np.ndarray, "n"]]:
@@ -167,42 +156,3 @@ def _peak_force(interactions: Interaction) -> Float[np.ndarray, "n"]:
     wrench = interactions.trace.wrench_sensor - interactions.tare_sensor[:, None, None]
     real = np.arange(wrench.shape[1]) < interactions.length[:, None]
     return np.where(real[..., None], np.linalg.norm(wrench[..., :3], axis=-1), 0).max((1, 2))
-
-
-def _finished(
-    out: Path, experiment: str, config: Config, seed: int, request: dict, engine: str
-) -> Result | None:
-    """The result, if this very request was finished before."""
-    require_seed(seed)
-    engine = resolve(engine)
-    if not out.exists():
-        files.require_writable(out)  # before minutes of work, not behind them
-        return None
-    if out.is_dir():
-        raise RequestError(f"--out: {out} is not allowed: it is a folder; name a .json file")
-    there = results.read(out)
-    here = (experiment, config_.to_tree(config), seed, request, engine)
-    if (there.experiment, there.config, there.seed, there.request, there.engine) != here:
-        raise RequestError(f"--out: {out} is not allowed: it holds another result; choose a new file")
-    return there
-
-
-def _write(out, experiment, config, seed, request, engine, summary, rows) -> Result:
-    result = Result(
-        experiment=experiment,
-        config=config_.to_tree(config),
-        seed=seed,
-        request=request,
-        engine=resolve(engine),
-        device=provenance.device(),
-        versions=provenance.versions(),
-        summary=summary,
-        trials=rows,
-    )
-    results.write(out, result)
-    return result
-
-
-def _require_positive(field: str, value: int) -> None:
-    if value < 1:
-        raise RequestError(f"{field}: {value} is not allowed: it must be at least 1")

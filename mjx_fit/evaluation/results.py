@@ -49,9 +49,32 @@ class AttemptTrial(TypedDict):
     error_m: float
 
 
+class CalibrationTrial(TypedDict):
+    """One update from one failed attempt at the hole ``trial``, of which the first ``actions`` were read.
+
+    ``attempt`` is its place in a sequence, from 1, ``pair`` the shapes of peg and hole, ``prior_error_cm``
+    and ``error_cm`` the distance of the believed from the true position before and after,
+    ``squared_mahalanobis`` and ``nll`` score the position's covariance, ``match_probability`` is h_match's,
+    ``type_probability`` the filter's for each shape.
+    """
+
+    trial: int
+    method: str
+    attempt: int
+    actions: int
+    pair: tuple[str, str]
+    prior_error_cm: float
+    error_cm: float
+    squared_mahalanobis: float
+    nll: float
+    match_probability: float
+    type_probability: list[float]
+
+
 _TRIALS = {
     "assembly": TypeAdapter(dict[str, list[AssemblyTrial]]),
     "attempt": TypeAdapter(dict[str, list[AttemptTrial]]),
+    "calibration": TypeAdapter(dict[str, list[CalibrationTrial]]),
 }
 
 
@@ -60,7 +83,7 @@ class Result:
     """A result file.
 
     Attributes:
-        experiment: ``attempt``, ``position``, ``insertion`` or ``assembly``.
+        experiment: ``attempt``, ``calibration`` or ``assembly``.
         config: The resolved configuration (``config.to_tree``).
         seed: Root seed.
         engine: Engine that simulated.

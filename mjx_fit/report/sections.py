@@ -16,7 +16,7 @@ from mjx_fit.dataset.episode import happened
 from mjx_fit.errors import RequestError
 from mjx_fit.evaluation.results import Result
 from mjx_fit.evaluation.statistics import Row
-from mjx_fit.report import data_figures, figures, run_figures
+from mjx_fit.report import calibration_figures, data_figures, figures, run_figures
 from mjx_fit.report.style import Picture, picture
 
 _Drawing = tuple[str, str, Callable[[], Figure]]
@@ -51,6 +51,8 @@ def of_result(slug: str, result: Result) -> Section:
         drawings = _assembly(result)
     elif result.trials and result.experiment == "attempt":
         drawings = _attempt(result)
+    elif result.trials and result.experiment == "calibration":
+        drawings = _calibration(result)
     config = yaml.safe_dump(result.config, sort_keys=False)
     title = f"Experiment: {result.experiment}" + (f" ({slug})" if slug != result.experiment else "")
     return Section(slug, title, facts, config, tuple(result.summary), _pictures(slug, drawings))
@@ -176,6 +178,36 @@ def _attempt(result: Result) -> list[_Drawing]:
         )
         drawings.append(("error", caption, lambda: figures.success_by_error(matched)))
     return drawings
+
+
+def _calibration(result: Result) -> list[_Drawing]:
+    actions = max(trial["actions"] for trial in result.trials)
+    whole = [trial for trial in result.trials if trial["actions"] == actions]
+    return [
+        (
+            "actions",
+            "Mean distance of the believed from the true position after one failed attempt, by how much of "
+            "it is read, with 95 % intervals by bootstrap over holes.",
+            lambda: calibration_figures.error_by_actions(result.summary),
+        ),
+        (
+            "coverage",
+            "Share of the true positions inside the belief's ellipse, by the ellipse's probability: on the "
+            "dashed line the belief is honest, below it too sure.",
+            lambda: calibration_figures.coverage(whole),
+        ),
+        (
+            "reliability",
+            "How often peg and hole match, by the probability given to it, with 95 % intervals.",
+            lambda: calibration_figures.match_reliability(whole),
+        ),
+        (
+            "pairs",
+            "How well one failed attempt tells a peg's own hole from another: area under the ROC curve with "
+            "95 % intervals by bootstrap over holes; 0.5 is chance.",
+            lambda: calibration_figures.match_by_pair(result.summary),
+        ),
+    ]
 
 
 def _pictures(slug: str, drawings: list[_Drawing]) -> tuple[Picture, ...]:

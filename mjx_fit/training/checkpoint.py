@@ -5,6 +5,7 @@ on an accelerator can be read on a CPU. Orbax writes under a temporary name and 
 checkpoint before.
 """
 
+import json
 from pathlib import Path
 
 import jax
@@ -95,6 +96,12 @@ def load_sensor(run: Path) -> tuple[ContactSensor, Config]:
     abstract = nnx.eval_shape(lambda: ContactSensor(config.sensor, nnx.Rngs(0), len(SHAPES)))
     graphdef, template = nnx.split(abstract)
     return nnx.merge(graphdef, from_arrays(template, checkpoint[1])), config
+
+
+def data_of(run: Path) -> str:
+    """Fingerprint of the data that a run was trained on; empty where its folder does not say."""
+    path = run / "run.json"
+    return json.loads(path.read_text()).get("data", "") if path.is_file() else ""
 
 
 def _named(tree) -> dict:

@@ -1,0 +1,209 @@
+"""The calibration experiment: trained sensors on attempts that they have not seen."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from flax import nnx
+from jaxtyping import Float
+
+from mjx_fit import config as config_
+from mjx_fit import provenance
+from mjx_fit.config import Config
+from mjx_fit.dataset import store
+from mjx_fit.errors import RequestError
+from mjx_fit.evaluation import calibration, held_out, outcome
+from mjx_fit.evaluation.results import Result
+from mjx_fit.evaluation.statistics import Interval, Row, bootstrap_mean
+from mjx_fit.progress import Progress
+from mjx_fit.shapes import NAMES
+from mjx_fit.training import checkpoint
+from mjx_fit.training.baseline import FRAME_BY_FRAME
+from mjx_fit.training.sides import require_sound
+
+RESAMPLES = 500
+"""Of the bootstrap of scores that are no means."""
+
+SHARES = (0.2, 0.4, 0.6, 0.8)
+"""Of an attempt's actions after which it is looked at, beside all of them."""
+
+_Trials = list[dict[str, Any]]
+
+
+def calibrate(config: Config, out: Path, run: Path, data: Path, seed: int) -> Result:
+    """One update from each failed attempt of a data set, by a run's sensor and its frame-by-frame baseline.
+
+    Args:
+        config: ``task`` and ``wrist`` are used; ``sensor`` and ``train`` are the run's.
+        out: The result file.
+        run: Folder of a training run.
+        data: Folder of a data set that it was not trained on.
+        seed: Root of the sensor's noise.
+
+    Raises:
+        RequestError: Run or data cannot be used, they are not of the same scene, or the file holds another
+            result.
+    """
+    sensor, trained = checkpoint.load_sensor(run)
+    config = outcome.with_network_of(trained, config)
+    sensors = {"full": sensor}
+    if (run / FRAME_BY_FRAME).is_dir():
+        sensors["frame_by_frame"] = checkpoint.load_sensor(run / FRAME_BY_FRAME)[0]
+    episodes = store.load(data)
+    actions = min(config.task.attempt_actions, int(np.asarray(episodes.interaction.trace.contact).shape[1]))
+    ids = held_out.failed_attempts(episodes, actions)
+    require_sound(episodes, np.isin(np.arange(len(episodes.episode)), ids))
+    request = {
+        "methods": list(sensors),
+        "data": provenance.fingerprint(episodes),
+        "sensor": {
+            name: provenance.fingerprint(checkpoint.to_arrays(nnx.state(one)))
+            for name, one in sensors.items()
+        },
+        "differs_from_training": config_.differences(trained, config),
+    }
+    _require_new(run, request["data"])
+    done = outcome.finished(out, "calibration", config, seed, request, "auto")
+    if done is not None:
+        return done
+    counts = sorted({max(1, round(share * actions)) for share in (*SHARES, 1)})
+    trials: _Trials = []
+    with Progress("calibration: readings", len(sensors) * len(counts)) as progress:
+        for name, one in sensors.items():
+            for count in counts:
+                seen = held_out.observe(one, episodes, ids, count, config, seed)
+                after = held_out.posterior(seen, episodes, ids, config, with_prior=name == "full")
+                trials += held_out.rows(name, count, after, episodes, ids)
+                progress(len(trials) // len(ids), f"{name}, {count} actions")
+    # The rows of parts of attempts would make the file five times as large: their scores are in the summary.
+    whole = [trial for trial in trials if trial["actions"] == actions]
+    rows = summarise(trials, actions)
+    return outcome.write(out, "calibration", config, seed, request, "auto", rows, whole)
+
+
+def summarise(trials: _Trials, actions: int) -> list[Row]:
+    """Scores of each method over whole attempts and parts of them; intervals from a bootstrap over holes.
+
+    Groups: ``all``, ``matched``, ``mismatched``, a peg's shape, ``attempt:K``, ``actions:N`` and, for what
+    h_match says, ``peg:hole`` with the hole that does not match, told from that peg's own.
+    """
+    rows = []
+    whole = [trial for trial in trials if trial["actions"] == actions]
+    prior = [trial | {"error_cm": trial["prior_error_cm"]} for trial in whole if trial["method"] == "full"]
+    for name, group in _groups(prior).items():
+        rows.append(_mean_row("prior", "position_error_cm", name, group, lambda t: t["error_cm"]))
+    for method in dict.fromkeys(trial["method"] for trial in trials):
+        own = [trial for trial in whole if trial["method"] == method]
+        for name, group in _groups(own).items():
+            rows += _position_rows(method, name, group)
+            if method == "full":
+                rows += _type_rows(method, name, group)
+        for count in sorted({trial["actions"] for trial in trials}):
+            part = [t for t in trials if t["method"] == method and t["actions"] == count]
+            rows.append(
+                _mean_row(method, "position_error_cm", f"actions:{count}", part, lambda t: t["error_cm"])
+            )
+            if method == "full":
+                rows += _match_rows(method, part, f"actions:{count}:")
+        if method == "full":
+            rows += _match_rows(method, own, "")
+    return rows
+
+
+def _groups(trials: _Trials) -> dict[str, _Trials]:
+    groups = {"all": trials, "matched": [], "mismatched": []}
+    groups |= {name: [] for name in NAMES}
+    groups |= {f"attempt:{k}": [] for k in sorted({trial["attempt"] for trial in trials})}
+    for trial in trials:
+        peg, hole = trial["pair"]
+        for name in ("matched" if peg == hole else "mismatched", peg, f"attempt:{trial['attempt']}"):
+            groups[name].append(trial)
+    return {name: group for name, group in groups.items() if group}
+
+
+def _position_rows(method: str, name: str, group: _Trials) -> list[Row]:
+    squared = np.array([trial["squared_mahalanobis"] for trial in group])
+    columns = {
+        "position_error_cm": np.array([trial["error_cm"] for trial in group]),
+        "position_nll": np.array([trial["nll"] for trial in group]),
+        "nees": squared / 2,
+        "coverage_50": calibration.inside(squared, 0.5),
+        "coverage_90": calibration.inside(squared, 0.9),
+    }
+    holes = [trial["trial"] for trial in group]
+    return [
+        Row.of(method, metric, name, bootstrap_mean(values, holes), len(group))
+        for metric, values in columns.items()
+    ]
+
+
+def _type_rows(method: str, name: str, group: _Trials) -> list[Row]:
+    types = np.array([trial["type_probability"] for trial in group])
+    truth = np.array([NAMES.index(trial["pair"][1]) for trial in group])
+    match = np.array([trial["match_probability"] for trial in group])
+    matched = np.array([trial["pair"][0] == trial["pair"][1] for trial in group])
+    columns = {
+        "type_brier": calibration.brier(types, truth),
+        "match_brier": calibration.brier(np.stack([1 - match, match], 1), matched.astype(int)),
+        "type_accuracy": types.argmax(1) == truth,
+    }
+    holes = [trial["trial"] for trial in group]
+    return [
+        Row.of(method, metric, name, bootstrap_mean(values, holes), len(group))
+        for metric, values in columns.items()
+    ]
+
+
+def _match_rows(method: str, group: _Trials, prefix: str) -> list[Row]:
+    """How well h_match tells a peg's own hole from the others, over all pegs and for each pair."""
+    peg, hole = (np.array([trial["pair"][side] for trial in group]) for side in range(2))
+    probability = np.array([trial["match_probability"] for trial in group])
+    holes = np.array([trial["trial"] for trial in group])
+    keep = {f"{prefix}all": np.ones(len(group), bool)}
+    keep |= {
+        f"{prefix}{a}:{b}": (peg == a) & ((hole == a) | (hole == b)) for a in NAMES for b in NAMES if a != b
+    }
+    rows = []
+    for name, chosen in keep.items():
+        positive, score = (peg == hole)[chosen], probability[chosen]
+        if positive.all() or not positive.any():
+            continue
+        n, clusters = int(chosen.sum()), holes[chosen]
+        for metric, measure in (
+            ("match_auroc", calibration.auroc),
+            ("match_balanced_accuracy", lambda p, y: calibration.balanced_accuracy(p > 0.5, y)),
+        ):
+            rows.append(Row.of(method, metric, name, _bootstrap(measure, score, positive, clusters), n))
+    return rows
+
+
+def _bootstrap(
+    measure: Callable[[np.ndarray, np.ndarray], float],
+    score: Float[np.ndarray, " n"],
+    positive: np.ndarray,
+    clusters: np.ndarray,
+) -> Interval:
+    """A score and its percentile interval; whole clusters are drawn."""
+    names, index = np.unique(clusters, return_inverse=True)
+    members = np.split(np.argsort(index, kind="stable"), np.cumsum(np.bincount(index))[:-1])
+    rng = np.random.default_rng(0)
+    values = []
+    for _ in range(RESAMPLES):
+        drawn = np.concatenate([members[k] for k in rng.integers(len(names), size=len(names))])
+        values.append(measure(score[drawn], positive[drawn]))
+    low, high = np.nanquantile(values, [0.025, 0.975])
+    return Interval(measure(score, positive), float(low), float(high))
+
+
+def _mean_row(method: str, metric: str, name: str, group: _Trials, value: Callable[[dict], float]) -> Row:
+    values = np.array([value(trial) for trial in group])
+    return Row.of(
+        method, metric, name, bootstrap_mean(values, [trial["trial"] for trial in group]), len(group)
+    )
+
+
+def _require_new(run: Path, data: str) -> None:
+    """Refuse the very data that the run was trained on."""
+    if checkpoint.data_of(run) == data:
+        raise RequestError("--data: the data that the run was trained on are not allowed: collect others")

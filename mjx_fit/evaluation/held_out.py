@@ -1,0 +1,150 @@
+"""What trained sensors make of attempts that they were not trained on: one update from the stored prior."""
+
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from flax import nnx
+from jaxtyping import Int
+
+from mjx_fit.config import Config
+from mjx_fit.dataset.episode import Episode, happened
+from mjx_fit.errors import RequestError
+from mjx_fit.evaluation.calibration import squared_mahalanobis
+from mjx_fit.filters.belief import update_position, update_type
+from mjx_fit.filters.kalman import gaussian_nll
+from mjx_fit.randomness import root_key
+from mjx_fit.sensors.model import ContactSensor
+from mjx_fit.shapes import NAMES, SHAPES
+from mjx_fit.types import Array, Belief, Observation
+from mjx_fit.wrist import read
+
+BATCH = 256
+CM_PER_M = 100.0
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """What was believed after the update, one row per attempt, NumPy arrays.
+
+    Attributes:
+        belief: After it.
+        match_probability: What h_match says of a match, before H.
+    """
+
+    belief: Belief
+    match_probability: Array
+
+
+def failed_attempts(data: Episode, actions: int) -> Int[np.ndarray, "n"]:
+    """Indices of the attempts that ran for all their actions and failed: those from which one is to learn.
+
+    Raises:
+        RequestError: There is none.
+    """
+    interaction = data.interaction
+    whole = np.asarray(interaction.length) >= actions
+    ids = np.flatnonzero(np.asarray(happened(data)) & ~np.asarray(interaction.inserted) & whole)
+    if not len(ids):
+        raise RequestError(f"--data: no failed attempt of {actions} actions is in it: there must be one")
+    return ids
+
+
+def observe(
+    sensor: ContactSensor, data: Episode, ids: Int[np.ndarray, "n"], actions: int, config: Config, seed: int
+) -> Observation:
+    """What the sensor says of the first actions of some episodes, with noise drawn by the episode's id.
+
+    Args:
+        sensor: Trained.
+        data: Stacked episodes.
+        ids: Indices of those that are read.
+        actions: How many of their actions are read.
+        config: Gives the noise of the wrist and the scene.
+        seed: Root of the noise.
+    """
+    root = root_key(seed, "held out")
+    graph, state = nnx.split(sensor)
+
+    @partial(jax.jit, static_argnums=2)
+    def batch(episodes: Episode, state, actions: int) -> Observation:
+        def one(episode: Episode):
+            key = jax.random.fold_in(root, episode.episode)
+            return read(episode.interaction, key, config.wrist, config.scene, rows=actions)
+
+        return nnx.merge(graph, state)(jax.vmap(one)(episodes))
+
+    parts = []
+    for start in range(0, len(ids), BATCH):
+        own = ids[start : start + BATCH]
+        padded = np.resize(own, BATCH)  # one shape, compiled once
+        rows = jax.tree.map(lambda leaf, rows=padded: np.asarray(leaf)[rows], data)
+        parts.append(jax.tree.map(np.asarray, batch(rows, state, actions)))
+    return jax.tree.map(lambda *leaves: np.concatenate(leaves)[: len(ids)], *parts)
+
+
+def posterior(
+    observation: Observation, data: Episode, ids: Int[np.ndarray, "n"], config: Config, *, with_prior: bool
+) -> Posterior:
+    """One update after a failed attempt, from the covariance that was stored with the estimate.
+
+    Args:
+        observation: Of ``observe``.
+        data: Stacked episodes.
+        ids: Those that were observed.
+        config: ``task`` gives α and whether the match is taken hard.
+        with_prior: Filter; otherwise, frame by frame, take the observed position for the truth, R its
+            covariance.
+    """
+    interaction = jax.tree.map(lambda leaf: jnp.asarray(np.asarray(leaf)[ids]), data.interaction)
+    estimate, cov = interaction.estimate_world, jnp.asarray(np.asarray(data.estimate_cov)[ids])
+    types = jnp.full((len(ids), len(SHAPES)), -jnp.log(len(SHAPES)))
+    prior = Belief(estimate, cov, types)
+    if with_prior:
+        belief = update_position(prior, observation)
+        alpha = jnp.asarray(config.task.success_probability)
+        belief = update_type(belief, observation, interaction.peg_type, alpha, hard=config.task.hard_match)
+    else:
+        belief = Belief(estimate + observation.innovation, jnp.asarray(observation.pos_noise_cov), types)
+    probability = jax.nn.softmax(observation.match_logits, axis=-1)[..., 1]
+    return Posterior(jax.tree.map(np.asarray, belief), np.asarray(probability))
+
+
+def rows(
+    method: str, actions: int, after: Posterior, data: Episode, ids: Int[np.ndarray, "n"]
+) -> list[dict[str, Any]]:
+    """One row for each attempt, ready for a result file."""
+    interaction = data.interaction
+    truth, start = (
+        np.asarray(leaf, float)[ids] for leaf in (interaction.hole_pos_world, interaction.estimate_world)
+    )
+    belief = after.belief
+    error = truth - np.asarray(belief.pos_mean_world, float)
+    squared = squared_mahalanobis(error, np.asarray(belief.pos_cov, float))
+    nll = np.asarray(gaussian_nll(truth, np.asarray(belief.pos_mean_world), np.asarray(belief.pos_cov)))
+    types = np.exp(np.asarray(belief.type_logp, float))
+    peg, hole = (np.asarray(leaf)[ids] for leaf in (interaction.peg_type, interaction.hole_type))
+    return [
+        {
+            "trial": int(data.sequence[i]),
+            "method": method,
+            "attempt": int(data.number[i]) + 1,
+            "actions": actions,
+            "pair": [NAMES[peg[k]], NAMES[hole[k]]],
+            "prior_error_cm": _round(CM_PER_M * np.linalg.norm(truth[k] - start[k])),
+            "error_cm": _round(CM_PER_M * np.linalg.norm(error[k])),
+            "squared_mahalanobis": _round(squared[k]),
+            "nll": _round(nll[k]),
+            "match_probability": _round(after.match_probability[k]),
+            "type_probability": [_round(value) for value in types[k]],
+        }
+        for k, i in enumerate(ids)
+    ]
+
+
+def _round(value: Any) -> float:
+    """Five digits are more than a noise draw leaves certain, and keep the file small."""
+    return float(f"{float(value):.5g}")

@@ -1,0 +1,106 @@
+"""Figures of the calibration experiment: how much one attempt tells, and whether the belief is honest."""
+
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import PercentFormatter
+
+from mjx_fit.evaluation.calibration import inside, reliability
+from mjx_fit.evaluation.statistics import Row
+from mjx_fit.report import style
+from mjx_fit.shapes import NAMES
+
+Trials = list[dict[str, Any]]
+
+LEVELS = np.linspace(0.05, 0.95, 19)
+HEADED = 45.0
+"""Degrees by which the names of pairs are turned."""
+
+
+def error_by_actions(summary: list[Row]) -> Figure:
+    """Mean position error after one update from a part of an attempt, by the number of actions read."""
+    figure, ax = style.axes()
+    methods = [name for name in ("full", "frame_by_frame") if _by_actions(summary, name)]
+    colour, marker = style.colours(methods), style.markers(methods)
+    for name in methods:
+        points = _by_actions(summary, name)
+        actions = sorted(points)
+        rows = [points[count] for count in actions]
+        value, low, high = ([getattr(row, end) for row in rows] for end in ("value", "low", "high"))
+        bars = style.spread(value, low, high)
+        ax.errorbar(actions, value, bars, color=colour[name], marker=marker[name], markersize=5)
+    prior = next(row for row in summary if (row.method, row.group) == ("prior", "all"))
+    ax.axhline(prior.value, color=style.PAPER_COLOUR, linestyle="--", linewidth=1)
+    handles = style.method_handles(methods)
+    handles.append(Line2D([], [], color=style.PAPER_COLOUR, linestyle="--", label="before it"))
+    ax.set(xlabel="Actions of the attempt that are read", ylabel="Position error (cm)", ylim=(0, None))
+    style.legend(figure, handles)
+    return figure
+
+
+def coverage(trials: Trials) -> Figure:
+    """Share of the holes inside the ellipse of each probability; on the diagonal the belief is honest."""
+    figure, ax = style.axes()
+    methods = list(dict.fromkeys(trial["method"] for trial in trials))
+    colour, marker = style.colours(methods), style.markers(methods)
+    for name in methods:
+        squared = np.array([t["squared_mahalanobis"] for t in trials if t["method"] == name])
+        share = [inside(squared, float(level)).mean() for level in LEVELS]
+        ax.plot(LEVELS, share, color=colour[name], marker=marker[name], markersize=4)
+    _diagonal(ax, "Probability of the ellipse", "Holes inside it")
+    style.legend(figure, style.method_handles(methods))
+    return figure
+
+
+def match_reliability(trials: Trials) -> Figure:
+    """How often peg and hole match, by the probability that h_match, and the filter behind it, gives it."""
+    own = [trial for trial in trials if trial["method"] == "full"]
+    matched = np.array([trial["pair"][0] == trial["pair"][1] for trial in own])
+    filtered = np.array([trial["type_probability"][NAMES.index(trial["pair"][0])] for trial in own])
+    figure, ax = style.axes()
+    kinds = (
+        ("h_match", np.array([trial["match_probability"] for trial in own]), style.MATCHED_COLOUR, "o"),
+        ("histogram filter", filtered, style.MISMATCHED_COLOUR, "s"),
+    )
+    for _, probability, colour, marker in kinds:
+        mean, frequency, n = reliability(probability, matched)
+        half = 1.96 * np.sqrt(frequency * (1 - frequency) / n)
+        bars = style.spread(frequency, frequency - half, frequency + half)
+        ax.errorbar(mean, frequency, bars, color=colour, marker=marker, markersize=5)
+    _diagonal(ax, "Probability of a match", "Attempts that match")
+    handles = [Line2D([], [], color=c, marker=m, markersize=5, label=name) for name, _, c, m in kinds]
+    style.legend(figure, handles)
+    return figure
+
+
+def match_by_pair(summary: list[Row]) -> Figure:
+    """Area under the ROC curve of h_match: each peg's own hole against each other hole."""
+    pairs = {row.group: row for row in summary if row.metric == "match_auroc" and row.group.count(":") == 1}
+    names = [name for name in pairs if not name.startswith("actions")]
+    rows = [pairs[name] for name in names]
+    figure, ax = style.axes()
+    value, low, high = ([getattr(row, end) for row in rows] for end in ("value", "low", "high"))
+    bars = style.spread(value, low, high)
+    ax.errorbar(range(len(rows)), value, bars, linestyle="none", marker="o", color=style.MATCHED_COLOUR)
+    ax.axhline(0.5, color=style.PAPER_COLOUR, linestyle="--", linewidth=1)
+    texts = ["{} peg,\n{} hole".format(*name.split(":")) for name in names]
+    ax.set_xticks(range(len(rows)), texts, rotation=HEADED, ha="right", rotation_mode="anchor")
+    ax.set(ylabel="Area under ROC", ylim=(0.45, 1.0))
+    return figure
+
+
+def _by_actions(summary: list[Row], method: str) -> dict[int, Row]:
+    return {
+        int(row.group.removeprefix("actions:")): row
+        for row in summary
+        if (row.method, row.metric) == (method, "position_error_cm") and row.group.startswith("actions:")
+    }
+
+
+def _diagonal(ax, xlabel: str, ylabel: str) -> None:
+    ax.plot([0, 1], [0, 1], color=style.PAPER_COLOUR, linestyle="--", linewidth=1)
+    ax.set(xlabel=xlabel, ylabel=ylabel, xlim=(-0.02, 1.02), ylim=(-0.02, 1.02))
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.set_major_formatter(PercentFormatter(1, decimals=0))
