@@ -16,7 +16,7 @@ from mjx_fit.report.terminal import print_summary
 from mjx_fit.training.loop import train
 
 METHODS = "failure_only,full,oracle"
-POLICY = "mixed"
+POLICY = "spiral"
 
 
 @dataclass(frozen=True)
