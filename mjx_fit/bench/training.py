@@ -10,7 +10,6 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optax
 from flax import nnx
 
 from mjx_fit import runtime
@@ -18,7 +17,7 @@ from mjx_fit.config import Config
 from mjx_fit.dataset.windows import Sample
 from mjx_fit.sensors.model import ContactSensor, InputScale
 from mjx_fit.shapes import SHAPES
-from mjx_fit.training.loss import filter_loss
+from mjx_fit.training.step import Recipe, TrainState, optimizer, train_step_jit
 from mjx_fit.types import SUBSTEPS, Belief, Reading
 
 TIMES = 10
@@ -97,19 +96,12 @@ def _ours(config: Config) -> Step:
     sensor = ContactSensor(config.sensor, nnx.Rngs(0), len(SHAPES))
     sensor.fit_input_scale(sample.reading)
     graph, params, scale = nnx.split(sensor, nnx.Param, InputScale)
-    adam = optax.adam(config.train.learning_rate, b2=config.train.adam_b2)
-    state = [params, adam.init(params)]
-
-    @jax.jit
-    def update(params, opt_state, sample):
-        def loss(params):
-            return filter_loss(nnx.merge(graph, params, scale)(sample.reading), sample).total.mean()
-
-        updates, opt_state = adam.update(jax.grad(loss)(params), opt_state, params)
-        return optax.apply_updates(params, updates), opt_state
+    recipe = Recipe(graph, config, 1)
+    state = [TrainState(params, scale, optimizer(config, 1).init(params))]
+    weight, key = jnp.ones(config.train.batch_size), jax.random.key(0)
 
     def step() -> None:
-        state[:] = jax.block_until_ready(update(*state, sample))
+        state[0], _ = jax.block_until_ready(train_step_jit(recipe, state[0], sample, weight, key))
 
     return step
 

@@ -90,9 +90,8 @@ def summarise(trials: _Trials, actions: int) -> list[Row]:
     """
     rows = []
     whole = [trial for trial in trials if trial["actions"] == actions]
-    prior = [trial | {"error_cm": trial["prior_error_cm"]} for trial in whole if trial["method"] == "full"]
-    for name, group in _groups(prior).items():
-        rows.append(_mean_row("prior", "position_error_cm", name, group, lambda t: t["error_cm"]))
+    for name, group in _groups([trial for trial in whole if trial["method"] == "full"]).items():
+        rows += _error_rows("prior", name, group, "prior_error_cm")
     for method in dict.fromkeys(trial["method"] for trial in trials):
         own = [trial for trial in whole if trial["method"] == method]
         for name, group in _groups(own).items():
@@ -101,9 +100,7 @@ def summarise(trials: _Trials, actions: int) -> list[Row]:
                 rows += _type_rows(method, name, group)
         for count in sorted({trial["actions"] for trial in trials}):
             part = [t for t in trials if t["method"] == method and t["actions"] == count]
-            rows.append(
-                _mean_row(method, "position_error_cm", f"actions:{count}", part, lambda t: t["error_cm"])
-            )
+            rows += _error_rows(method, f"actions:{count}", part)
             if method == "full":
                 rows += _match_rows(method, part, f"actions:{count}:")
         if method == "full":
@@ -131,11 +128,7 @@ def _position_rows(method: str, name: str, group: _Trials) -> list[Row]:
         "coverage_50": calibration.inside(squared, 0.5),
         "coverage_90": calibration.inside(squared, 0.9),
     }
-    holes = [trial["trial"] for trial in group]
-    return [
-        Row.of(method, metric, name, bootstrap_mean(values, holes), len(group))
-        for metric, values in columns.items()
-    ]
+    return _means(method, name, group, columns)
 
 
 def _type_rows(method: str, name: str, group: _Trials) -> list[Row]:
@@ -148,6 +141,15 @@ def _type_rows(method: str, name: str, group: _Trials) -> list[Row]:
         "match_brier": calibration.brier(np.stack([1 - match, match], 1), matched.astype(int)),
         "type_accuracy": types.argmax(1) == truth,
     }
+    return _means(method, name, group, columns)
+
+
+def _error_rows(method: str, name: str, group: _Trials, key: str = "error_cm") -> list[Row]:
+    return _means(method, name, group, {"position_error_cm": np.array([trial[key] for trial in group])})
+
+
+def _means(method: str, name: str, group: _Trials, columns: dict[str, np.ndarray]) -> list[Row]:
+    """A row for each column; intervals by bootstrap over holes."""
     holes = [trial["trial"] for trial in group]
     return [
         Row.of(method, metric, name, bootstrap_mean(values, holes), len(group))
@@ -194,13 +196,6 @@ def _bootstrap(
         values.append(measure(score[drawn], positive[drawn]))
     low, high = np.nanquantile(values, [0.025, 0.975])
     return Interval(measure(score, positive), float(low), float(high))
-
-
-def _mean_row(method: str, metric: str, name: str, group: _Trials, value: Callable[[dict], float]) -> Row:
-    values = np.array([value(trial) for trial in group])
-    return Row.of(
-        method, metric, name, bootstrap_mean(values, [trial["trial"] for trial in group]), len(group)
-    )
 
 
 def _require_new(run: Path, data: str) -> None:
