@@ -94,6 +94,12 @@ def _parser() -> argparse.ArgumentParser:
         "--sequence", type=int, default=1, metavar="K", help="attempts in a row at one hole (default 1)"
     )
     collect.add_argument(
+        "--run",
+        type=Path,
+        metavar="RUN",
+        help="later attempts start from what the sensor of this run believes (default: drawn beliefs)",
+    )
+    collect.add_argument(
         "--shard-index", type=int, default=0, metavar="I", help="which part of the whole (default 0)"
     )
     collect.add_argument(

@@ -3,10 +3,15 @@
 import argparse
 import json
 from dataclasses import fields, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from mjx_fit import config as config_
 from mjx_fit.config import Config
 from mjx_fit.errors import RequestError, WorkError
+
+if TYPE_CHECKING:
+    from mjx_fit.dataset.sequences import Update
 
 # Each command imports what it needs: `mjx-fit --help` answers at once.
 
@@ -18,12 +23,33 @@ def demo(args: argparse.Namespace) -> None:
 
 
 def collect(args: argparse.Namespace) -> None:
-    from mjx_fit.dataset.collect import Plan, collect
+    from mjx_fit.dataset.collect import collect
+    from mjx_fit.dataset.plan import Plan
 
-    plan = Plan(**{field.name: getattr(args, field.name) for field in fields(Plan)})
-    collect(_config(args), args.out, plan)
+    config = _config(args)
+    asked = {field.name: getattr(args, field.name) for field in fields(Plan) if field.name != "sensor"}
+    update, sensor = (None, "") if args.run is None else _update(config, args.run)
+    plan = Plan(**asked, sensor=sensor)
+    collect(config, args.out, plan, update)
     part = f" (part {plan.shard_index} of {plan.num_shards})" if plan.num_shards > 1 else ""
     print(f"{args.out}: complete{part}")
+
+
+def _update(config: Config, run: Path) -> "tuple[Update, str]":
+    """What the sensor of a run makes of attempts, and its fingerprint."""
+    import numpy as np
+
+    from mjx_fit.task.learning import learner
+    from mjx_fit.training.checkpoint import fingerprint_of, load_sensor
+
+    sensor, _ = load_sensor(run)
+    learn = learner(config, sensor)
+
+    def update(beliefs, interactions, keys):
+        yes = np.ones(len(interactions.length), bool)
+        return learn(beliefs, interactions, keys, yes, yes)
+
+    return update, fingerprint_of(sensor)
 
 
 def data_info(args: argparse.Namespace) -> None:
@@ -34,7 +60,7 @@ def data_info(args: argparse.Namespace) -> None:
 
 def data_check(args: argparse.Namespace) -> None:
     from mjx_fit.dataset import manifest
-    from mjx_fit.dataset.collect import plan_of
+    from mjx_fit.dataset.plan import plan_of
     from mjx_fit.dataset.store import damages
 
     found = damages(args.folder)
@@ -77,8 +103,10 @@ def train(args: argparse.Namespace) -> None:
     from mjx_fit.dataset import manifest, store
     from mjx_fit.training import run_folder
     from mjx_fit.training.baseline import train_with_baseline
+    from mjx_fit.training.sides import require_chains
 
     config = _config(args)
+    require_chains(manifest.read(args.data).request, config)
     if args.epochs is not None:
         if args.epochs < 1:
             raise RequestError(f"--epochs: {args.epochs} is not allowed: it must be at least 1")

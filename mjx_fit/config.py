@@ -227,6 +227,10 @@ class TrainConfig:
         mirror: Show every second window mirrored in the robot's plane of symmetry.
         min_window: Shortest window, actions.
         max_window: Longest window, actions; windows are padded to this.
+        sequence: Attempts in a row at one hole that one example goes through, each with the belief that the
+            ones before have left; 1: every window alone, from the prior that was stored with it. For more the
+            data must be collected with as many (``--sequence``) and with a sensor's own beliefs (``--run``),
+            and windows should be whole attempts: where the second began tells what the first had told.
         validation_fraction: Share of the episodes kept for validation.
         patience: Epochs without a better validation NLL after which training stops early; 0: never.
         baseline_share: Epochs of the frame-by-frame baseline, which ``mjx-fit train`` trains behind the
@@ -242,6 +246,7 @@ class TrainConfig:
     mirror: bool = False
     min_window: Count = 20
     max_window: Count = 100
+    sequence: Annotated[int, Field(ge=1, le=30)] = 1
     validation_fraction: Probability = 0.1
     patience: Annotated[int, Field(ge=0)] = 0
     baseline_share: Annotated[float, Field(ge=0, le=1)] = 1.0

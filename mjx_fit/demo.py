@@ -7,7 +7,8 @@ from rich.console import Console
 
 from mjx_fit.config import Config
 from mjx_fit.dataset import store
-from mjx_fit.dataset.collect import Plan, collect
+from mjx_fit.dataset.collect import collect
+from mjx_fit.dataset.plan import Plan
 from mjx_fit.errors import RequestError
 from mjx_fit.evaluation import experiments
 from mjx_fit.report.build import build

@@ -8,7 +8,8 @@ from typing import Any
 
 from mjx_fit.config import Config
 from mjx_fit.dataset import collect as collect_
-from mjx_fit.dataset.collect import Plan
+from mjx_fit.dataset.plan import Plan
+from mjx_fit.dataset.sequences import Update
 from mjx_fit.dataset.writer import LOCK
 
 PLAN = Plan(episodes=10, steps=3, policy="mixed", engine="native", seed=5, batch=5)
@@ -20,11 +21,13 @@ class Collector:
     def __init__(self, native):
         self._native = native
 
-    def __call__(self, out: Path, config: Config | None = None, **changes: Any) -> Path:
+    def __call__(
+        self, out: Path, config: Config | None = None, update: Update | None = None, **changes: Any
+    ) -> Path:
         create = collect_.create
         collect_.create = lambda *_: self._native
         try:
-            collect_.collect(config or Config(), out, replace(PLAN, **changes))
+            collect_.collect(config or Config(), out, replace(PLAN, **changes), update)
         finally:
             collect_.create = create
         return out

@@ -8,7 +8,7 @@ from mjx_fit.types import Interaction, Trace
 
 
 def make_interactions(
-    episodes: int = 24, actions: int = 16, seed: int = 0, min_length: int = 8
+    episodes: int = 24, actions: int = 16, seed: int = 0, min_length: int = 8, sequence: int = 1
 ) -> Interaction:
     """Stacked interactions of random lengths; every number of a row is different, padding is zero.
 
@@ -16,9 +16,12 @@ def make_interactions(
     """
     rng = np.random.default_rng(seed)
     length = rng.integers(min_length, actions + 1, episodes)
-    peg_type, hole_type = (np.arange(episodes) % 3), (np.arange(episodes) // 3 % 3)
+    turn = np.arange(episodes) // sequence
+    peg_type, hole_type = turn % 3, turn // 3 % 3
     estimate = rng.uniform([0.2, -0.3], [0.8, 0.3], (episodes, 2))
-    hole_pos = estimate + rng.uniform(-0.02, 0.02, (episodes, 2))
+    error = rng.uniform(-0.02, 0.02, (episodes, 2))
+    hole_pos = (estimate + error)[turn * sequence]
+    estimate = hole_pos - error
     wrench = rng.normal(0, 1.0, (episodes, actions, 50, 6))
     wrench[..., :2] += 1000 * (hole_pos - estimate)[:, None, None]
     wrench[..., 2] += 5 * (peg_type == hole_type)[:, None, None]
@@ -64,7 +67,7 @@ def make_episodes(
         number=_device(ids % sequence),
         policy=_device(0 * ids),
         estimate_cov=_device(std[:, None, None] ** 2 * np.eye(2)),
-        interaction=make_interactions(episodes, actions, seed, min_length),
+        interaction=make_interactions(episodes, actions, seed, min_length, sequence),
     )
 
 

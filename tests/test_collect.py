@@ -4,6 +4,7 @@ from dataclasses import replace
 from typing import Any
 
 import h5py
+import jax
 import numpy as np
 import pytest
 from collecting import Collector, files_of
@@ -13,6 +14,7 @@ from mjx_fit.dataset import collect as collect_
 from mjx_fit.dataset import manifest, shard, store
 from mjx_fit.dataset.draws import pair_of, policy_of
 from mjx_fit.dataset.merge import merge
+from mjx_fit.dataset.plan import Plan
 from mjx_fit.errors import RequestError
 from mjx_fit.policies import SPIRAL
 from mjx_fit.simulate.native import NativeEngine
@@ -44,7 +46,7 @@ def test_every_field_has_unit_frame_shape_and_meaning(folder):
 
 
 def test_both_engines_store_the_same_schema(folder, collect, tmp_path):
-    collect_.collect(CONFIG, tmp_path / "mjx", collect_.Plan(4, 2, "random", "mjx", batch=4))
+    collect_.collect(CONFIG, tmp_path / "mjx", Plan(4, 2, "random", "mjx", batch=4))
     assert store.describe(tmp_path / "mjx")["engine"] == "mjx"
     with h5py.File(folder / "shard-00000000.h5") as c, h5py.File(tmp_path / "mjx/shard-00000000.h5") as mjx:
         assert set(mjx) == set(c)
@@ -153,6 +155,31 @@ def test_parts_merge_into_what_one_machine_makes(collect, tmp_path):
     collect(parts[1], **plan, shard_index=1, num_shards=3)
     merge(parts, tmp_path / "fresh")
     assert files_of(tmp_path / "fresh") == files_of(whole)
+
+
+def test_later_attempts_start_from_what_a_sensor_believes(collect, tmp_path):
+    """A sensor that halves the error each time, and knows that it does."""
+    seen = []
+
+    def update(beliefs, interactions, keys):
+        seen.append(jax.random.key_data(keys))
+        error = interactions.hole_pos_world - beliefs.pos_mean_world
+        return replace(
+            beliefs, pos_mean_world=beliefs.pos_mean_world + error / 2, pos_cov=beliefs.pos_cov / 4
+        )
+
+    plan = {"episodes": 12, "sequence": 3, "policy": "spiral", "sensor": "halving"}
+    data = store.load(collect(tmp_path / "own", update=update, **plan))
+    rows = np.arange(12).reshape(4, 3)
+    estimate, hole = data.interaction.estimate_world[rows], data.interaction.hole_pos_world[rows]
+    error = estimate - hole
+    np.testing.assert_allclose(error[:, 1], error[:, 0] / 2, atol=1e-7)
+    np.testing.assert_allclose(error[:, 2], error[:, 0] / 4, atol=1e-7)
+    cov = data.estimate_cov[rows]
+    np.testing.assert_allclose(cov[:, 2], np.broadcast_to(1e-4 / 16 * np.eye(2), (4, 2, 2)), rtol=1e-5)
+    assert len(np.unique(np.concatenate(seen), axis=0)) == sum(len(keys) for keys in seen)
+    with pytest.raises(RequestError, match="sensor"):
+        collect(tmp_path / "own", **plan | {"sensor": "another"})
 
 
 @pytest.mark.parametrize(

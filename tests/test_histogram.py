@@ -56,6 +56,21 @@ def test_update_is_bayes_by_enumeration(seed, peg, hard):
     assert np.exp(got.type_logp).sum() == pytest.approx(1, abs=1e-6)
 
 
+@settings(max_examples=30, deadline=None)
+@given(seeds=st.lists(SEEDS, min_size=3, max_size=3, unique=True), order=st.permutations(range(3)))
+def test_attempts_in_any_order_agree(seeds, order):
+    belief, _ = as_inputs(*draw(seeds[0])[:3])
+    attempts = [(as_inputs(*draw(seed)[:3])[1], draw(seed)[3], k) for k, seed in enumerate(seeds)]
+
+    def after(attempts):
+        one = belief
+        for observation, alpha, peg in attempts:
+            one = update_type(one, observation, jnp.asarray(peg), jnp.asarray(alpha, jnp.float32), hard=False)
+        return one.type_logp
+
+    np.testing.assert_allclose(after(attempts), after([attempts[k] for k in order]), atol=1e-4)
+
+
 @settings(max_examples=40, deadline=None)
 @given(seed=SEEDS, peg=st.integers(0, 4), hard=st.booleans(), order=st.permutations(range(5)))
 def test_renaming_the_types_renames_the_posterior(seed, peg, hard, order):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mjx_fit.dataset.windows import Sample
-from mjx_fit.training.loss import filter_loss, weighted_sum
+from mjx_fit.training.loss import filter_loss, sequence_loss, weighted_sum
 from mjx_fit.types import Belief, Observation, Reading
 
 B = 8
@@ -127,3 +127,45 @@ def test_gradient_is_that_of_finite_differences():
                 want = float((up - down) / (2e-5 * scale))
                 got = float(jnp.sum(grad * direction))
                 assert got == pytest.approx(want, rel=1e-5, abs=1e-7 * float(jnp.abs(grad).sum()))
+
+
+def test_a_chain_is_one_big_gaussian_and_one_product_of_likelihoods():
+    """Three attempts at each of B holes, updated one after the other, against all of them at once."""
+    problems = [make_problem(seed) for seed in range(3)]
+    observation, sample = jax.tree.map(lambda *leaves: jnp.stack(leaves, axis=1), *problems)
+    hole = sample.prior.pos_mean_world[:, :1] + jnp.array([0.004, -0.003])
+    starts = hole + jnp.asarray(np.random.default_rng(5).normal(0, 0.004, (B, 3, 2)), jnp.float32)
+    starts = starts.at[:, 0].set(sample.prior.pos_mean_world[:, 0])
+    sample = replace(
+        sample,
+        hole_pos_world=jnp.broadcast_to(hole, (B, 3, 2)),
+        hole_type=jnp.broadcast_to(sample.hole_type[:, :1], (B, 3)),
+        prior=replace(sample.prior, pos_mean_world=starts),
+        failed=jnp.ones((B, 3), bool),
+    )
+    losses = jax.jit(sequence_loss)(observation, sample)
+    for i in range(B):
+        o, s = (jax.tree.map(lambda x, i=i: np.asarray(x[i], float), tree) for tree in (observation, sample))
+        information = np.linalg.inv(s.prior.pos_cov[0] * 1e4)
+        vector = information @ s.prior.pos_mean_world[0] * 100
+        xi = np.exp(s.prior.type_logp[0])
+        for k in range(3):
+            precision = np.linalg.inv(o.pos_noise_cov[k] * 1e4)
+            information = information + precision
+            vector = vector + precision @ (s.prior.pos_mean_world[k] + o.innovation[k]) * 100
+            cov = np.linalg.inv(information)
+            error = s.hole_pos_world[k] * 100 - cov @ vector
+            p = np.exp(o.match_logits[k]) / np.exp(o.match_logits[k]).sum()
+            xi = xi * (np.exp(o.match_model_logp[k]) @ p)
+            xi = xi / xi.sum()
+            assert losses.pos_logdet[i, k] == pytest.approx(0.5 * np.log(np.linalg.det(cov)), abs=1e-3)
+            mahalanobis = 0.5 * error @ information @ error
+            assert losses.pos_mahalanobis[i, k] == pytest.approx(mahalanobis, rel=2e-3, abs=1e-3)
+            assert losses.type_nll[i, k] == pytest.approx(-np.log(xi[int(s.hole_type[k])]), abs=1e-4)
+
+
+def test_a_chain_of_one_is_a_window_alone():
+    observation, sample = make_problem()
+    alone = filter_loss(observation, sample)
+    chained = sequence_loss(*jax.tree.map(lambda leaf: leaf[:, None], (observation, sample)))
+    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b[:, 0], rtol=1e-4, atol=1e-5), alone, chained)

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from mjx_fit import config
-from mjx_fit.dataset.collect import Plan
 from mjx_fit.dataset.episode import Episode
+from mjx_fit.dataset.plan import Plan
 from mjx_fit.dataset.shard import encode
 from mjx_fit.dataset.writer import Writer, new_manifest, new_shard
 from mjx_fit.errors import RequestError

@@ -20,6 +20,7 @@ from mjx_fit.training.baseline import FRAME_BY_FRAME, train_with_baseline
 from mjx_fit.training.checkpoint import LAST, from_arrays, load_sensor, to_arrays
 from mjx_fit.training.loop import train
 from mjx_fit.training.loss import filter_loss
+from mjx_fit.training.sides import require_chains
 from mjx_fit.training.step import optimizer
 
 EPISODES, EPOCHS = 240, 40
@@ -317,3 +318,25 @@ def test_arrays_keep_a_tree():
     tree = {"a": [np.arange(3), np.float32(2)], "b": {"c": np.ones((2, 2))}}
     back = from_arrays(tree, to_arrays(tree))
     jax.tree.map(np.testing.assert_array_equal, back, tree)
+
+
+def test_training_through_sequences(tmp_path, monkeypatch):
+    """Chains of three whole attempts, from the device and from the host; other data are refused."""
+    data = make_episodes(EPISODES, actions=8, min_length=8, sequence=3)
+    whole = replace(CONFIG.train, sequence=3, min_window=8, epochs=EPOCHS // 2, mirror=True)
+    config = replace(CONFIG, train=whole)
+    train(data, config, tmp_path / "run", 0)
+    rows = metrics(tmp_path / "run")
+    assert rows[-1]["val_nll"] < rows[0]["val_nll"] - 0.5
+    monkeypatch.setattr("mjx_fit.training.loop.placed", lambda data: placed(data, free_bytes=0))
+    train(data, config, tmp_path / "host", 0)
+    for one, other in zip(rows, metrics(tmp_path / "host"), strict=True):
+        assert one == pytest.approx(other, rel=1e-4, abs=1e-4)
+    for request, message in (
+        ({"sequence": 2, "sensor": "x"}, "they have 2 attempts in a row; collect them with --sequence 3"),
+        ({"sequence": 3}, "start from drawn estimates; collect them with the --run of a sensor"),
+    ):
+        with pytest.raises(RequestError, match=message):
+            require_chains(request, config)
+    require_chains({"sequence": 3, "sensor": "x"}, config)
+    require_chains({"sequence": 1}, CONFIG)

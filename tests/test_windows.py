@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from synthetic import make_episodes
 
 from mjx_fit.config import Config, TrainConfig, WristConfig
-from mjx_fit.dataset.windows import MIN_ACTIONS, sample_windows, split, usable
+from mjx_fit.dataset.windows import MIN_ACTIONS, chains, sample_windows, split, usable
 from mjx_fit.errors import RequestError
 from mjx_fit.shapes import plate_top_m
 
@@ -159,3 +159,42 @@ def test_split_depends_on_the_seed_and_refuses_one_sequence():
     assert not np.array_equal(split(ids, 0.1, 0)[1], split(ids, 0.1, 1)[1])
     with pytest.raises(RequestError, match="at least 2"):
         split(np.zeros(5, int), 0.1, 0)
+
+
+@settings(max_examples=50)
+@given(each=st.integers(1, 5), length=st.integers(1, 4), left_out=st.sets(st.integers(0, 19)))
+def test_chains_are_attempts_in_a_row(each, length, left_out):
+    n = 20 // each * each
+    data = make_episodes(n, actions=2, min_length=1, sequence=each)
+    episodes = np.array([i for i in range(n) if i not in left_out], int)
+    found = chains(data, episodes, length)
+    assert found.shape[1] == length
+    want = set()
+    for i in episodes.tolist():
+        place = i % each % length
+        first = i - place
+        if all(k in episodes for k in range(first, i)):
+            want.add(i)
+    assert sorted(found[found >= 0].tolist()) == sorted(want)
+    for row in found:
+        kept = row[row >= 0]
+        assert (row[: len(kept)] == kept).all()
+        assert kept.tolist() == list(range(kept[0], kept[0] + len(kept)))
+        assert kept[0] % each % length == 0
+        assert len({i // each for i in kept.tolist()}) == 1
+
+
+def test_a_chain_is_mirrored_as_a_whole_and_its_windows_are_those_of_its_episodes():
+    config = replace(CONFIG, train=replace(CONFIG.train, mirror=True))
+    data = make_episodes(EPISODES, actions=16, sequence=3)
+    rows = jnp.asarray(chains(data, np.arange(EPISODES), 3))
+    chained = sample_windows(data, rows, jax.random.key(8), config)
+    alone = sample_windows(data, ALL, jax.random.key(8), CONFIG)
+    sign = np.sign(np.asarray(chained.hole_pos_world[..., 1] * alone.hole_pos_world[rows, 1]))
+    assert (sign == sign[:, :1]).all()
+    assert set(sign[:, 0]) == {-1.0, 1.0}
+    np.testing.assert_allclose(
+        chained.reading.tip_pos_estimate[..., 1] * sign[..., None],
+        alone.reading.tip_pos_estimate[rows][..., 1],
+        atol=1e-7,
+    )

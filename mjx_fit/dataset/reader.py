@@ -33,15 +33,15 @@ def placed(data: Episode, free_bytes: int | None = None) -> Episode:
 
 
 def batches(
-    data: Episode, episodes: Int[np.ndarray, "n"], key: Key[Array, ""], config: Config
-) -> Iterator[tuple[Sample, Float[Array, "batch"]]]:
+    data: Episode, episodes: Int[np.ndarray, "n *length"], key: Key[Array, ""], config: Config
+) -> Iterator[tuple[Sample, Float[Array, "batch *length"]]]:
     """One pass: a fresh window from each of the episodes, in an order drawn from the key.
 
     The same key gives the same order, windows and noise, wherever the data are and however large the batches.
 
     Args:
         data: The data set, on the device or on the host.
-        episodes: Indices of those that take part.
+        episodes: Indices of those that take part, or ``windows.chains`` of them.
         key: Source of the order, of windows, noise and type priors.
         config: ``train.batch_size`` is the most windows in a batch.
 
@@ -60,23 +60,29 @@ def batches(
 
 
 def in_order(
-    episodes: Int[Array, "n"], key: Key[Array, ""], batch_size: int
-) -> tuple[Int[Array, "steps batch"], Float[Array, "steps batch"], Key[Array, ""]]:
+    episodes: Int[Array, "n *length"], key: Key[Array, ""], batch_size: int
+) -> tuple[Int[Array, "steps batch *length"], Float[Array, "steps batch *length"], Key[Array, ""]]:
     """The batches of one pass in an order drawn from the key, their weights, and the key of their windows."""
     order_key, window_key = jax.random.split(key)
     return *equal_batches(jax.random.permutation(order_key, episodes), batch_size), window_key
 
 
-def equal_batches(
-    episodes: Int[Array, "n"], batch_size: int
-) -> tuple[Int[Array, "steps batch"], Float[Array, "steps batch"]]:
-    """Cut into ceil(n / batch_size) batches of equal size, at most ``batch_size``.
+def n_batches(episodes: Int[Array, "n *length"], batch_size: int) -> int:
+    """In how many batches a pass goes over these; a chain counts as many windows as it is long."""
+    return math.ceil(len(episodes) / max(1, batch_size // math.prod(episodes.shape[1:])))
 
-    Equal sizes leave fewer places over than there are batches; those repeat an episode, with weight zero.
+
+def equal_batches(
+    episodes: Int[Array, "n *length"], batch_size: int
+) -> tuple[Int[Array, "steps batch *length"], Float[Array, "steps batch *length"]]:
+    """Cut into ``n_batches`` batches of equal size, at most ``batch_size`` windows.
+
+    Equal sizes leave fewer places over than there are batches; those repeat an episode, with weight zero, as
+    has a place in a chain where there is none.
     """
-    n = len(episodes)
-    steps = math.ceil(n / batch_size)
-    size = math.ceil(n / steps)
-    places = jnp.arange(steps * size)
-    weight = (places < n).astype(float)
-    return episodes[places % n].reshape(steps, size), weight.reshape(steps, size)
+    n, steps = len(episodes), n_batches(episodes, batch_size)
+    places = jnp.arange(steps * math.ceil(n / steps))
+    taken = episodes[places % n]
+    weight = (places < n).reshape(-1, *[1] * (episodes.ndim - 1)) & (taken >= 0)
+    shape = (steps, -1, *episodes.shape[1:])
+    return taken.reshape(shape), weight.astype(float).reshape(shape)

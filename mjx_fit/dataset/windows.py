@@ -74,9 +74,29 @@ def split(
     return np.flatnonzero(~chosen[of_episode]), np.flatnonzero(chosen[of_episode])
 
 
+def chains(data: Episode, episodes: Int[np.ndarray, "n"], length: int) -> Int[np.ndarray, "m length"]:
+    """Arrange episodes in runs of attempts in a row at one hole, along which a belief is handed on.
+
+    Args:
+        data: Stacked episodes.
+        episodes: Indices of those that take part.
+        length: Attempts in a run. A longer sequence is cut into several, each of which begins with what its
+            own first attempt started from.
+
+    Returns:
+        Indices; -1 where a run has ended. A run without its first attempt is left out.
+    """
+    sequence, number = (np.asarray(leaf)[episodes] for leaf in (data.sequence, data.number))
+    runs, run = np.unique(np.stack([sequence, number // length], 1), axis=0, return_inverse=True)
+    arranged = np.full((len(runs), length), -1)
+    arranged[run, number % length] = episodes
+    unbroken = np.logical_and.accumulate(arranged >= 0, axis=1)
+    return np.where(unbroken, arranged, -1)[unbroken[:, 0]]
+
+
 @partial(jax.jit, static_argnames="config")
 def sample_windows(
-    data: Episode, episodes: Int[Array, "batch"], key: Key[Array, ""], config: Config
+    data: Episode, episodes: Int[Array, "batch *length"], key: Key[Array, ""], config: Config
 ) -> Sample:
     """Draw one window from each of the chosen episodes.
 
@@ -85,7 +105,8 @@ def sample_windows(
 
     Args:
         data: Stacked along one leading axis.
-        episodes: Indices into it.
+        episodes: Indices into it, or ``chains`` of them, which are mirrored as a whole; for an index of -1
+            any window.
         key: Source of windows, noise and type priors.
         config: Static; ``train``, ``wrist`` and ``scene`` are used.
     """
@@ -93,7 +114,9 @@ def sample_windows(
 
 
 @partial(jax.jit, static_argnames="config")
-def windows_of(rows: Episode, indices: Int[Array, "batch"], key: Key[Array, ""], config: Config) -> Sample:
+def windows_of(
+    rows: Episode, indices: Int[Array, "batch *length"], key: Key[Array, ""], config: Config
+) -> Sample:
     """Draw one window from each episode of a batch; see ``sample_windows``.
 
     Args:
@@ -102,14 +125,24 @@ def windows_of(rows: Episode, indices: Int[Array, "batch"], key: Key[Array, ""],
         key: Source of windows, noise and type priors.
         config: Static.
     """
+    flat = jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[indices.ndim :]), rows)
+    draw = jax.vmap(lambda episode, index: _sample_one(episode, jax.random.fold_in(key, index), config))
+    sample, mirrored = jax.tree.map(
+        lambda leaf: leaf.reshape(*indices.shape, *leaf.shape[1:]), draw(flat, indices.reshape(-1))
+    )
+    if not config.train.mirror:
+        return sample
+    if indices.ndim > 1:
+        mirrored = jnp.broadcast_to(mirrored[:, :1], mirrored.shape)
 
-    def sample(episode: Episode, index: Int[Array, ""]) -> Sample:
-        return _sample_one(episode, jax.random.fold_in(key, index), config)
+    def choose(there, here):
+        return jnp.where(mirrored.reshape(*mirrored.shape, *[1] * (here.ndim - mirrored.ndim)), there, here)
 
-    return jax.vmap(sample)(rows, indices)
+    return jax.tree.map(choose, _mirror(sample), sample)
 
 
-def _sample_one(episode: Episode, key: Key[Array, ""], config: Config) -> Sample:
+def _sample_one(episode: Episode, key: Key[Array, ""], config: Config) -> tuple[Sample, Bool[Array, ""]]:
+    """A window, and whether it is one to be mirrored."""
     interaction = episode.interaction
     count_key, start_key, noise_key, prior_key, side_key = jax.random.split(key, 5)
     train = config.train
@@ -131,10 +164,7 @@ def _sample_one(episode: Episode, key: Key[Array, ""], config: Config) -> Sample
         hole_pos_world=interaction.hole_pos_world,
         failed=~(interaction.inserted & (start + count == interaction.length)),
     )
-    if not train.mirror:
-        return sample
-    mirrored = jax.random.bernoulli(side_key)
-    return jax.tree.map(lambda a, b: jnp.where(mirrored, a, b), _mirror(sample), sample)
+    return sample, jax.random.bernoulli(side_key)
 
 
 def _mirror(sample: Sample) -> Sample:

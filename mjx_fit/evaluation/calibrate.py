@@ -5,13 +5,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from flax import nnx
 from jaxtyping import Float
 
 from mjx_fit import config as config_
 from mjx_fit import provenance
 from mjx_fit.config import Config
-from mjx_fit.dataset import store
+from mjx_fit.dataset import manifest, store
 from mjx_fit.errors import RequestError
 from mjx_fit.evaluation import calibration, held_out, outcome
 from mjx_fit.evaluation.results import Result
@@ -50,21 +49,18 @@ def calibrate(config: Config, out: Path, run: Path, data: Path, seed: int) -> Re
     sensors = {"full": sensor}
     if (run / FRAME_BY_FRAME).is_dir():
         sensors["frame_by_frame"] = checkpoint.load_sensor(run / FRAME_BY_FRAME)[0]
-    episodes = store.load(data)
+    episodes, engine = store.load(data), manifest.read(data).request["engine"]
     actions = min(config.task.attempt_actions, int(np.asarray(episodes.interaction.trace.contact).shape[1]))
     ids = held_out.failed_attempts(episodes, actions)
     require_sound(episodes, np.isin(np.arange(len(episodes.episode)), ids))
     request = {
         "methods": list(sensors),
         "data": provenance.fingerprint(episodes),
-        "sensor": {
-            name: provenance.fingerprint(checkpoint.to_arrays(nnx.state(one)))
-            for name, one in sensors.items()
-        },
+        "sensor": {name: checkpoint.fingerprint_of(one) for name, one in sensors.items()},
         "differs_from_training": config_.differences(trained, config),
     }
     _require_new(run, request["data"])
-    done = outcome.finished(out, "calibration", config, seed, request, "auto")
+    done = outcome.finished(out, "calibration", config, seed, request, engine)
     if done is not None:
         return done
     counts = sorted({max(1, round(share * actions)) for share in (*SHARES, 1)})
@@ -79,7 +75,7 @@ def calibrate(config: Config, out: Path, run: Path, data: Path, seed: int) -> Re
     # The rows of parts of attempts would make the file five times as large: their scores are in the summary.
     whole = [trial for trial in trials if trial["actions"] == actions]
     rows = summarise(trials, actions)
-    return outcome.write(out, "calibration", config, seed, request, "auto", rows, whole)
+    return outcome.write(out, "calibration", config, seed, request, engine, rows, whole)
 
 
 def summarise(trials: _Trials, actions: int) -> list[Row]:

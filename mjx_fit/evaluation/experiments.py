@@ -5,11 +5,9 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from flax import nnx
 from jaxtyping import Float, Int
 
 from mjx_fit import config as config_
-from mjx_fit import provenance
 from mjx_fit.config import Config
 from mjx_fit.dataset.draws import MISMATCHED, draw_places
 from mjx_fit.errors import RequestError
@@ -104,9 +102,7 @@ def assembly(
     request = {
         "methods": [method.name for method in picked],
         "trials": trials,
-        "sensor": provenance.fingerprint(checkpoint.to_arrays(nnx.state(sensor)))
-        if sensor is not None
-        else None,
+        "sensor": None if sensor is None else checkpoint.fingerprint_of(sensor),
         "differs_from_training": differs,
     }
     done = outcome.finished(out, "assembly", config, seed, request, engine)

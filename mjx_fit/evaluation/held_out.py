@@ -1,6 +1,6 @@
 """What trained sensors make of attempts that they were not trained on: one update from the stored prior."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from flax import nnx
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
 from mjx_fit.config import Config
 from mjx_fit.dataset.episode import Episode, happened
@@ -89,7 +89,11 @@ def observe(
 def posterior(
     observation: Observation, data: Episode, ids: Int[np.ndarray, "n"], config: Config, *, with_prior: bool
 ) -> Posterior:
-    """One update after a failed attempt, from the covariance that was stored with the estimate.
+    """What is believed after a failed attempt.
+
+    The position is updated once, from the estimate and the covariance that are stored with the attempt. The
+    type is that of a hole nothing was known about, after this attempt and those of its sequence before it: a
+    filter's updates are products, so that those of earlier attempts can be taken along in any order.
 
     Args:
         observation: Of ``observe``.
@@ -107,10 +111,20 @@ def posterior(
         belief = update_position(prior, observation)
         alpha = jnp.asarray(config.task.success_probability)
         belief = update_type(belief, observation, interaction.peg_type, alpha, hard=config.task.hard_match)
+        belief = replace(belief, type_logp=_over_sequences(belief.type_logp, data, ids))
     else:
         belief = Belief(estimate + observation.innovation, jnp.asarray(observation.pos_noise_cov), types)
     probability = jax.nn.softmax(observation.match_logits, axis=-1)[..., 1]
     return Posterior(jax.tree.map(np.asarray, belief), np.asarray(probability))
+
+
+def _over_sequences(
+    type_logp: Float[Array, "n C"], data: Episode, ids: Int[np.ndarray, "n"]
+) -> Float[Array, "n C"]:
+    """Of what single attempts say about the type, the product over those of a sequence so far."""
+    sequence, number = np.asarray(data.sequence)[ids], np.asarray(data.number)[ids]
+    before = (sequence[:, None] == sequence) & (number[:, None] >= number)
+    return jax.nn.log_softmax(jnp.asarray(before.astype(np.float32)) @ type_logp, axis=-1)
 
 
 def rows(

@@ -14,6 +14,7 @@ import orbax.checkpoint as ocp
 from flax import nnx
 
 from mjx_fit import config as config_
+from mjx_fit import provenance
 from mjx_fit.config import Config
 from mjx_fit.errors import RequestError
 from mjx_fit.sensors.model import ContactSensor
@@ -96,6 +97,11 @@ def load_sensor(run: Path) -> tuple[ContactSensor, Config]:
     abstract = nnx.eval_shape(lambda: ContactSensor(config.sensor, nnx.Rngs(0), len(SHAPES)))
     graphdef, template = nnx.split(abstract)
     return nnx.merge(graphdef, from_arrays(template, checkpoint[1])), config
+
+
+def fingerprint_of(sensor: ContactSensor) -> str:
+    """What tells a trained sensor from all others."""
+    return provenance.fingerprint(to_arrays(nnx.state(sensor)))
 
 
 def data_of(run: Path) -> str:

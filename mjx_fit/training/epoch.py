@@ -30,7 +30,7 @@ def run_epoch(
     recipe: Recipe,
     state: TrainState,
     data: Episode,
-    sides: tuple[Int[np.ndarray, "n"], Int[np.ndarray, "m"]],
+    sides: tuple[Int[np.ndarray, "n *length"], Int[np.ndarray, "m *length"]],
     key: Key[Array, ""],
     val_key: Key[Array, ""],
 ) -> tuple[TrainState, Loss, Loss]:
@@ -40,7 +40,7 @@ def run_epoch(
         recipe: Static.
         state: Before; it is donated.
         data: All episodes, on the device (JAX arrays) or on the host (NumPy arrays).
-        sides: Indices of the training and of the validation episodes.
+        sides: Indices of the training and of the validation episodes, or chains of them.
         key: Source of the epoch's order, windows, noise and dropout.
         val_key: The same for validation: the same in each epoch, so that epochs compare.
 
@@ -49,7 +49,7 @@ def run_epoch(
     """
     run = _from_host if isinstance(data.episode, np.ndarray) else _on_device
     state, training, validation = run(recipe, state, data, *sides, key, val_key)
-    return state, _mean(training, len(sides[0])), _mean(validation, len(sides[1]))
+    return state, _mean(training, sides[0]), _mean(validation, sides[1])
 
 
 @partial(jax.jit, static_argnums=0, donate_argnums=1)
@@ -86,7 +86,8 @@ def _from_host(recipe, state, data, train_ids, val_ids, key, val_key):
     return state, _stacked(training), _stacked(validation)
 
 
-def _mean(sums: Loss, n: int) -> Loss:
+def _mean(sums: Loss, episodes: Int[np.ndarray, "n *length"]) -> Loss:
+    n = int((episodes >= 0).sum())
     return jax.tree.map(lambda term: np.sum(term) / n, sums)
 
 

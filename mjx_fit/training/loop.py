@@ -17,8 +17,8 @@ from jaxtyping import Int, Key
 from mjx_fit import provenance
 from mjx_fit.config import Config
 from mjx_fit.dataset.episode import Episode
-from mjx_fit.dataset.reader import placed
-from mjx_fit.dataset.windows import Sample, windows_of
+from mjx_fit.dataset.reader import n_batches, placed
+from mjx_fit.dataset.windows import Sample, chains, windows_of
 from mjx_fit.errors import WorkError
 from mjx_fit.progress import Progress
 from mjx_fit.randomness import require_seed, root_key
@@ -61,7 +61,8 @@ def train(
     """
     out = Path(out)
     require_seed(seed)
-    sides = usable_sides(data, config, seed)
+    episodes = usable_sides(data, config, seed)
+    sides = _examples(data, config, episodes[0]), _examples(data, config, episodes[1])
     data_id = provenance.fingerprint(data)
     run_folder.check(out, config, seed, data_id)
     epochs_done, arrays = checkpoint.load_last(out)
@@ -72,12 +73,12 @@ def train(
         return
     init_key, epoch_root, val_key = jax.random.split(root_key(seed, "train"), 3)
     recipe, state = _begin(data, sides[0], config, init_key)
-    run_folder.write(out, config, seed, data_id, np.asarray(data.sequence), sides)
+    run_folder.write(out, config, seed, data_id, np.asarray(data.sequence), episodes)
     run_folder.keep_metrics(out, epochs_done)
     if arrays is not None:
         state = checkpoint.from_arrays(state, arrays)
     data = placed(data)
-    with Progress(_title(config, sides), config.train.epochs, epochs_done) as show:
+    with Progress(_title(config, episodes), config.train.epochs, epochs_done) as show:
         for epoch in range(epochs_done, config.train.epochs):
             began = time.monotonic()
             state, *losses = run_epoch(
@@ -132,14 +133,19 @@ class _Saver:
         return final
 
 
-def _title(config: Config, sides) -> str:
+def _examples(data: Episode, config: Config, episodes: Int[np.ndarray, "n"]) -> Int[np.ndarray, "m *length"]:
+    """Episodes as what examples are drawn from: one by one, or in chains."""
+    return episodes if config.train.sequence == 1 else chains(data, episodes, config.train.sequence)
+
+
+def _title(config: Config, episodes) -> str:
     kind = " frame by frame" if config.sensor.reference == "final" else ""
-    n, m = map(len, sides)
+    n, m = map(len, episodes)
     return f"train{kind} on {n:,}, validate on {m:,}: epoch"
 
 
 def _begin(
-    data: Episode, train_ids: Int[np.ndarray, "n"], config: Config, key: Key[Array, ""]
+    data: Episode, train_ids: Int[np.ndarray, "n *length"], config: Config, key: Key[Array, ""]
 ) -> tuple[Recipe, TrainState]:
     """A sensor with new weights, its inputs scaled to windows of the training episodes."""
     weight_key, order_key, window_key = jax.random.split(key, 3)
@@ -147,13 +153,14 @@ def _begin(
     static = run_folder.identity(config)
     sensor.fit_input_scale(_some_windows(data, train_ids, static, order_key, window_key).reading)
     graphdef, params, scale = nnx.split(sensor, nnx.Param, InputScale)
-    steps = math.ceil(len(train_ids) / config.train.batch_size)
+    steps = n_batches(train_ids, config.train.batch_size)
     state = TrainState(params, scale, optimizer(static, steps).init(params))
     return Recipe(graphdef, static, steps), state
 
 
 def _some_windows(data, train_ids, config, order_key, window_key) -> Sample:
-    ids = np.asarray(jax.random.permutation(order_key, train_ids)[:SCALE_WINDOWS])
+    windows = train_ids[train_ids >= 0]
+    ids = np.asarray(jax.random.permutation(order_key, windows)[:SCALE_WINDOWS])
     rows = jax.tree.map(lambda leaf: leaf[ids], data)
     return windows_of(rows, ids, window_key, config)
 

@@ -26,7 +26,7 @@ class Loss:
         match_nll: -1[c = c_peg] ln p(c = c_peg).
         mismatch_nll: -1[c ≠ c_peg] ln p(c ≠ c_peg).
         nll: Of the true state under the updated belief: the first three terms.
-        prior_nll: The same under the prior belief, for comparison.
+        prior_nll: The same under the belief before the update, for comparison.
     """
 
     total: Float[Array, "*batch"]
@@ -40,26 +40,73 @@ class Loss:
 
 
 def filter_loss(observation: Observation, sample: Sample) -> Loss:
-    """The loss of each window, any batch axes.
+    """The loss of each window after one update from its own prior, any batch axes.
 
     The type is updated with H taken softly, which can be differentiated, and with α = 0, that is T = 1: a
     window is cut from a random interaction, and how often such a cut would succeed is not known.
     """
-    peg_type, prior = sample.reading.peg_type, sample.prior
+    return _after_update(sample.prior, observation, sample)[1]
+
+
+def sequence_loss(observation: Observation, sample: Sample) -> Loss:
+    """The loss of each window of a chain, with the belief handed on from window to window.
+
+    What is felt in the attempts at one hole is not independent: all share the peg, the place and what the
+    sensor gets wrong about them. Only a loss after the second and third update sees whether R and H allow
+    for that.
+
+    Args:
+        observation: Axes (batch, length).
+        sample: The same axes; of the priors only each chain's first counts.
+    """
+
+    def update(belief: Belief, attempt: tuple[Observation, Sample]) -> tuple[Belief, Loss]:
+        seen, sample = attempt
+        # h_pos measures from where the attempt started; this filter may have come to stand elsewhere.
+        offset = sample.prior.pos_mean_world - belief.pos_mean_world
+        return _after_update(belief, replace(seen, innovation=seen.innovation + offset), sample)
+
+    along = jax.tree.map(lambda leaf: jnp.swapaxes(leaf, 0, 1), (observation, sample))
+    first = jax.tree.map(lambda leaf: leaf[:, 0], sample.prior)
+    _, losses = jax.lax.scan(update, first, along)
+    return jax.tree.map(lambda leaf: jnp.swapaxes(leaf, 0, 1), losses)
+
+
+def frame_by_frame_loss(observation: Observation, sample: Sample) -> Loss:
+    """The loss of the baseline, which knows no prior: the position terms, μ1 the observation and Σ1 = R."""
+    prior = sample.prior
+    seen = replace(
+        prior,
+        pos_mean_world=prior.pos_mean_world + observation.innovation,
+        pos_cov=observation.pos_noise_cov,
+    )
+    zero = jnp.zeros(seen.pos_mean_world.shape[:-1])
+    return _loss(seen, prior, sample.hole_pos_world, [zero] * 2, zero, zero)
+
+
+def _after_update(prior: Belief, observation: Observation, sample: Sample) -> tuple[Belief, Loss]:
+    """The updated belief, and its loss."""
+    peg_type = sample.reading.peg_type
     never_succeeds = jnp.zeros(prior.type_logp.shape[-1], prior.type_logp.dtype)
     belief = update_position(prior, observation)
     belief = update_type(belief, observation, peg_type, never_succeeds, hard=False)
-
-    pos_logdet, pos_mahalanobis = gaussian_nll_terms(
-        sample.hole_pos_world, belief.pos_mean_world, belief.pos_cov
-    )
-    type_nll = _type_nll(belief, sample)
     is_match = sample.hole_type == peg_type
     match_logp = jax.nn.log_softmax(observation.match_logits, axis=-1)
-    match_nll = jnp.where(sample.failed & is_match, -match_logp[..., 1], 0)
-    mismatch_nll = jnp.where(sample.failed & ~is_match, -match_logp[..., 0], 0)
+    loss = _loss(
+        belief,
+        prior,
+        sample.hole_pos_world,
+        [_type_nll(one, sample) for one in (belief, prior)],
+        jnp.where(sample.failed & is_match, -match_logp[..., 1], 0),
+        jnp.where(sample.failed & ~is_match, -match_logp[..., 0], 0),
+    )
+    return belief, loss
+
+
+def _loss(belief: Belief, prior: Belief, hole_pos_world, type_nlls, match_nll, mismatch_nll) -> Loss:
+    type_nll, prior_type_nll = type_nlls
+    pos_logdet, pos_mahalanobis = gaussian_nll_terms(hole_pos_world, belief.pos_mean_world, belief.pos_cov)
     nll = pos_logdet + pos_mahalanobis + type_nll
-    prior_pos_nll = gaussian_nll(sample.hole_pos_world, prior.pos_mean_world, prior.pos_cov)
     return Loss(
         total=nll + match_nll + mismatch_nll,
         pos_logdet=pos_logdet,
@@ -68,33 +115,11 @@ def filter_loss(observation: Observation, sample: Sample) -> Loss:
         match_nll=match_nll,
         mismatch_nll=mismatch_nll,
         nll=nll,
-        prior_nll=prior_pos_nll + _type_nll(prior, sample),
+        prior_nll=gaussian_nll(hole_pos_world, prior.pos_mean_world, prior.pos_cov) + prior_type_nll,
     )
 
 
-def frame_by_frame_loss(observation: Observation, sample: Sample) -> Loss:
-    """The loss of the baseline, which knows no prior: the position terms, μ1 the observation and Σ1 = R."""
-    seen = replace(
-        sample.prior,
-        pos_mean_world=sample.prior.pos_mean_world + observation.innovation,
-        pos_cov=observation.pos_noise_cov,
-    )
-    pos_logdet, pos_mahalanobis = gaussian_nll_terms(sample.hole_pos_world, seen.pos_mean_world, seen.pos_cov)
-    nll, zero = pos_logdet + pos_mahalanobis, jnp.zeros_like(pos_logdet)
-    prior_nll = gaussian_nll(sample.hole_pos_world, sample.prior.pos_mean_world, sample.prior.pos_cov)
-    return Loss(
-        total=nll,
-        pos_logdet=pos_logdet,
-        pos_mahalanobis=pos_mahalanobis,
-        type_nll=zero,
-        match_nll=zero,
-        mismatch_nll=zero,
-        nll=nll,
-        prior_nll=prior_nll,
-    )
-
-
-def weighted_sum(losses: Loss, weight: Float[Array, "batch"]) -> Loss:
+def weighted_sum(losses: Loss, weight: Float[Array, "batch *length"]) -> Loss:
     """Each term, summed over the windows of a batch with these weights."""
     return jax.tree.map(lambda term: jnp.sum(term * weight), losses)
 

@@ -1,5 +1,7 @@
 """Which episodes train and which validate, and whether they can be trained on at all."""
 
+from typing import Any
+
 import jax
 import numpy as np
 from jaxtyping import Bool, Int
@@ -38,6 +40,34 @@ def usable_sides(
         )
     require_sound(data, keep)
     return train_ids, val_ids
+
+
+def require_chains(request: dict[str, Any], config: Config) -> None:
+    """Make sure that beliefs can be handed on along the attempts of a data set.
+
+    A drawn estimate is drawn around the truth: a belief that is handed on does not know that, and a sensor
+    that learns it is too sure of itself when it is on its own.
+
+    Args:
+        request: What the data set was asked to be.
+        config: ``train.sequence`` is used.
+
+    Raises:
+        RequestError: Its sequences are too short, or their later estimates were drawn.
+    """
+    wanted, there = config.train.sequence, request["sequence"]
+    if wanted == 1:
+        return
+    if there < wanted:
+        raise RequestError(
+            f"config: train.sequence: {wanted} is not allowed with these --data: they have "
+            f"{there} attempts in a row; collect them with --sequence {wanted}"
+        )
+    if not request.get("sensor"):
+        raise RequestError(
+            f"config: train.sequence: {wanted} is not allowed with these --data: their later attempts start "
+            "from drawn estimates; collect them with the --run of a sensor"
+        )
 
 
 def require_sound(data: Episode, keep: Bool[np.ndarray, "episodes"]) -> None:

@@ -1,5 +1,6 @@
 """One step of training, pure: the loss of a batch of windows, its gradient, the optimiser's update."""
 
+from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
@@ -10,8 +11,8 @@ from jaxtyping import Float, Key, PyTree
 
 from mjx_fit.config import Config
 from mjx_fit.dataset.windows import Sample
-from mjx_fit.training.loss import Loss, filter_loss, frame_by_frame_loss, weighted_sum
-from mjx_fit.types import Array, pytree
+from mjx_fit.training.loss import Loss, filter_loss, frame_by_frame_loss, sequence_loss, weighted_sum
+from mjx_fit.types import Array, Observation, pytree
 
 
 class Recipe(NamedTuple):
@@ -47,14 +48,18 @@ def optimizer(config: Config, steps_per_epoch: int) -> optax.GradientTransformat
 
 
 def train_step(
-    recipe: Recipe, state: TrainState, sample: Sample, weight: Float[Array, "n"], dropout: Key[Array, ""]
+    recipe: Recipe,
+    state: TrainState,
+    sample: Sample,
+    weight: Float[Array, "n *length"],
+    dropout: Key[Array, ""],
 ) -> tuple[TrainState, Loss]:
     """Follow the gradient of the mean loss over the windows that count.
 
     Args:
         recipe: Static.
         state: Before.
-        sample: n windows.
+        sample: n windows, or n chains of them.
         weight: 1 for those that count, 0 for the others.
         dropout: Source of the dropout.
 
@@ -73,7 +78,9 @@ def train_step(
     return TrainState(optax.apply_updates(state.params, updates), state.scale, opt_state), sums
 
 
-def validation_step(recipe: Recipe, state: TrainState, sample: Sample, weight: Float[Array, "n"]) -> Loss:
+def validation_step(
+    recipe: Recipe, state: TrainState, sample: Sample, weight: Float[Array, "n *length"]
+) -> Loss:
     """The terms of the loss over the windows that count, summed, without dropout."""
     return _losses(recipe, state.params, state.scale, sample, weight, None)
 
@@ -85,5 +92,10 @@ validation_step_jit = partial(jax.jit, static_argnums=0)(validation_step)
 def _losses(recipe, params, scale, sample, weight, dropout) -> Loss:
     sensor = nnx.merge(recipe.graphdef, params, scale)
     rngs = None if dropout is None else nnx.Rngs(dropout=dropout)
-    loss = frame_by_frame_loss if recipe.config.sensor.reference == "final" else filter_loss
-    return weighted_sum(loss(sensor(sample.reading, rngs), sample), weight)
+    return weighted_sum(_loss_of(recipe.config)(sensor(sample.reading, rngs), sample), weight)
+
+
+def _loss_of(config: Config) -> Callable[[Observation, Sample], Loss]:
+    if config.sensor.reference == "final":
+        return frame_by_frame_loss
+    return filter_loss if config.train.sequence == 1 else sequence_loss

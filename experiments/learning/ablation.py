@@ -1,0 +1,126 @@
+"""What makes the sensor good? One choice changed at a time, equal training.
+
+    python experiments/learning/ablation.py FOLDER [ROW ...]
+
+Data and runs go to FOLDER, outside the checkout; the table to ``ablation.json`` beside this file. Killed, the
+same command goes on. Every row trains for about ``STEPS`` steps of 32 windows with one seed, and is judged by
+one update after each failed spiral of the same set.
+"""
+
+import json
+import math
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+from mjx_fit import config as config_
+from mjx_fit import resources, runtime
+from mjx_fit.config import Config
+from mjx_fit.dataset import store
+from mjx_fit.dataset.collect import collect
+from mjx_fit.dataset.plan import Plan
+from mjx_fit.evaluation.calibrate import calibrate
+from mjx_fit.evaluation.results import Result
+from mjx_fit.report import script
+from mjx_fit.training.loop import train
+from mjx_fit.training.sides import usable_sides
+
+HERE = Path(__file__).parent
+STEPS = 3000
+TEST = Plan(episodes=3000, steps=100, policy="spiral", seed=1000)
+
+PAPER = ("noise=peg", "contact_features=false", "places=0", "positional=false")
+"""The paper's sensor."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One training.
+
+    Attributes:
+        data: What it is trained on.
+        changes: ``section.key=value``, beside ``configs/cpu.yaml``.
+    """
+
+    data: Plan
+    changes: tuple[str, ...] = ()
+
+
+SPIRAL = Plan(episodes=3000, steps=100, policy="spiral", seed=2)
+ROWS = {
+    "base": Row(SPIRAL),
+    "spiral, 1000": Row(Plan(1000, 100, "spiral", seed=2)),
+    "spiral, 300": Row(Plan(300, 100, "spiral", seed=2)),
+    "random": Row(Plan(3000, 200, "random", seed=2)),
+    "mixed": Row(Plan(3000, 200, "mixed", seed=2)),
+    "sequences of 3": Row(Plan(3000, 100, "spiral", seed=2, sequence=3)),
+    "R per peg": Row(SPIRAL, ("sensor.noise=peg",)),
+    "no centre of pressure": Row(SPIRAL, ("sensor.contact_features=false",)),
+    "no places": Row(SPIRAL, ("sensor.places=0",)),
+    "no positional encoding": Row(SPIRAL, ("sensor.positional=false",)),
+    "no mirror": Row(SPIRAL, ("train.mirror=false",)),
+    "the paper's sensor": Row(SPIRAL, tuple(f"sensor.{change}" for change in PAPER)),
+}
+
+
+def main(folder: Path, names: list[str]) -> None:
+    path = HERE / "ablation.json"
+    rows = json.loads(path.read_text())["rows"] if path.is_file() else {}
+    test = _collected(folder, TEST)
+    for name in names or ROWS:
+        result = _trained_and_judged(folder, name, ROWS[name], test)
+        rows[name] = {
+            "interactions": ROWS[name].data.episodes,
+            "changes": list(ROWS[name].changes),
+            **_scores(result),
+        }
+        script.save(path, {"steps": STEPS, "rows": {name: rows[name] for name in ROWS if name in rows}})
+
+
+def _trained_and_judged(folder: Path, name: str, row: Row, test: Path) -> Result:
+    data = _collected(folder, row.data)
+    run = folder / "runs" / name.replace(" ", "_").replace(",", "").replace("'", "")
+    config = _with_epochs(config_.load(resources.folder("configs") / "cpu.yaml", row.changes), data)
+    train(store.load(data), config, run, seed=0)
+    return calibrate(Config(), run / "calibration.json", run, test, seed=0)
+
+
+def _collected(folder: Path, plan: Plan) -> Path:
+    data = folder / "data" / f"{plan.policy}-{plan.episodes}-{plan.sequence}-{plan.seed}"
+    collect(Config(), data, plan)
+    return data
+
+
+def _with_epochs(config: Config, data: Path) -> Config:
+    """As many epochs as come to ``STEPS`` steps."""
+    training, _ = usable_sides(store.load(data), config, seed=0)
+    epochs = max(1, round(STEPS / math.ceil(len(training) / config.train.batch_size)))
+    tree = config_.to_tree(config)
+    tree["train"] |= {"epochs": epochs, "baseline_share": 0.0}
+    return config_.from_tree(tree)
+
+
+def _scores(result: Result) -> dict:
+    """The scores that the rows are compared by: value and interval each."""
+    wanted = {
+        ("position_error_cm", "all"),
+        ("position_nll", "all"),
+        ("coverage_90", "all"),
+        ("match_auroc", "all"),
+        ("type_brier", "all"),
+    }
+    pairs = [row for row in result.summary if row.metric == "match_auroc" and row.group.count(":") == 1]
+    pairs = [row for row in pairs if not row.group.startswith("actions:")]
+    scores = {
+        row.metric: {"value": row.value, "low": row.low, "high": row.high}
+        for row in result.summary
+        if row.method == "full" and (row.metric, row.group) in wanted
+    }
+    return scores | {"least_pair_auroc": min(row.value for row in pairs)}
+
+
+if __name__ == "__main__":
+    if len(sys.argv) < 2 or set(sys.argv[2:]) - set(ROWS):
+        sys.exit(f"usage: python {sys.argv[0]} FOLDER [{' | '.join(ROWS)}]")
+    runtime.configure()
+    main(Path(sys.argv[1]), sys.argv[2:])

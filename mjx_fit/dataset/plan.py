@@ -1,0 +1,121 @@
+"""What a data set is asked to be."""
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from mjx_fit import config as config_
+from mjx_fit.config import Config
+from mjx_fit.dataset.draws import POLICIES
+from mjx_fit.dataset.manifest import Manifest
+from mjx_fit.errors import RequestError
+from mjx_fit.randomness import require_seed
+from mjx_fit.simulate.engine import even_batch, resolve
+
+MAX_EPISODES, MAX_ACTIONS, MAX_BATCH, MAX_SEQUENCE = 10**7, 1000, 65536, 30
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is to be collected.
+
+    Attributes:
+        episodes: Number of interactions, a multiple of ``sequence``.
+        steps: Most actions in one. A spiral is as long as it will be in use, ``task.attempt_actions``, or is
+            cut off.
+        policy: ``random``, ``spiral``, or ``mixed``: both in turn.
+        engine: ``auto``, ``mjx`` or ``native``.
+        seed: Root seed.
+        batch: Most interactions in one shard. Their sequences are simulated at once.
+        sequence: Attempts in a row of one peg at one hole. The first starts from the detector's estimate,
+            later ones from estimates as a filter may have them by then; what follows an insertion is left
+            out.
+        shard_index: Which part of the whole to collect, from 0.
+        num_shards: Of how many parts.
+        sensor: Fingerprint of the sensor from whose beliefs the later attempts of a sequence start; empty:
+            they start from drawn ones.
+    """
+
+    episodes: int = 3000
+    steps: int = 200
+    policy: str = "random"
+    engine: str = "auto"
+    seed: int = 0
+    batch: int = 250
+    sequence: int = 1
+    shard_index: int = 0
+    num_shards: int = 1
+    sensor: str = ""
+
+    @property
+    def sequences(self) -> int:
+        return self.episodes // self.sequence
+
+    @property
+    def worlds(self) -> int:
+        """Worlds in each batch, one for each sequence; the last batch may have idle ones."""
+        return even_batch(self.sequences, max(1, self.batch // self.sequence))
+
+    def shards(self) -> dict[str, int]:
+        """The shards of this part: the first sequence of each, by file name."""
+        starts = range(0, self.sequences, self.worlds)[self.shard_index :: self.num_shards]
+        return {f"shard-{start * self.sequence:08d}.h5": start for start in starts}
+
+    def command(self, out: Path) -> str:
+        """The command that collects this, but for the configuration."""
+        options = [
+            f"--{field.name.replace('_', '-')} {getattr(self, field.name)}"
+            for field in fields(self)
+            if field.name != "sensor"
+        ]
+        if self.sensor:
+            options.append(f"--run RUN, the one whose sensor is {self.sensor},")
+        return f"mjx-fit collect --out {out} " + " ".join(options)
+
+    def request(self, config: Config) -> dict[str, Any]:
+        """What makes the whole what it is, JSON-ready: the same in all its parts."""
+        whole = ("episodes", "steps", "policy", "seed", "batch", "sequence")
+        return {
+            **{name: getattr(self, name) for name in whole},
+            **({"sensor": self.sensor} if self.sensor else {}),
+            "engine": resolve(self.engine),
+            "config": config_.to_tree(config),
+        }
+
+
+def plan_of(manifest: Manifest) -> Plan:
+    """What a data set was asked to be."""
+    index, of = manifest.part
+    asked = {name: value for name, value in manifest.request.items() if name != "config"}
+    return Plan(**asked, shard_index=index, num_shards=of)
+
+
+def check(plan: Plan) -> None:
+    require_seed(plan.seed)
+    for field, value, allowed, expected in (
+        ("--episodes", plan.episodes, 1 <= plan.episodes <= MAX_EPISODES, f"between 1 and {MAX_EPISODES}"),
+        ("--steps", plan.steps, 1 <= plan.steps <= MAX_ACTIONS, f"between 1 and {MAX_ACTIONS}"),
+        ("--policy", plan.policy, plan.policy in POLICIES, f"one of {', '.join(POLICIES)}"),
+        ("--batch", plan.batch, 1 <= plan.batch <= MAX_BATCH, f"between 1 and {MAX_BATCH}"),
+        ("--sequence", plan.sequence, 1 <= plan.sequence <= MAX_SEQUENCE, f"between 1 and {MAX_SEQUENCE}"),
+        ("--num-shards", plan.num_shards, plan.num_shards >= 1, "at least 1"),
+        (
+            "--shard-index",
+            plan.shard_index,
+            0 <= plan.shard_index < plan.num_shards,
+            f"between 0 and {plan.num_shards - 1}, one less than --num-shards",
+        ),
+    ):
+        if not allowed:
+            raise RequestError(f"{field}: {value!r} is not allowed: it must be {expected}")
+    if plan.episodes % plan.sequence:
+        raise RequestError(
+            f"--episodes: {plan.episodes} is not allowed: it must be a multiple of --sequence, "
+            f"{plan.sequence}"
+        )
+    batches = -(-plan.sequences // plan.worlds)
+    if plan.num_shards > batches:
+        raise RequestError(
+            f"--num-shards: {plan.num_shards} is not allowed: it must be at most {batches}, the number of "
+            "batches; a smaller --batch makes more"
+        )
