@@ -114,7 +114,10 @@ def _parser() -> argparse.ArgumentParser:
     train.add_argument("--data", type=Path, required=True, metavar="DIR")
     train.add_argument("--out", type=Path, required=True, metavar="RUN")
     train.add_argument("--epochs", type=int, metavar="N", help="instead of the configuration's")
-    train.add_argument("--seed", type=int, default=0, metavar="S")
+    train.add_argument("--seed", type=int, default=0, metavar="S", help="root seed (default 0)")
+    train.add_argument(
+        "--members", type=int, default=1, metavar="K", help="train K sensors at once, into RUN/member-0, ..."
+    )
     _configurable(train)
 
     _evaluations(parsers.add_parser("evaluate", help="run an experiment"))

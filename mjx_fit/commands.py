@@ -115,8 +115,9 @@ def train(args: argparse.Namespace) -> None:
     index, of = manifest.read(args.data).part
     if of > 1:
         print(f"{args.data}: part {index} of {of} of a data set; data merge joins them")
-    train_with_baseline(data, config, args.out, args.seed)
-    print(f"{args.out}: {run_folder.summary(args.out)}")
+    train_with_baseline(data, config, args.out, args.seed, args.members)
+    for folder in run_folder.members(args.out, args.members):
+        print(f"{folder}: {run_folder.summary(folder)}")
 
 
 def evaluate_attempt(args: argparse.Namespace) -> None:

@@ -340,3 +340,35 @@ def test_training_through_sequences(tmp_path, monkeypatch):
             require_chains(request, config)
     require_chains({"sequence": 3, "sensor": "x"}, config)
     require_chains({"sequence": 1}, CONFIG)
+
+
+def test_members_of_an_ensemble_train_at_once_as_they_would_alone(run, tmp_path):
+    few = replace(CONFIG, train=replace(CONFIG.train, epochs=4))
+
+    def kill(row):
+        if row["epoch"] == 1:
+            raise KilledError
+
+    out = tmp_path / "ensemble"
+    with pytest.raises(KilledError):
+        train(DATA, few, out, 0, members=3, on_epoch=kill, checkpoint_every_s=0.0)
+    train(DATA, few, out, 0, members=3)
+    curves = [metrics(out / f"member-{member}") for member in range(3)]
+    for here, there in zip(curves[0], metrics(run), strict=False):
+        assert here == pytest.approx(there, rel=1e-3, abs=1e-3)
+    last = [curve[-1]["total"] for curve in curves]
+    assert len(set(last)) == 3
+    assert [len(curve) for curve in curves] == [4, 4, 4]
+    # What each stores is what it was when its validation was best, and no other member's.
+    kernels = []
+    for member in range(3):
+        sensor, _ = load_sensor(out / f"member-{member}")
+        kernels.append(np.asarray(nnx.state(sensor)["trace_encoder"]["token"]["kernel"][...]))
+    assert not any(np.allclose(kernels[a], kernels[b]) for a, b in ((0, 1), (0, 2), (1, 2)))
+    whole = tmp_path / "whole"
+    train(DATA, few, whole, 0, members=3)
+    assert [metrics(whole / f"member-{member}") for member in range(3)] == curves
+    with pytest.raises(RequestError, match="it holds other files"):
+        train(DATA, few, run, 0, members=2)
+    with pytest.raises(RequestError, match="--members: 0 is not allowed"):
+        train(DATA, few, tmp_path / "none", 0, members=0)

@@ -26,7 +26,7 @@ from mjx_fit.training.loop import train
 from mjx_fit.training.sides import usable_sides
 
 HERE = Path(__file__).parent
-STEPS = 3000
+STEPS = 2400
 TEST = Plan(episodes=3000, steps=100, policy="spiral", seed=1000)
 
 PAPER = ("noise=peg", "contact_features=false", "places=0", "positional=false")

@@ -11,18 +11,18 @@ FRAME_BY_FRAME = "frame_by_frame"
 """Folder of the baseline's training, in that of the run."""
 
 
-def train_with_baseline(data: Episode, config: Config, out: Path, seed: int) -> None:
+def train_with_baseline(data: Episode, config: Config, out: Path, seed: int, members: int = 1) -> None:
     """Train the sensor, then the frame-by-frame one on the same episodes, or go on with what was begun.
 
-    ``checkpoint.load_sensor(out / FRAME_BY_FRAME)`` loads the second. With ``train.baseline_share: 0``, or
-    where the sensor itself is of that kind, it is left out.
+    ``checkpoint.load_sensor(out / FRAME_BY_FRAME)`` loads the second; each member of an ensemble has its own.
+    With ``train.baseline_share: 0``, or where the sensor itself is of that kind, it is left out.
 
     Raises:
         RequestError: As ``mjx_fit.training.loop.train``.
     """
-    train(data, config, out, seed)
+    train(data, config, out, seed, members=members)
     if config.train.baseline_share and config.sensor.reference != "final":
-        train(data, _of_baseline(config), out / FRAME_BY_FRAME, seed)
+        train(data, _of_baseline(config), out, seed, members=members, inside=FRAME_BY_FRAME)
 
 
 def _of_baseline(config: Config) -> Config:

@@ -31,14 +31,14 @@ def run_epoch(
     state: TrainState,
     data: Episode,
     sides: tuple[Int[np.ndarray, "n *length"], Int[np.ndarray, "m *length"]],
-    key: Key[Array, ""],
+    key: Key[Array, "*members"],
     val_key: Key[Array, ""],
 ) -> tuple[TrainState, Loss, Loss]:
-    """Train for one epoch and validate.
+    """Train for one epoch and validate: one sensor, or several members of an ensemble with a key for each.
 
     Args:
         recipe: Static.
-        state: Before; it is donated.
+        state: Before; it is donated. Of several members: stacked.
         data: All episodes, on the device (JAX arrays) or on the host (NumPy arrays).
         sides: Indices of the training and of the validation episodes, or chains of them.
         key: Source of the epoch's order, windows, noise and dropout.
@@ -47,13 +47,15 @@ def run_epoch(
     Returns:
         The new state, and the mean losses over the training (while it changed) and the validation windows.
     """
-    run = _from_host if isinstance(data.episode, np.ndarray) else _on_device
+    if isinstance(data.episode, np.ndarray):
+        run = _from_host
+    else:
+        run = _members_on_device if key.ndim else _on_device
     state, training, validation = run(recipe, state, data, *sides, key, val_key)
     return state, _mean(training, sides[0]), _mean(validation, sides[1])
 
 
-@partial(jax.jit, static_argnums=0, donate_argnums=1)
-def _on_device(recipe, state, data, train_ids, val_ids, key, val_key):
+def _epoch(recipe, state, data, train_ids, val_ids, key, val_key):
     pass_key, dropout_key = jax.random.split(key)
     config = recipe.config
 
@@ -74,6 +76,17 @@ def _on_device(recipe, state, data, train_ids, val_ids, key, val_key):
     return state, training, validation
 
 
+_on_device = partial(jax.jit, static_argnums=0, donate_argnums=1)(_epoch)
+
+
+@partial(jax.jit, static_argnums=0, donate_argnums=1)
+def _members_on_device(recipe, states, data, train_ids, val_ids, keys, val_key):
+    def member(state, key):
+        return _epoch(recipe, state, data, train_ids, val_ids, key, val_key)
+
+    return jax.vmap(member)(states, keys)
+
+
 def _from_host(recipe, state, data, train_ids, val_ids, key, val_key):
     pass_key, dropout_key = jax.random.split(key)
     training, validation = [], []
@@ -88,7 +101,7 @@ def _from_host(recipe, state, data, train_ids, val_ids, key, val_key):
 
 def _mean(sums: Loss, episodes: Int[np.ndarray, "n *length"]) -> Loss:
     n = int((episodes >= 0).sum())
-    return jax.tree.map(lambda term: np.sum(term) / n, sums)
+    return jax.tree.map(lambda term: np.sum(term, axis=-1) / n, sums)
 
 
 def _stacked(losses: list[Loss]) -> Loss:

@@ -28,6 +28,26 @@ def identity(config: Config) -> Config:
     return replace(config, train=replace(config.train, epochs=1))
 
 
+def members(out: Path, count: int, inside: str = "") -> list[Path]:
+    """The folders of the runs of an ensemble; of one alone, its own.
+
+    Raises:
+        RequestError: There must be at least one, or the folder holds what is no part of so many.
+    """
+    if count < 1:
+        raise RequestError(f"--members: {count} is not allowed: it must be at least 1")
+    if count == 1:
+        return [out / inside]
+    folders = [out / f"member-{member}" for member in range(count)]
+    parts = {"checkpoints", "frame_by_frame", *(folder.name for folder in folders)}
+    foreign = sorted({path.name for path in out.iterdir()} - parts) if out.is_dir() else []
+    if foreign:
+        raise RequestError(
+            f"--out: {out} is not allowed: it holds other files ({foreign[0]}); choose a new folder"
+        )
+    return [folder / inside for folder in folders]
+
+
 def check(out: Path, config: Config, seed: int, data: str) -> None:
     """Make sure that the folder is new or holds this very run; write nothing.
 

@@ -1,0 +1,134 @@
+"""Is all that the sensor knows what was felt? Exchange what was felt, and see whether anything is left.
+
+    python experiments/learning/leak.py TRAINING TEST RUN      data of spirals, the run to be questioned
+
+Each attempt keeps its estimate, its hole, its pegs and the path that was commanded; wrench, contact, height,
+orientation, velocities and the lag of the tip behind the command are those of another attempt. In what is
+left there must be nothing about the hole.
+
+``exchanged``: the run's sensor on such attempts. Its error is no measure, for it is sure of the other
+attempt's hole; what counts is whether what it says has anything to do with the truth: the share of variance
+that the best linear map of it explains, in two halves of the attempts, each by the map of the other.
+``retrained``: a sensor of the same kind, trained on such attempts from the start: its error, beside the
+prior's. ``control``: the same training on the attempts as they were.
+"""
+
+import sys
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import jax
+import numpy as np
+import shared
+from jaxtyping import Float
+
+from mjx_fit import config as config_
+from mjx_fit import runtime
+from mjx_fit.config import Config
+from mjx_fit.dataset.episode import Episode
+from mjx_fit.evaluation import held_out
+from mjx_fit.report import script
+from mjx_fit.training.checkpoint import load_sensor
+from mjx_fit.training.loop import train
+
+EPOCHS = 20
+RESAMPLES = 1000
+
+
+def main(training: Path, test: Path, run: Path) -> None:
+    train_as_is, test_as_is = shared.first_attempts(training), shared.first_attempts(test)
+    train_exchanged, test_exchanged = (exchanged(data, seed=7) for data in (train_as_is, test_as_is))
+    sensor, config = load_sensor(run)
+    results = {
+        "n_training": len(train_as_is.episode),
+        "n": len(test_as_is.episode),
+        "prior_error_cm": shared.mean_of(np.linalg.norm(_offset(test_as_is), axis=1)),
+        "explained_by_the_run": {
+            name: explained(_said(sensor, data, config), _offset(data))
+            for name, data in (("as it was", test_as_is), ("exchanged", test_exchanged))
+        },
+    }
+    tree = config_.to_tree(config)
+    tree["train"] |= {"epochs": EPOCHS, "sequence": 1, "min_window": 20}
+    config = config_.from_tree(tree)
+    for name, data, judged in (
+        ("control", train_as_is, test_as_is),
+        ("retrained", train_exchanged, test_exchanged),
+    ):
+        with tempfile.TemporaryDirectory() as folder:
+            train(data, config, Path(folder) / "run", seed=0)
+            trained, _ = load_sensor(Path(folder) / "run")
+        results[name] = shared.mean_of(_errors(trained, judged, config))
+    script.save(Path(__file__).parent / "leak.json", results)
+
+
+def exchanged(data: Episode, seed: int) -> Episode:
+    """The attempts with what was felt in another: in a random order each takes what the one before had."""
+    n = len(data.episode)
+    order = np.random.default_rng(seed).permutation(n)
+    other = np.empty(n, int)
+    other[order] = np.roll(order, 1)
+    interaction = data.interaction
+    trace, felt = interaction.trace, jax.tree.map(lambda leaf: leaf[other], interaction.trace)
+    origin = interaction.estimate_world[:, None]
+    goal = _goal(interaction.trace, interaction.estimate_world)
+    lag = (
+        felt.tip_pos_world[..., :2]
+        - interaction.estimate_world[other][:, None]
+        - _goal(felt, interaction.estimate_world[other])
+    )
+    tip = np.concatenate([origin + goal + lag, felt.tip_pos_world[..., 2:]], axis=-1)
+    before = np.concatenate([np.zeros_like(goal[:, :1]), (goal + lag)[:, :-1]], axis=1)
+    action = np.concatenate([goal - before, felt.action_world[..., 2:]], axis=-1)
+    trace = replace(felt, tip_pos_world=tip, action_world=action)
+    tare = interaction.tare_sensor[other]
+    return replace(data, interaction=replace(interaction, trace=trace, tare_sensor=tare))
+
+
+def _goal(trace, estimate: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n J 2"]:
+    """Where each action wanted the tip to be, relative to the estimate, at which the attempt starts."""
+    at = trace.tip_pos_world[..., :2] - estimate[:, None]
+    before = np.concatenate([np.zeros_like(at[:, :1]), at[:, :-1]], axis=1)
+    return before + trace.action_world[..., :2]
+
+
+def explained(said: Float[np.ndarray, "n 2"], truth: Float[np.ndarray, "n 2"]) -> dict[str, float]:
+    """Share of the truth's variance that a linear map of what was said explains, where it was not fitted."""
+    n = len(said)
+    half = np.arange(n) % 2 == 0
+    columns = np.concatenate([said, np.ones((n, 1))], axis=1)
+    left = np.zeros_like(truth)
+    for fit, judge in ((half, ~half), (~half, half)):
+        weights, *_ = np.linalg.lstsq(columns[fit], truth[fit], rcond=None)
+        left[judge] = truth[judge] - columns[judge] @ weights
+    squared, total = np.square(left).sum(1), np.square(truth - truth.mean(0)).sum(1)
+    rng = np.random.default_rng(0)
+    drawn = rng.integers(n, size=(RESAMPLES, n))
+    shares = 1 - squared[drawn].mean(1) / total[drawn].mean(1)
+    low, high = np.quantile(shares, [0.025, 0.975])
+    return {"value": 1 - squared.mean() / total.mean(), "low": low, "high": high}
+
+
+def _offset(data: Episode) -> Float[np.ndarray, "n 2"]:
+    """From the estimate to the hole, cm."""
+    return 100 * np.asarray(data.interaction.hole_pos_world - data.interaction.estimate_world, float)
+
+
+def _said(sensor, data: Episode, config: Config) -> Float[np.ndarray, "n 2"]:
+    ids = np.arange(len(data.episode))
+    return 100 * np.asarray(held_out.observe(sensor, data, ids, shared.ACTIONS, config, seed=0).innovation)
+
+
+def _errors(sensor, data: Episode, config: Config) -> Float[np.ndarray, " n"]:
+    ids = np.arange(len(data.episode))
+    seen = held_out.observe(sensor, data, ids, shared.ACTIONS, config, seed=0)
+    after = held_out.posterior(seen, data, ids, config, with_prior=True)
+    return np.array([row["error_cm"] for row in held_out.rows("full", shared.ACTIONS, after, data, ids)])
+
+
+if __name__ == "__main__":
+    if len(sys.argv) != 4:
+        sys.exit(f"usage: python {sys.argv[0]} TRAINING TEST RUN")
+    runtime.configure()
+    main(*map(Path, sys.argv[1:]))

@@ -1,0 +1,78 @@
+"""What the scripts beside this file have in common: readings of failed spirals, and their truth."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float, Int
+
+from mjx_fit.config import Config
+from mjx_fit.dataset import store
+from mjx_fit.dataset.episode import Episode
+from mjx_fit.evaluation.held_out import failed_attempts
+from mjx_fit.evaluation.statistics import bootstrap_mean
+from mjx_fit.randomness import root_key
+from mjx_fit.types import Reading
+from mjx_fit.wrist import read
+
+CONFIG = Config()
+ACTIONS = CONFIG.task.attempt_actions
+
+
+@dataclass(frozen=True)
+class Attempts:
+    """Failed attempts as a sensor is shown them, and what it should say.
+
+    Attributes:
+        reading: n readings, NumPy.
+        offset_cm: From the estimate to the hole.
+        peg, hole: Types.
+    """
+
+    reading: Reading
+    offset_cm: Float[np.ndarray, "n 2"]
+    peg: Int[np.ndarray, "n"]
+    hole: Int[np.ndarray, "n"]
+
+
+def first_attempts(folder: Path) -> Episode:
+    """The failed first attempts of each sequence of a data set: those that started from the detector."""
+    data = store.load(folder)
+    ids = failed_attempts(data, ACTIONS)
+    ids = ids[np.asarray(data.number)[ids] == 0]
+    return jax.tree.map(lambda leaf: np.asarray(leaf)[ids], data)
+
+
+def shown(data: Episode, seed: int = 0, batch: int = 256) -> Attempts:
+    """Reads episodes, with noise drawn by the episode's id."""
+    root = root_key(seed, "baselines")
+
+    @jax.jit
+    def some(episodes: Episode) -> Reading:
+        def one(episode: Episode):
+            key = jax.random.fold_in(root, episode.episode)
+            return read(episode.interaction, key, CONFIG.wrist, CONFIG.scene, rows=ACTIONS)
+
+        return jax.vmap(one)(episodes)
+
+    n, parts = len(data.episode), []
+    for start in range(0, n, batch):
+        rows = np.resize(np.arange(start, min(start + batch, n)), batch)
+        parts.append(
+            jax.tree.map(np.asarray, some(jax.tree.map(lambda leaf, r=rows: jnp.asarray(leaf[r]), data)))
+        )
+    interaction = data.interaction
+    return Attempts(
+        jax.tree.map(lambda *leaves: np.concatenate(leaves)[:n], *parts),
+        100 * np.asarray(interaction.hole_pos_world - interaction.estimate_world, float),
+        np.asarray(interaction.peg_type),
+        np.asarray(interaction.hole_type),
+    )
+
+
+def mean_of(values: Float[np.ndarray, " n"]) -> dict[str, float]:
+    """A mean over attempts at n holes, with its 95 % interval."""
+    value, low, high = bootstrap_mean(values, np.arange(len(values)).tolist())
+    return {"value": value, "low": low, "high": high}
