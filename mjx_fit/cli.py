@@ -22,6 +22,8 @@ _WRONG_PLACE = {
 }
 """What the system says of a path that should not have been asked for; a full disk is another matter."""
 
+_RUN = "folder of a training run (default: the weights that come with the package)"
+
 
 class _Parser(argparse.ArgumentParser):
     """argparse, but with a refusal in one line."""
@@ -158,7 +160,7 @@ def _evaluations(evaluate: argparse.ArgumentParser) -> None:
     assembly = _command(
         experiments, "assembly", commands.evaluate_assembly, "assemblies under several methods"
     )
-    assembly.add_argument("--run", type=Path, metavar="RUN", help="folder of a training run")
+    assembly.add_argument("--run", type=Path, metavar="RUN", help=_RUN)
     assembly.add_argument(
         "--methods",
         default="failure_only,failure_position,full,oracle",
@@ -171,9 +173,7 @@ def _evaluations(evaluate: argparse.ArgumentParser) -> None:
         commands.evaluate_calibration,
         "a trained sensor on attempts of a data set",
     )
-    calibration.add_argument(
-        "--run", type=Path, required=True, metavar="RUN", help="folder of a training run"
-    )
+    calibration.add_argument("--run", type=Path, metavar="RUN", help=_RUN)
     calibration.add_argument(
         "--data", type=Path, required=True, metavar="DIR", help="a data set that it was not trained on"
     )

@@ -133,7 +133,7 @@ def evaluate_assembly(args: argparse.Namespace) -> None:
 
     config = _config(args)
     result = experiments.assembly(
-        config, args.out, args.run, args.methods, args.trials, args.seed, args.engine
+        config, args.out, _run(args), args.methods, args.trials, args.seed, args.engine
     )
     print_summary(result)
 
@@ -142,7 +142,7 @@ def evaluate_calibration(args: argparse.Namespace) -> None:
     from mjx_fit.evaluation.calibrate import calibrate
     from mjx_fit.report.terminal import print_summary
 
-    print_summary(calibrate(_config(args), args.out, args.run, args.data, args.seed))
+    print_summary(calibrate(_config(args), args.out, _run(args), args.data, args.seed))
 
 
 def report(args: argparse.Namespace) -> None:
@@ -171,6 +171,12 @@ def info(args: argparse.Namespace) -> None:
         },
         args.json,
     )
+
+
+def _run(args: argparse.Namespace) -> Path:
+    from mjx_fit import resources
+
+    return args.run or resources.folder("weights")
 
 
 def _config(args: argparse.Namespace, preset: str | None = None) -> Config:

@@ -9,9 +9,10 @@ from dataclasses import replace
 import pytest
 import yaml
 
-from mjx_fit import cli, config
+from mjx_fit import cli, config, resources
 from mjx_fit.dataset import manifest
 from mjx_fit.evaluation import results
+from mjx_fit.training import checkpoint
 
 TINY = ["--set", "task.attempt_actions=2", "--set", "task.max_attempts=2", "--set", "task.n_holes=2"]
 
@@ -115,7 +116,6 @@ def test_missing_data_folder(refused, tmp_path):
 def test_run_without_a_checkpoint(refused, tmp_path):
     run, out = tmp_path / "run", tmp_path / "f.json"
     command = ["evaluate", "assembly", "--methods", "full", "--out", out]
-    assert "--run" in refused(*command)
     assert "no such folder" in refused(*command, "--run", run)
     run.mkdir()
     assert "no training run" in refused(*command, "--run", run)
@@ -274,6 +274,19 @@ def test_data_to_training_to_assembly_to_report(data, tmp_path, capsys, refused)
     assert result.config["sensor"]["width"] == 8
     assert result.request["differs_from_training"] == []
     assert all(len(trial["attempts"]) == 2 and max(trial["attempts"]) <= 2 for trial in result.trials)
+    without = [
+        "evaluate",
+        "assembly",
+        "--methods",
+        "full",
+        "--trials",
+        "1",
+        "--out",
+        str(tmp_path / "w.json"),
+    ]
+    assert cli.main([*without, *TINY]) == 0
+    sensor, _ = checkpoint.load_sensor(resources.folder("weights"))
+    assert results.read(tmp_path / "w.json").request["sensor"] == checkpoint.fingerprint_of(sensor)
     capsys.readouterr()
     other = ["--out", tmp_path / "other.json", *settings[2:], "--set", "sensor.width=16"]
     assert "sensor.width is 8 there and 16 here" in refused(*command, *other)
@@ -281,11 +294,28 @@ def test_data_to_training_to_assembly_to_report(data, tmp_path, capsys, refused)
     assert "trained on are not allowed" in refused(*seen, "--data", data)
     assert not (tmp_path / "seen.json").exists()
     check_calibration(run, tmp_path, settings)
+    check_own_beliefs(run, tmp_path, settings, capsys)
     capsys.readouterr()
     assert cli.main(["report", str(out), str(run), str(data), "--out", str(tmp_path / "page")]) == 0
     page = (tmp_path / "page" / "index.html").read_text()
     assert page.count("<svg") >= 3
     capsys.readouterr()
+
+
+def check_own_beliefs(run, tmp_path, settings, capsys):
+    """Sequences whose later attempts start from what the run's sensor believes."""
+    out = tmp_path / "own"
+    command = ["collect", "--out", str(out), "--episodes", "8", "--sequence", "2", "--steps", "2", "--run"]
+    options = ["--policy", "spiral", "--engine", "native", *TINY]
+    assert cli.main([*command, str(run), *options]) == 0
+    asked = manifest.read(out).request
+    assert asked["sensor"] == checkpoint.fingerprint_of(checkpoint.load_sensor(run)[0])
+    assert cli.main([*command, str(run), *options]) == 0
+    capsys.readouterr()
+    assert cli.main([*command, str(resources.folder("weights")), *options]) == 2
+    assert "sensor" in capsys.readouterr().err
+    drawn = ["train", "--data", str(out), "--out", str(tmp_path / "chained"), *settings]
+    assert cli.main([*drawn, "--set", "train.sequence=2", "--set", "train.epochs=1"]) == 0
 
 
 def check_calibration(run, tmp_path, settings):
@@ -312,3 +342,8 @@ def check_calibration(run, tmp_path, settings):
     content = out.read_bytes()
     assert cli.main([*command, *settings]) == 0
     assert out.read_bytes() == content
+    shard = next(fresh.glob("*.h5"))
+    shard.write_bytes(shard.read_bytes()[:-100])
+    command[-1] = str(tmp_path / "damaged.json")
+    assert cli.main([*command, *settings]) == 2
+    assert not (tmp_path / "damaged.json").exists()

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from mjx_fit import resources
+
 ROOT = Path(__file__).parent.parent
 
 
@@ -19,9 +21,12 @@ def wheel(tmp_path_factory):
     return next(out.glob("*.whl"))
 
 
-def test_wheel_holds_models_and_configs(wheel):
+def test_wheel_holds_models_configs_and_weights(wheel):
     names = set(zipfile.ZipFile(wheel).namelist())
     assert {"mjx_fit/models/panda.xml", "mjx_fit/models/table.xml", "mjx_fit/configs/quick.yaml"} <= names
+    weights = resources.folder("weights")
+    files = {path.relative_to(weights).as_posix() for path in weights.rglob("*") if path.is_file()}
+    assert {f"mjx_fit/weights/{name}" for name in files} <= names
     assert not any(name.startswith(("tests/", "runs/")) for name in names)
 
 
@@ -33,6 +38,7 @@ def test_installed_wheel_works_outside_the_checkout(wheel, tmp_path):
     subprocess.run([python, "-m", "pip", "install", "-q", str(wheel)], check=True, timeout=600)
     away = tmp_path / "away"
     away.mkdir()
-    for argv in (["info"], ["collect", "--episodes", "4", "--steps", "5", "--out", "d"]):
+    assembly = ["evaluate", "assembly", "--methods", "full", "--trials", "2", "--out", "a.json"]
+    for argv in (["info"], ["collect", "--episodes", "4", "--steps", "5", "--out", "d"], assembly):
         subprocess.run([tmp_path / "env" / "bin" / "mjx-fit", *argv], check=True, cwd=away, timeout=200)
     assert (away / "d" / "manifest.json").is_file()

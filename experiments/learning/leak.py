@@ -31,6 +31,7 @@ from mjx_fit.evaluation import held_out
 from mjx_fit.report import script
 from mjx_fit.training.checkpoint import load_sensor
 from mjx_fit.training.loop import train
+from mjx_fit.types import Array, Trace
 
 EPOCHS = 20
 RESAMPLES = 1000
@@ -86,7 +87,7 @@ def exchanged(data: Episode, seed: int) -> Episode:
     return replace(data, interaction=replace(interaction, trace=trace, tare_sensor=tare))
 
 
-def _goal(trace, estimate: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n J 2"]:
+def _goal(trace: Trace, estimate: Array) -> Float[np.ndarray, "n J 2"]:
     """Where each action wanted the tip to be, relative to the estimate, at which the attempt starts."""
     at = trace.tip_pos_world[..., :2] - estimate[:, None]
     before = np.concatenate([np.zeros_like(at[:, :1]), at[:, :-1]], axis=1)
