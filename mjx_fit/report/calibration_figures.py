@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import PercentFormatter
+from matplotlib.ticker import FormatStrFormatter, LogLocator, PercentFormatter
 
 from mjx_fit.evaluation.calibration import inside, reliability
 from mjx_fit.evaluation.statistics import Row
@@ -15,6 +15,7 @@ from mjx_fit.shapes import NAMES
 Trials = list[dict[str, Any]]
 
 LEVELS = np.linspace(0.05, 0.95, 19)
+_ENDS = ("value", "low", "high")
 HEADED = 45.0
 """Degrees by which the names of pairs are turned."""
 
@@ -28,7 +29,7 @@ def error_by_actions(summary: list[Row]) -> Figure:
         points = _by_actions(summary, name)
         actions = sorted(points)
         rows = [points[count] for count in actions]
-        value, low, high = ([getattr(row, end) for row in rows] for end in ("value", "low", "high"))
+        value, low, high = ([getattr(row, end) for row in rows] for end in _ENDS)
         bars = style.spread(value, low, high)
         ax.errorbar(actions, value, bars, color=colour[name], marker=marker[name], markersize=5)
     prior = next(row for row in summary if (row.method, row.group) == ("prior", "all"))
@@ -36,6 +37,42 @@ def error_by_actions(summary: list[Row]) -> Figure:
     handles = style.method_handles(methods)
     handles.append(Line2D([], [], color=style.PAPER_COLOUR, linestyle="--", label="before it"))
     ax.set(xlabel="Actions of the attempt that are read", ylabel="Position error (cm)", ylim=(0, None))
+    style.legend(figure, handles)
+    return figure
+
+
+def error_by_attempt(summary: list[Row]) -> Figure:
+    """Mean position error before and after each attempt of a sequence."""
+    figure, ax = style.axes()
+    after = _by_attempt(summary, "full", "position_error_cm")
+    first = _by_attempt(summary, "prior", "position_error_cm")[1]
+    attempts = [0, *after]
+    value, low, high = ([getattr(row, end) for row in (first, *after.values())] for end in _ENDS)
+    bars = style.spread(value, low, high)
+    ax.errorbar(attempts, value, bars, color=style.MATCHED_COLOUR, marker="o", markersize=5)
+    ax.set(xlabel="Failed attempts", ylabel="Position error (cm)", yscale="log", xticks=attempts)
+    ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    ax.yaxis.set_major_formatter(FormatStrFormatter("%g"))
+    return figure
+
+
+def coverage_by_attempt(summary: list[Row]) -> Figure:
+    """Share of the holes inside the ellipses of 50 and 90 % after each attempt of a sequence."""
+    figure, ax = style.axes()
+    kinds = ((90, style.MATCHED_COLOUR, "o"), (50, style.MISMATCHED_COLOUR, "s"))
+    for level, colour, marker in kinds:
+        rows = _by_attempt(summary, "full", f"coverage_{level}")
+        value, low, high = ([getattr(row, end) for row in rows.values()] for end in _ENDS)
+        ax.errorbar(
+            list(rows), value, style.spread(value, low, high), color=colour, marker=marker, markersize=5
+        )
+        ax.axhline(level / 100, color=colour, linestyle="--", linewidth=1)
+        ax.set_xticks(list(rows))
+    ax.set(xlabel="Failed attempts", ylabel="Holes inside the ellipse", ylim=(0.3, 1))
+    ax.yaxis.set_major_formatter(PercentFormatter(1, decimals=0))
+    handles = [
+        Line2D([], [], color=c, marker=m, markersize=5, label=f"{level} % ellipse") for level, c, m in kinds
+    ]
     style.legend(figure, handles)
     return figure
 
@@ -81,7 +118,7 @@ def match_by_pair(summary: list[Row]) -> Figure:
     names = [name for name in pairs if not name.startswith("actions")]
     rows = [pairs[name] for name in names]
     figure, ax = style.axes()
-    value, low, high = ([getattr(row, end) for row in rows] for end in ("value", "low", "high"))
+    value, low, high = ([getattr(row, end) for row in rows] for end in _ENDS)
     bars = style.spread(value, low, high)
     ax.errorbar(range(len(rows)), value, bars, linestyle="none", marker="o", color=style.MATCHED_COLOUR)
     ax.axhline(0.5, color=style.PAPER_COLOUR, linestyle="--", linewidth=1)
@@ -89,6 +126,14 @@ def match_by_pair(summary: list[Row]) -> Figure:
     ax.set_xticks(range(len(rows)), texts, rotation=HEADED, ha="right", rotation_mode="anchor")
     ax.set(ylabel="Area under ROC", ylim=(0.45, 1.0))
     return figure
+
+
+def _by_attempt(summary: list[Row], method: str, metric: str) -> dict[int, Row]:
+    return {
+        int(row.group.removeprefix("attempt:")): row
+        for row in summary
+        if (row.method, row.metric) == (method, metric) and row.group.startswith("attempt:")
+    }
 
 
 def _by_actions(summary: list[Row], method: str) -> dict[int, Row]:

@@ -180,10 +180,29 @@ def _attempt(result: Result) -> list[_Drawing]:
     return drawings
 
 
+def _by_attempt(result: Result) -> list[_Drawing]:
+    return [
+        (
+            "attempts",
+            "Mean distance of the believed from the true position after each failed attempt at a hole, of "
+            "those that came so far, with 95 % intervals by bootstrap over holes.",
+            lambda: calibration_figures.error_by_attempt(result.summary),
+        ),
+        (
+            "coverage-by-attempt",
+            "Share of the true positions inside the ellipses of 50 and 90 % after each failed attempt, with "
+            "95 % intervals by bootstrap over holes: below the dashed line the belief is too sure.",
+            lambda: calibration_figures.coverage_by_attempt(result.summary),
+        ),
+    ]
+
+
 def _calibration(result: Result) -> list[_Drawing]:
     actions = max(trial["actions"] for trial in result.trials)
     whole = [trial for trial in result.trials if trial["actions"] == actions]
+    several = [] if {trial["attempt"] for trial in whole} == {1} else _by_attempt(result)
     return [
+        *several,
         (
             "actions",
             "Mean distance of the believed from the true position after one failed attempt, by how much of "

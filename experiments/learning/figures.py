@@ -1,0 +1,27 @@
+"""Draws the figures of this page from its result files: ``python experiments/learning/figures.py``."""
+
+from pathlib import Path
+
+from mjx_fit import resources
+from mjx_fit.evaluation import results
+from mjx_fit.report import calibration_figures as figures
+from mjx_fit.report import run_figures, script
+
+HERE = Path(__file__).parent
+
+
+def main() -> None:
+    first = results.read(HERE / "calibration.json")
+    several = results.read(HERE / "sequences.json")
+    metrics = run_figures.read_metrics(resources.folder("weights") / "metrics.jsonl")
+    script.draw(HERE / "curve.png", lambda: run_figures.training_curve(metrics))
+    script.draw(HERE / "error_by_actions.png", lambda: figures.error_by_actions(first.summary))
+    script.draw(HERE / "coverage.png", lambda: figures.coverage(first.trials))
+    script.draw(HERE / "match_reliability.png", lambda: figures.match_reliability(first.trials))
+    script.draw(HERE / "match_by_pair.png", lambda: figures.match_by_pair(first.summary))
+    script.draw(HERE / "error_by_attempt.png", lambda: figures.error_by_attempt(several.summary))
+    script.draw(HERE / "coverage_by_attempt.png", lambda: figures.coverage_by_attempt(several.summary))
+
+
+if __name__ == "__main__":
+    main()

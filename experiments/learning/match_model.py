@@ -1,0 +1,93 @@
+"""How should what h_match says be taken by the histogram filter? On a frozen encoder.
+
+    python experiments/learning/match_model.py TRAINING SEQUENCES RUN
+
+TRAINING is what the run was trained on, SEQUENCES a set that was collected with ``--run RUN``.
+
+``soft``: the mean of the trained H over what h_match thinks possible, as in training. ``hard``: the trained
+H at h_match's arg max, as Algorithm 3 has it. ``hard, counted``: the same with H as often as it came in
+TRAINING. ``h_match itself``: no H; a match is as likely as h_match says, all mismatches alike. Each is judged
+by what the filter believes of the type after 1, 2 and 3 failed attempts: the negative log-likelihood of the
+true type, and the Brier score of "this hole is the peg's".
+"""
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import shared
+from jaxtyping import Float, Int
+
+from mjx_fit import runtime
+from mjx_fit.dataset import store
+from mjx_fit.dataset.episode import Episode
+from mjx_fit.evaluation import held_out
+from mjx_fit.report import script
+from mjx_fit.shapes import NAMES
+from mjx_fit.training.checkpoint import load_sensor
+from mjx_fit.types import Observation
+
+TYPES = len(NAMES)
+
+
+def main(training: Path, sequences: Path, run: Path) -> None:
+    sensor, config = load_sensor(run)
+
+    def observed(folder: Path) -> tuple[Episode, Int[np.ndarray, "n"], Observation]:
+        data = store.load(folder)
+        ids = held_out.failed_attempts(data, shared.ACTIONS)
+        return data, ids, held_out.observe(sensor, data, ids, shared.ACTIONS, config, seed=0)
+
+    counted = _counted(*observed(training))
+    data, ids, seen = observed(sequences)
+    counted_seen = replace(seen, match_model_logp=counted[data.interaction.peg_type[ids]])
+    itself = replace(seen, match_model_logp=_identity()[data.interaction.peg_type[ids]])
+    results = {}
+    for name, observation, hard in (
+        ("soft", seen, False),
+        ("hard", seen, True),
+        ("hard, counted", counted_seen, True),
+        ("h_match itself", itself, False),
+    ):
+        chosen = replace(config, task=replace(config.task, hard_match=hard))
+        belief = held_out.posterior(observation, data, ids, chosen, with_prior=True).belief
+        results[name] = _scores(np.asarray(belief.type_logp), data, ids)
+    script.save(Path(__file__).parent / "match_model.json", {"run": run.name, "ways": results})
+
+
+def _counted(data: Episode, ids: Int[np.ndarray, "n"], seen: Observation) -> Float[np.ndarray, "C C 2"]:
+    """Ln H(o | hole, peg) by how often h_match's arg max came, one more of each: none is impossible."""
+    peg, hole = (np.asarray(leaf)[ids] for leaf in (data.interaction.peg_type, data.interaction.hole_type))
+    counts = np.ones((TYPES, TYPES, 2))
+    np.add.at(counts, (peg, hole, np.asarray(seen.match_logits).argmax(-1)), 1)
+    return np.log(counts / counts.sum(-1, keepdims=True)).astype(np.float32)
+
+
+def _identity() -> Float[np.ndarray, "C C 2"]:
+    """Ln H of a sensor that is never wrong: what it says is then taken as it is."""
+    match = np.eye(TYPES, dtype=bool)[..., None] == np.array([False, True])
+    return np.where(match, 0.0, -30.0).astype(np.float32)
+
+
+def _scores(type_logp: Float[np.ndarray, "n C"], data: Episode, ids: Int[np.ndarray, "n"]) -> dict:
+    interaction, number = data.interaction, np.asarray(data.number)[ids]
+    peg, hole = (np.asarray(leaf)[ids] for leaf in (interaction.peg_type, interaction.hole_type))
+    rows = np.arange(len(ids))
+    nll = -type_logp[rows, hole]
+    brier = np.square(np.exp(type_logp[rows, peg]) - (peg == hole))
+    return {
+        f"after {k + 1}": {
+            "n": int((number == k).sum()),
+            "type_nll": shared.mean_of(nll[number == k]),
+            "match_brier": shared.mean_of(brier[number == k]),
+        }
+        for k in range(3)
+    }
+
+
+if __name__ == "__main__":
+    if len(sys.argv) != 4:
+        sys.exit(f"usage: python {sys.argv[0]} TRAINING SEQUENCES RUN")
+    runtime.configure()
+    main(*map(Path, sys.argv[1:]))
