@@ -123,9 +123,8 @@ def _title(config: Config, episodes) -> str:
 
 def _keys(seed: int, members: int) -> tuple[Key[Array, "members"], Key[Array, "members"], Key[Array, ""]]:
     """Roots of the weights and of the epochs of each member, and the key of validation, which they share."""
-    root = root_key(seed, "train")
-    init, epochs, validation = jax.random.split(root, 3)
-    others = [jax.random.split(jax.random.fold_in(root, member)) for member in range(1, members)]
+    init, epochs, validation = jax.random.split(root_key(seed, "train"), 3)
+    others = [jax.random.split(root_key(seed, f"train: member {member}")) for member in range(1, members)]
     own = jnp.stack([jnp.stack([init, epochs]), *others])
     return own[:, 0], own[:, 1], validation
 
