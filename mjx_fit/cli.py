@@ -160,12 +160,22 @@ def _evaluations(evaluate: argparse.ArgumentParser) -> None:
     assembly = _command(
         experiments, "assembly", commands.evaluate_assembly, "assemblies under several methods"
     )
-    assembly.add_argument("--run", type=Path, metavar="RUN", help=_RUN)
-    assembly.add_argument(
-        "--methods",
-        default="failure_only,failure_position,full,oracle",
-        metavar="A,B",
-        help="default: %(default)s",
+    position = _command(
+        experiments, "position", commands.evaluate_position, "attempts at one hole: its position"
+    )
+    insertion = _command(
+        experiments, "insertion", commands.evaluate_insertion, "attempts at one hole: insertion"
+    )
+    compared = {
+        position: "full,frame_by_frame,oracle",
+        insertion: "full,no_update,sample,frame_by_frame,oracle",
+        assembly: "failure_only,failure_position,full,oracle",
+    }
+    for command, methods in compared.items():
+        command.add_argument("--run", type=Path, metavar="RUN", help=_RUN)
+        command.add_argument("--methods", default=methods, metavar="A,B", help="default: %(default)s")
+    insertion.add_argument(
+        "--seeds", type=int, default=5, metavar="K", help="of the wiggles, for each draw (default 5)"
     )
     calibration = _command(
         experiments,
@@ -183,12 +193,16 @@ def _evaluations(evaluate: argparse.ArgumentParser) -> None:
     )
     _configurable(calibration)
     trials = {
-        attempt: "matched attempts for each shape, and mismatched ones in all (default 100)",
-        assembly: "assemblies under each method (default 100)",
+        attempt: (100, "matched attempts for each shape, and mismatched ones in all"),
+        position: (100, "holes that do not match, and as many that do"),
+        insertion: (150, "draws of a hole and its detection"),
+        assembly: (100, "assemblies under each method"),
     }
-    for command in (attempt, assembly):
+    for command, (count, what) in trials.items():
         command.add_argument("--out", type=Path, required=True, metavar="FILE.json")
-        command.add_argument("--trials", type=int, default=100, metavar="N", help=trials[command])
+        command.add_argument(
+            "--trials", type=int, default=count, metavar="N", help=f"{what} (default {count})"
+        )
         _simulating(command)
         _configurable(command)
 

@@ -37,19 +37,11 @@ def collect(args: argparse.Namespace) -> None:
 
 def _update(config: Config, run: Path) -> "tuple[Update, str]":
     """What the sensor of a run makes of attempts, and its fingerprint."""
-    import numpy as np
-
-    from mjx_fit.task.learning import learner
+    from mjx_fit.task.learning import filter_update
     from mjx_fit.training.checkpoint import fingerprint_of, load_sensor
 
     sensor, _ = load_sensor(run)
-    learn = learner(config, sensor)
-
-    def update(beliefs, interactions, keys):
-        yes = np.ones(len(interactions.length), bool)
-        return learn(beliefs, interactions, keys, yes, yes)
-
-    return update, fingerprint_of(sensor)
+    return filter_update(config, sensor), fingerprint_of(sensor)
 
 
 def data_info(args: argparse.Namespace) -> None:
@@ -125,6 +117,22 @@ def evaluate_attempt(args: argparse.Namespace) -> None:
     from mjx_fit.report.terminal import print_summary
 
     print_summary(experiments.attempt(_config(args), args.out, args.trials, args.seed, args.engine))
+
+
+def evaluate_position(args: argparse.Namespace) -> None:
+    from mjx_fit.evaluation.position import position
+    from mjx_fit.report.terminal import print_summary
+
+    asked = (args.out, _run(args), args.methods, args.trials, args.seed, args.engine)
+    print_summary(position(_config(args), *asked))
+
+
+def evaluate_insertion(args: argparse.Namespace) -> None:
+    from mjx_fit.evaluation.insertion import insertion
+    from mjx_fit.report.terminal import print_summary
+
+    asked = (args.out, _run(args), args.methods, args.trials, args.seeds, args.seed, args.engine)
+    print_summary(insertion(_config(args), *asked))
 
 
 def evaluate_assembly(args: argparse.Namespace) -> None:

@@ -6,6 +6,7 @@ time and an evaluation once per attempt.
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Float, Int, Key
 
 from mjx_fit.config import SceneConfig, WristConfig
@@ -38,6 +39,13 @@ def centre_of_pressure(wrench_sensor: Float[Array, "*batch 6"], lever_m: float) 
     along_x = -(torque_y - lever_m * force_x) / press
     along_y = -(torque_x + lever_m * force_y) / press
     return jnp.clip(jnp.stack([along_x, along_y], axis=-1), -FACE_M, FACE_M)
+
+
+def peak_force(interactions: Interaction) -> Float[np.ndarray, "n"]:
+    """Largest force of each of n interactions, N, tared and without noise: what the peg and the arm bear."""
+    wrench = interactions.trace.wrench_sensor - interactions.tare_sensor[:, None, None]
+    real = np.arange(wrench.shape[1]) < np.asarray(interactions.length)[:, None]
+    return np.where(real[..., None], np.linalg.norm(wrench[..., :3], axis=-1), 0).max((1, 2))
 
 
 def read(

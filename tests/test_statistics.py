@@ -2,8 +2,19 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import permutation_test
 
-from mjx_fit.evaluation.statistics import Interval, Row, bootstrap_mean, bootstrap_means, wilson
+from mjx_fit.evaluation.statistics import (
+    Interval,
+    Row,
+    bootstrap_mean,
+    bootstrap_means,
+    holm,
+    sign_flip,
+    wilson,
+)
 
 Z = 1.959963984540054
 
@@ -61,3 +72,44 @@ def test_equal_values_have_no_spread_and_one_cluster_has_no_interval():
     names = {"method": "full", "metric": "attempts", "group": "all"}
     assert row.to_json() == {**names, "value": 1.5, "low": None, "high": None, "n": 1}
     assert Row.of("full", "attempts", "1", Interval(1.0, 0.5, 2.0), 3).low == 0.5
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_sign_flip_is_scipys_permutation_test(seed):
+    """Twelve pairs: SciPy goes through all 4096 sign patterns."""
+    differences = np.random.default_rng(seed).normal(0.4, 1, 12)
+    zeros = np.zeros(12)
+    exact = permutation_test(
+        (differences, zeros), lambda a, b: np.mean(a - b), permutation_type="samples", n_resamples=5000
+    ).pvalue
+    got = sign_flip(differences, np.arange(12))
+    assert got == pytest.approx(exact, abs=0.01)
+    together = sign_flip(np.repeat(differences, 3), np.repeat(np.arange(12), 3))
+    assert together == got
+
+
+def test_a_method_against_itself_is_found_different_as_often_as_the_level_says(monkeypatch):
+    """Attempts as they come, half of the draws hard; a thousand experiments of 60 draws and 3 seeds."""
+    monkeypatch.setattr("mjx_fit.evaluation.statistics.FLIPS", 999)
+    rng = np.random.default_rng(0)
+    draws, seeds, rejected = 60, 3, 0
+    for experiment in range(1000):
+        chance = rng.choice([0.2, 0.8], size=(draws, 1))
+        one, other = (np.minimum(rng.geometric(chance, (draws, seeds)), 11) for _ in range(2))
+        difference = (one - other).ravel()
+        rejected += sign_flip(difference, np.repeat(np.arange(draws), seeds), seed=experiment) < 0.05
+    assert 30 <= rejected <= 70
+
+
+@given(st.lists(st.floats(0, 1), min_size=1, max_size=8))
+def test_holm_rejects_what_its_steps_reject(p_values):
+    adjusted = holm(p_values)
+    for level in (0.01, 0.05, 0.3):
+        # Step down: the smallest against level / m, the next against level / (m - 1), until one fails.
+        rejected, m = set(), len(p_values)
+        for step, i in enumerate(sorted(range(m), key=lambda i: p_values[i])):
+            if p_values[i] * (m - step) > level:
+                break
+            rejected.add(i)
+        assert {i for i in range(m) if adjusted[i] <= level} == rejected
+    assert all(a >= p for a, p in zip(adjusted, p_values, strict=True))

@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from fakes import FakeEngine
 from flax import nnx
 from hypothesis import given
 from hypothesis import strategies as st
@@ -12,7 +13,7 @@ from mjx_fit.config import Config
 from mjx_fit.errors import RequestError
 from mjx_fit.filters.belief import initial_belief
 from mjx_fit.task import assembly, learning, methods, pomdp
-from mjx_fit.types import Attempt, Interaction, Observation, Trace
+from mjx_fit.types import Attempt, Observation
 
 CONFIG = dataclasses.replace(Config(), task=dataclasses.replace(Config().task, n_holes=4, max_attempts=6))
 
@@ -48,49 +49,23 @@ def test_ties_go_to_the_least_tried_then_the_first():
 
 
 def test_trials_are_fair():
-    trials = assembly.draw_trials(CONFIG, 3, 8)
+    trials = assembly.draw_trials(CONFIG, 3, np.arange(8))
     assert np.array_equal(np.sort(trials.peg_type, 1), np.sort(trials.hole_type, 1))
     error = np.abs(trials.estimate_world - trials.hole_pos_world)
     assert 0.01 < error.max() <= 0.02 + 1e-6
-    fewer = assembly.draw_trials(CONFIG, 3, 5)
+    fewer = assembly.draw_trials(CONFIG, 3, np.arange(5))
     assert np.array_equal(fewer.hole_type, trials.hole_type[:5])
     assert np.array_equal(fewer.hole_pos_world, trials.hole_pos_world[:5])
     assert np.array_equal(fewer.estimate_world, trials.estimate_world[:5])
 
 
-class FakeEngine:
-    """Physics by decree: an attempt succeeds when the types match and the estimate is within 5 mm."""
-
-    name = "fake"
-
-    def __init__(self):
-        self.seen = []
-
-    def run(self, attempts, actions, active=None, horizon=None):
-        n = len(attempts.peg_type)
-        active = np.ones(n, bool) if active is None else active
-        error = np.linalg.norm(
-            np.asarray(attempts.estimate_world) - np.asarray(attempts.hole_pos_world), axis=1
-        )
-        match = np.asarray(attempts.peg_type) == np.asarray(attempts.hole_type)
-        self.seen.append((jax.tree.map(np.asarray, jax.random.key_data(attempts.key)), active))
-        zeros = np.zeros
-        trace = Trace(
-            zeros((n, 2, 50, 6)), zeros((n, 2, 3)), zeros((n, 2, 4)), zeros((n, 2, 3)), zeros((n, 2, 3)),
-            zeros((n, 2), bool), zeros((n, 2, 3)),
-        )  # fmt: skip
-        return Interaction(
-            trace, active * 2, active & match & (error < 0.005), attempts.peg_type, attempts.hole_type,
-            attempts.hole_pos_world, attempts.estimate_world, zeros((n, 6)), zeros((n, 7)), zeros((n, 7)),
-            np.ones(n, bool),
-        )  # fmt: skip
-
-
 def play(names, n_trials=6, seed=0, config=CONFIG, learn=None):
-    trials = assembly.draw_trials(config, seed, n_trials)
+    trials = assembly.draw_trials(config, seed, np.arange(n_trials))
     engine = FakeEngine()
     learn = learn or learning.learner(config, None)
-    rows = assembly.run(config, methods.chosen(names), trials, seed, engine, learn, lambda done, text: None)
+    rows = assembly.run(
+        config, methods.chosen(names, methods.ASSEMBLY), trials, seed, engine, learn, lambda done, text: None
+    )
     return trials, engine, rows
 
 
@@ -180,7 +155,7 @@ def test_each_method_learns_what_it_may_and_no_more(hard):
     mean of that and of H(mismatch | c) under the sensor's own 1 / (1 + e).
     """
     n = 6
-    trials = assembly.draw_trials(CONFIG, 0, n)
+    trials = assembly.draw_trials(CONFIG, 0, np.arange(n))
     before = initial_belief(jnp.asarray(trials.estimate_world[:, 0]), 0.01, 3)
     done = FakeEngine().run(dataclasses.replace(_attempts(trials), peg_type=np.zeros(n, int)), 2)
     done = dataclasses.replace(done, inserted=np.arange(n) >= 3, valid=np.ones(n, bool))
@@ -202,7 +177,7 @@ def test_each_method_learns_what_it_may_and_no_more(hard):
 
 def test_success_and_broken_worlds_leave_beliefs_alone():
     config = CONFIG
-    trials = assembly.draw_trials(config, 0, 3)
+    trials = assembly.draw_trials(config, 0, np.arange(3))
     beliefs = initial_belief(jnp.asarray(trials.estimate_world[:, 0]), 0.01, 3)
     interaction = FakeEngine().run(dataclasses.replace(_attempts(trials), peg_type=np.zeros(3, int)), 2)
     interaction = dataclasses.replace(
@@ -227,4 +202,4 @@ def _attempts(trials):
 
 def test_unknown_method_is_refused():
     with pytest.raises(RequestError, match="--methods: 'best' is not allowed: choose from failure_only"):
-        methods.chosen("full,best")
+        methods.chosen("full,best", methods.ASSEMBLY)

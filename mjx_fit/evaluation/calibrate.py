@@ -60,7 +60,8 @@ def calibrate(config: Config, out: Path, run: Path, data: Path, seed: int) -> Re
         "differs_from_training": config_.differences(trained, config),
     }
     _require_new(run, request["data"])
-    done = outcome.finished(out, "calibration", config, seed, request, engine)
+    asked = outcome.Asked(out, "calibration", config, seed, request, engine)
+    done = outcome.finished(asked)
     if done is not None:
         return done
     counts = sorted({max(1, round(share * actions)) for share in (*SHARES, 1)})
@@ -75,7 +76,7 @@ def calibrate(config: Config, out: Path, run: Path, data: Path, seed: int) -> Re
     # The rows of parts of attempts would make the file five times as large: their scores are in the summary.
     whole = [trial for trial in trials if trial["actions"] == actions]
     rows = summarise(trials, actions)
-    return outcome.write(out, "calibration", config, seed, request, engine, rows, whole)
+    return outcome.write(asked, rows, whole)
 
 
 def summarise(trials: _Trials, actions: int) -> list[Row]:

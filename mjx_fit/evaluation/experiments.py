@@ -5,13 +5,13 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Int
 
 from mjx_fit import config as config_
 from mjx_fit.config import Config
 from mjx_fit.dataset.draws import MISMATCHED, draw_places
 from mjx_fit.errors import RequestError
-from mjx_fit.evaluation import outcome, results
+from mjx_fit.evaluation import outcome, parts, results
 from mjx_fit.evaluation.results import Result
 from mjx_fit.policies import SPIRAL
 from mjx_fit.progress import Progress
@@ -21,9 +21,10 @@ from mjx_fit.simulate.broken import Reporting, report
 from mjx_fit.simulate.engine import create, even_batch
 from mjx_fit.task import assembly as assembly_
 from mjx_fit.task.learning import learner
-from mjx_fit.task.methods import chosen
+from mjx_fit.task.methods import ASSEMBLY, chosen
 from mjx_fit.training import checkpoint
 from mjx_fit.types import Attempt, Interaction
+from mjx_fit.wrist import peak_force
 
 ATTEMPT_BATCH = 256
 
@@ -43,7 +44,8 @@ def attempt(config: Config, out: Path, trials: int, seed: int, engine: str) -> R
     """
     outcome.require_positive("--trials", trials)
     request = {"trials": trials}
-    done = outcome.finished(out, "attempt", config, seed, request, engine)
+    asked = outcome.Asked(out, "attempt", config, seed, request, engine)
+    done = outcome.finished(asked)
     if done is not None:
         return done
     peg_type, hole_type = _attempt_pairs(trials)
@@ -65,10 +67,10 @@ def attempt(config: Config, out: Path, trials: int, seed: int, engine: str) -> R
                 key=wiggle,
             )
             interactions = simulator.run(attempts, config.task.attempt_actions, ids < n)
-            report(interactions, attempts, ids, config.task.attempt_actions, config, _broken(out))
+            report(interactions, attempts, ids, config.task.attempt_actions, config, outcome.broken(out))
             rows += _attempt_rows(interactions, ids[ids < n])
             progress(len(rows), f"{sum(row['inserted'] for row in rows)} inserted")
-    return outcome.write(out, "attempt", config, seed, request, engine, results.summarise_attempt(rows), rows)
+    return outcome.write(asked, results.summarise_attempt(rows), rows)
 
 
 def assembly(
@@ -90,7 +92,7 @@ def assembly(
             another result.
     """
     outcome.require_positive("--trials", trials)
-    picked = chosen(methods)
+    picked = chosen(methods, ASSEMBLY)
     reading = [method.name for method in picked if method.needs_sensor]
     if reading and run is None:
         raise RequestError(f"--run: none is not allowed: {reading[0]} needs the folder of a training run")
@@ -105,22 +107,45 @@ def assembly(
         "sensor": None if sensor is None else checkpoint.fingerprint_of(sensor),
         "differs_from_training": differs,
     }
-    done = outcome.finished(out, "assembly", config, seed, request, engine)
+    asked = outcome.Asked(out, "assembly", config, seed, request, engine)
+    done = outcome.finished(asked)
     if done is not None:
         return done
-    drawn = assembly_.draw_trials(config, seed, trials)
-    simulator = Reporting(create(engine, config), config, _broken(out))
+    simulator = Reporting(create(engine, config), config, outcome.broken(out))
     learn = learner(config, sensor)
-    with Progress("assembly pegs", len(picked) * trials * config.task.n_holes) as progress:
-        rows = assembly_.run(config, picked, drawn, seed, simulator, learn, progress)
-    return outcome.write(
-        out, "assembly", config, seed, request, engine, results.summarise_assembly(rows), rows
+    pegs_each = len(picked) * config.task.n_holes
+    with Progress("assembly: pegs", trials * pegs_each) as progress:
+        before = 0
+
+        def work(ids: Int[np.ndarray, "n"]) -> parts.Rows:
+            drawn = assembly_.draw_trials(config, seed, ids)
+            return assembly_.run(
+                config,
+                picked,
+                drawn,
+                seed,
+                simulator,
+                learn,
+                lambda pegs, text: progress(before + pegs, text),
+            )
+
+        def told(rows: parts.Rows) -> None:
+            nonlocal before
+            before = len(rows) * config.task.n_holes
+            progress(before, _running(rows))
+
+        rows = parts.in_parts(asked, parts.pieces(trials, len(picked)), work, told)
+    result = outcome.write(asked, results.summarise_assembly(rows), rows)
+    parts.finish(out)
+    return result
+
+
+def _running(rows: parts.Rows) -> str:
+    """Mean attempts of each method so far."""
+    return ", ".join(
+        f"{method} {np.mean([sum(row['attempts']) for row in own]):.1f}"
+        for method, own in results.by_method(rows).items()
     )
-
-
-def _broken(out: Path) -> Path:
-    """Where the broken worlds of a result file are kept."""
-    return out.with_suffix(".broken")
 
 
 def _attempt_pairs(trials: int) -> tuple[Int[np.ndarray, "n"], Int[np.ndarray, "n"]]:
@@ -131,7 +156,7 @@ def _attempt_pairs(trials: int) -> tuple[Int[np.ndarray, "n"], Int[np.ndarray, "
 
 def _attempt_rows(interactions: Interaction, ids: Int[np.ndarray, "n"]) -> list[dict[str, Any]]:
     error = np.linalg.norm(interactions.estimate_world - interactions.hole_pos_world, axis=1)
-    force = _peak_force(interactions)
+    force = peak_force(interactions)
     return [
         {
             "trial": int(trial),
@@ -145,10 +170,3 @@ def _attempt_rows(interactions: Interaction, ids: Int[np.ndarray, "n"]) -> list[
         }
         for i, trial in enumerate(ids)
     ]
-
-
-def _peak_force(interactions: Interaction) -> Float[np.ndarray, "n"]:
-    """Largest tared force of each interaction, N."""
-    wrench = interactions.trace.wrench_sensor - interactions.tare_sensor[:, None, None]
-    real = np.arange(wrench.shape[1]) < interactions.length[:, None]
-    return np.where(real[..., None], np.linalg.norm(wrench[..., :3], axis=-1), 0).max((1, 2))

@@ -1,8 +1,12 @@
 """The result file of a request: whether it is there already, and writing it."""
 
-from dataclasses import replace
+import math
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+from jaxtyping import Float
 
 from mjx_fit import config as config_
 from mjx_fit import files, provenance
@@ -15,48 +19,73 @@ from mjx_fit.randomness import require_seed
 from mjx_fit.simulate.engine import resolve
 
 
-def finished(
-    out: Path, experiment: str, config: Config, seed: int, request: dict, engine: str
-) -> Result | None:
+@dataclass(frozen=True)
+class Asked:
+    """What an experiment was asked for.
+
+    Attributes:
+        out: The result file.
+        experiment: Its name.
+        config: The configuration.
+        seed: Root seed.
+        request: The rest, JSON-ready: methods, number of trials, the sensors by their fingerprints.
+        engine: ``auto``, ``mjx`` or ``native``; where nothing is simulated, what the data were made with.
+    """
+
+    out: Path
+    experiment: str
+    config: Config
+    seed: int
+    request: dict[str, Any]
+    engine: str
+
+    def to_tree(self) -> dict[str, Any]:
+        """All of it but the file, JSON-ready."""
+        return {
+            "experiment": self.experiment,
+            "config": config_.to_tree(self.config),
+            "seed": self.seed,
+            "request": self.request,
+            "engine": resolve(self.engine),
+        }
+
+
+def finished(asked: Asked) -> Result | None:
     """The result, if this very request was finished before."""
-    require_seed(seed)
-    engine = resolve(engine)
+    require_seed(asked.seed)
+    here, out = asked.to_tree(), asked.out
     if not out.exists():
         files.require_writable(out)  # before minutes of work, not behind them
         return None
     if out.is_dir():
         raise RequestError(f"--out: {out} is not allowed: it is a folder; name a .json file")
     there = results.read(out)
-    here = (experiment, config_.to_tree(config), seed, request, engine)
-    if (there.experiment, there.config, there.seed, there.request, there.engine) != here:
+    if {name: getattr(there, name) for name in here} != here:
         raise RequestError(f"--out: {out} is not allowed: it holds another result; choose a new file")
     return there
 
 
-def write(
-    out: Path,
-    experiment: str,
-    config: Config,
-    seed: int,
-    request: dict[str, Any],
-    engine: str,
-    summary: list[Row],
-    rows: list[dict[str, Any]],
-) -> Result:
+def write(asked: Asked, summary: list[Row], rows: list[dict[str, Any]]) -> Result:
     """Write what was counted."""
     result = Result(
-        experiment=experiment,
-        config=config_.to_tree(config),
-        seed=seed,
-        request=request,
-        engine=resolve(engine),
+        **asked.to_tree(),
         device=provenance.device(),
         versions=provenance.versions(),
         summary=summary,
         trials=rows,
     )
-    results.write(out, result)
+    results.write(asked.out, result)
     return result
+
+
+def broken(out: Path) -> Path:
+    """Where the broken worlds of a result file are kept."""
+    return out.with_suffix(".broken")
+
+
+def rounded(values: Float[np.ndarray, " n"]) -> list[float | None]:
+    """Numbers for a row: five digits, more than a draw leaves certain, keep files small; NaN is null."""
+    return [float(f"{value:.5g}") if math.isfinite(value) else None for value in values.tolist()]
 
 
 def require_positive(field: str, value: int) -> None:

@@ -5,11 +5,14 @@ import json
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import (
+    Any,
+    NotRequired,  # pydantic needs this one before Python 3.12
+)
 
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
-from typing_extensions import TypedDict  # pydantic needs this one before Python 3.12
+from typing_extensions import TypedDict
 
 from mjx_fit import files
 from mjx_fit.errors import RequestError
@@ -22,7 +25,9 @@ ATTEMPT_METHOD = "spiral"
 class AssemblyTrial(TypedDict):
     """One trial of the assembly experiment; lists run over the pegs in the order in which they were grasped.
 
-    A peg that a human inserted (``human``) has as many attempts as were allowed.
+    A peg that a human inserted (``human``) has as many attempts as were allowed. ``holes`` are the shapes of
+    the holes; ``tried`` and ``peak_force_n`` say, for each peg and attempt, which of them it was and the
+    largest tared force.
     """
 
     trial: int
@@ -30,6 +35,9 @@ class AssemblyTrial(TypedDict):
     pegs: list[str]
     attempts: list[int]
     human: list[bool]
+    holes: NotRequired[list[str]]
+    tried: NotRequired[list[list[int]]]
+    peak_force_n: NotRequired[list[list[float]]]
 
 
 class AttemptTrial(TypedDict):
@@ -47,6 +55,38 @@ class AttemptTrial(TypedDict):
     length: int
     peak_force_n: float | None
     error_m: float
+
+
+class PositionTrial(TypedDict):
+    """One trial of the position experiment: attempts in a row at one hole.
+
+    ``error_cm`` and ``squared_mahalanobis`` are of the belief before the first and after each attempt; they
+    stay as they are from the insertion on. ``inserted_at`` is the attempt that succeeded, from 1, or null;
+    ``peak_force_n`` is the largest tared force of each attempt, null where there was none.
+    """
+
+    trial: int
+    method: str
+    pair: tuple[str, str]
+    error_cm: list[float]
+    squared_mahalanobis: list[float]
+    inserted_at: int | None
+    peak_force_n: list[float | None]
+
+
+class InsertionTrial(TypedDict):
+    """One trial of the insertion experiment: a draw of hole and detection under one seed of the wiggles.
+
+    ``attempts`` are those that were made, the successful one included.
+    """
+
+    trial: int
+    seed: int
+    method: str
+    shape: str
+    attempts: int
+    success: bool
+    peak_force_n: list[float | None]
 
 
 class CalibrationTrial(TypedDict):
@@ -75,6 +115,8 @@ _TRIALS = {
     "assembly": TypeAdapter(dict[str, list[AssemblyTrial]]),
     "attempt": TypeAdapter(dict[str, list[AttemptTrial]]),
     "calibration": TypeAdapter(dict[str, list[CalibrationTrial]]),
+    "insertion": TypeAdapter(dict[str, list[InsertionTrial]]),
+    "position": TypeAdapter(dict[str, list[PositionTrial]]),
 }
 
 
@@ -83,7 +125,7 @@ class Result:
     """A result file.
 
     Attributes:
-        experiment: ``attempt``, ``calibration`` or ``assembly``.
+        experiment: ``attempt``, ``position``, ``insertion``, ``assembly`` or ``calibration``.
         config: The resolved configuration (``config.to_tree``).
         seed: Root seed.
         engine: Engine that simulated.

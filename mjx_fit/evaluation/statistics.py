@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.stats import binomtest
 
 LEVEL = 0.95
+FLIPS = 20_000
 RESAMPLES = 2000
 
 
@@ -102,3 +103,32 @@ def bootstrap_means(
     low, high = np.quantile(means, [(1 - LEVEL) / 2, (1 + LEVEL) / 2], axis=0)
     # Equal observations differ from their mean by rounding only.
     return mean, np.minimum(low, mean), np.maximum(high, mean)
+
+
+def sign_flip(
+    differences: Float[np.ndarray, " n"], clusters: Sequence[int] | Int[np.ndarray, " n"], seed: int = 0
+) -> float:
+    """Two-sided p-value of paired differences under the hypothesis that they are symmetric around zero.
+
+    Whole clusters change their sign. Of all sign patterns ``FLIPS`` are drawn, and the one that was seen
+    counts as one of them (Phipson and Smyth, 2010), so that p is never zero.
+
+    Args:
+        differences: One method's value less the other's, pair by pair.
+        clusters: Which cluster each pair belongs to.
+        seed: Root of the draws.
+    """
+    _, index = np.unique(clusters, return_inverse=True)
+    sums = np.bincount(index, weights=differences)
+    signs = np.random.default_rng(seed).choice([-1.0, 1.0], size=(FLIPS, len(sums)))
+    as_far = np.abs(signs @ sums) >= np.abs(sums.sum()) * (1 - 1e-12)
+    return float((as_far.sum() + 1) / (FLIPS + 1))
+
+
+def holm(p_values: Sequence[float]) -> list[float]:
+    """Holm's (1979) adjustment of m p-values: p_(i) (m - i + 1), made monotone, at most 1; order is kept."""
+    order = np.argsort(p_values)
+    scaled = np.asarray(p_values)[order] * np.arange(len(p_values), 0, -1)
+    adjusted = np.empty(len(p_values))
+    adjusted[order] = np.minimum(np.maximum.accumulate(scaled), 1)
+    return adjusted.tolist()

@@ -26,6 +26,7 @@ from mjx_fit.task import pomdp
 from mjx_fit.task.learning import Learn
 from mjx_fit.task.methods import Method
 from mjx_fit.types import Array, Attempt, Belief, Interaction
+from mjx_fit.wrist import peak_force
 
 _LOG_IMPOSSIBLE = -30.0
 """ln ξ of a type that is known to be wrong: small enough to mean never, and finite."""
@@ -36,28 +37,32 @@ class Trials:
     """What the world holds in each of T trials.
 
     Attributes:
+        trial: (T,), ids, on which all draws depend.
         hole_type: (T, n).
         hole_pos_world: (T, n, 2), m.
         estimate_world: (T, n, 2), what the detector says, m.
         peg_type: (T, n), pegs in the order in which they are grasped.
     """
 
+    trial: Int[np.ndarray, "T"]
     hole_type: Int[np.ndarray, "T n"]
     hole_pos_world: Float[np.ndarray, "T n 2"]
     estimate_world: Float[np.ndarray, "T n 2"]
     peg_type: Int[np.ndarray, "T n"]
 
 
-def draw_trials(config: Config, seed: int, n_trials: int) -> Trials:
+def draw_trials(config: Config, seed: int, trials: Int[np.ndarray, "T"]) -> Trials:
     """Draws holes of random types at random places, pegs that match them in random order, and detections."""
     n = config.task.n_holes
-    rngs = [np.random.default_rng([seed, trial]) for trial in range(n_trials)]
+    rngs = [np.random.default_rng([seed, trial]) for trial in trials]
     hole_type = np.stack([rng.integers(len(SHAPES), size=n) for rng in rngs])
     peg_type = np.stack([rng.permutation(row) for rng, row in zip(rngs, hole_type, strict=True)])
     hole_pos = np.stack([place_holes(rng, n, config.scene) for rng in rngs]).astype(np.float32)
-    keys = jax.random.split(root_key(seed, "assembly: detector"), (n_trials, n))
+    fold = jax.vmap(jax.random.fold_in, (None, 0))
+    of_trial = fold(root_key(seed, "assembly: detector"), jnp.asarray(trials))
+    keys = jax.vmap(fold, (0, None))(of_trial, jnp.arange(n))
     estimate = jax.vmap(jax.vmap(partial(detect, config=config.detector)))(keys, jnp.asarray(hole_pos))
-    return Trials(hole_type, hole_pos, np.asarray(estimate), peg_type)
+    return Trials(np.asarray(trials), hole_type, hole_pos, np.asarray(estimate), peg_type)
 
 
 def run(
@@ -83,7 +88,7 @@ def run(
         progress: Told the number of pegs done, over all methods and trials.
 
     Returns:
-        One row for each method and trial: method, trial, pegs (names), attempts and human, both per peg.
+        One row for each method and trial, as ``mjx_fit.evaluation.results.AssemblyTrial`` has it.
     """
     table = _Table(config, methods, trials, seed)
     while table.active.any():
@@ -92,7 +97,7 @@ def run(
         attempts = table.attempts(chosen, wiggle_keys)
         interactions = engine.run(attempts, config.task.attempt_actions, table.active)
         table.learn(chosen, interactions, noise_keys, learn)
-        table.record(chosen, np.asarray(interactions.inserted))
+        table.record(chosen, interactions)
         progress(int(table.pegs_done.sum()), f"{table.active.sum()} of {len(table.active)} assemblies open")
     return table.rows()
 
@@ -106,11 +111,14 @@ class _Table:
             lambda leaf: np.tile(leaf, (len(methods), *[1] * (leaf.ndim - 1))), trials.__dict__
         )
         n_rows, n = self._world["hole_type"].shape
-        self._trial = np.tile(np.arange(self._n_trials), len(methods))
+        self._trial = self._world["trial"]
         self._beliefs = self._initial_beliefs()
         self._filled = np.zeros((n_rows, n), bool)
         self._tries = np.zeros((n_rows, n), np.int32)
         self._attempts, self._human = np.zeros((n_rows, n), int), np.zeros((n_rows, n), bool)
+        # Where each row tried what, and how hard it pressed: attempt by attempt, for each peg.
+        self._tried: list[list[list[int]]] = [[[] for _ in range(n)] for _ in range(n_rows)]
+        self._force: list[list[list[float]]] = [[[] for _ in range(n)] for _ in range(n_rows)]
         self.pegs_done = np.zeros(n_rows, int)
         self._root = root_key(seed, "assembly: attempts")
         self._keys = jax.jit(jax.vmap(self._attempt_keys))
@@ -158,10 +166,13 @@ class _Table:
         for leaf, new in zip(jax.tree.leaves(self._beliefs), jax.tree.leaves(after), strict=True):
             leaf[open_rows, chosen[open_rows]] = np.asarray(new)[open_rows]
 
-    def record(self, chosen: Int[np.ndarray, "R"], inserted: Bool[np.ndarray, "R"]) -> None:
+    def record(self, chosen: Int[np.ndarray, "R"], interactions: Interaction) -> None:
         """Counts the attempts, fills holes, lets a human help at the cap, and hands out the next pegs."""
-        rows = np.flatnonzero(self.active)
+        rows, inserted = np.flatnonzero(self.active), np.asarray(interactions.inserted)
         peg, hole = self.pegs_done[rows], chosen[rows]
+        for row, number, where, force in zip(rows, peg, hole, peak_force(interactions)[rows], strict=True):
+            self._tried[row][number].append(int(where))
+            self._force[row][number].append(round(float(force), 1))
         self._attempts[rows, peg] += 1
         self._tries[rows, hole] += 1
         helped = ~inserted[rows] & (self._attempts[rows, peg] == self._config.task.max_attempts)
@@ -183,6 +194,9 @@ class _Table:
                 "pegs": [NAMES[peg] for peg in self._world["peg_type"][row]],
                 "attempts": self._attempts[row].tolist(),
                 "human": self._human[row].tolist(),
+                "holes": [NAMES[hole] for hole in self._world["hole_type"][row]],
+                "tried": self._tried[row],
+                "peak_force_n": self._force[row],
             }
             for row in range(len(self._trial))
         ]

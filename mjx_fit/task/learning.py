@@ -1,13 +1,16 @@
 """Where sensors and filters meet: a failed attempt becomes a better belief (lines 9 to 11 of Algorithm 1)."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from flax import nnx
 from jaxtyping import Bool, Key
 
 from mjx_fit.config import Config
+from mjx_fit.dataset.sequences import Update
 from mjx_fit.filters.belief import update_position, update_type
 from mjx_fit.sensors.model import ContactSensor
 from mjx_fit.types import Array, Belief, Interaction
@@ -46,6 +49,35 @@ def learner(config: Config, sensor: ContactSensor | None) -> Learn:
 
     compiled = jax.jit(learn)
     return lambda *args: compiled(state, *args)
+
+
+def filter_update(config: Config, sensor: ContactSensor) -> Update:
+    """Makes the update of position and type by a trained sensor."""
+    learn = learner(config, sensor)
+
+    def update(beliefs: Belief, interactions: Interaction, keys: Key[Array, "n"]) -> Belief:
+        yes = np.ones(len(interactions.length), bool)
+        return learn(beliefs, interactions, keys, yes, yes)
+
+    return update
+
+
+def frame_update(config: Config, sensor: ContactSensor) -> Update:
+    """Makes the update of the frame-by-frame baseline: what its sensor says of the last attempt, and R."""
+    graph, state = nnx.split(sensor)
+
+    @jax.jit
+    def update(state, beliefs: Belief, interactions: Interaction, keys: Key[Array, "n"]) -> Belief:
+        seen = nnx.merge(graph, state)(_readings(interactions, keys, config))
+        failed = interactions.valid & ~interactions.inserted
+        mean = interactions.estimate_world + seen.innovation
+        return replace(
+            beliefs,
+            pos_mean_world=_where(failed, mean, beliefs.pos_mean_world),
+            pos_cov=_where(failed, seen.pos_noise_cov, beliefs.pos_cov),
+        )
+
+    return lambda *args: update(state, *args)
 
 
 def _readings(interactions: Interaction, keys, config: Config):

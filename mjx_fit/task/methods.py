@@ -1,6 +1,8 @@
 """The methods that the experiments compare: what each of them learns from a failed attempt."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal, TypeVar
 
 from mjx_fit.errors import RequestError
 
@@ -34,13 +36,40 @@ ASSEMBLY = (
 )
 
 
-def chosen(names: str) -> tuple[Method, ...]:
+@dataclass(frozen=True)
+class HoleMethod:
+    """A way to go on at one hole after a failed attempt.
+
+    Attributes:
+        name: As in commands and files.
+        reads: What makes a new estimate of the trace: the ``filter`` behind the sensor; the
+            ``frame``-by-frame sensor alone, which forgets what was believed before; or nothing.
+        starts: From where an attempt starts: the ``mean`` of the belief, or a ``sample`` of it.
+        knows_truth: Whether it starts with the true position: a bound that nobody can beat.
+    """
+
+    name: str
+    reads: Literal["", "filter", "frame"] = ""
+    starts: Literal["mean", "sample"] = "mean"
+    knows_truth: bool = False
+
+
+_FULL, _FRAMES = HoleMethod("full", reads="filter"), HoleMethod("frame_by_frame", reads="frame")
+_ORACLE = HoleMethod("oracle", knows_truth=True)
+
+POSITION = (_FULL, _FRAMES, _ORACLE)
+INSERTION = (_FULL, HoleMethod("no_update"), HoleMethod("sample", starts="sample"), _FRAMES, _ORACLE)
+
+M = TypeVar("M", Method, HoleMethod)
+
+
+def chosen(names: str, among: Sequence[M]) -> tuple[M, ...]:
     """The methods that a comma-separated list names, each once.
 
     Raises:
         RequestError: One of them does not exist.
     """
-    known = {method.name: method for method in ASSEMBLY}
+    known = {method.name: method for method in among}
     picked = {}
     for name in names.split(","):
         if name not in known:

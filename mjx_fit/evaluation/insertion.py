@@ -1,0 +1,126 @@
+"""The insertion experiment: after how many attempts at its hole a peg is in."""
+
+from functools import partial
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from mjx_fit.config import Config
+from mjx_fit.dataset.draws import draw_places
+from mjx_fit.evaluation import hole_study, outcome
+from mjx_fit.evaluation.hole_study import Ids, Outcomes, Study
+from mjx_fit.evaluation.parts import Rows
+from mjx_fit.evaluation.results import Result, by_method
+from mjx_fit.evaluation.statistics import (
+    Interval,
+    Row,
+    bootstrap_mean,
+    holm,
+    sign_flip,
+    wilson,
+)
+from mjx_fit.randomness import root_key
+from mjx_fit.shapes import NAMES
+from mjx_fit.task import hole
+from mjx_fit.task.methods import INSERTION, chosen
+
+ATTEMPTS = 10
+"""The paper's."""
+
+
+def insertion(
+    config: Config, out: Path, run: Path, methods: str, trials: int, seeds: int, seed: int, engine: str
+) -> Result:
+    """Up to ten attempts at a hole that matches, under several methods, which share every trial's draws.
+
+    Args:
+        config: The configuration.
+        out: The result file.
+        run: Folder of a training run.
+        methods: Names, comma-separated.
+        trials: Draws of a hole and of its detection, over the shapes in turn.
+        seeds: Of the wiggles and the sensor's noise, for each draw.
+        seed: Root seed.
+        engine: ``auto``, ``mjx`` or ``native``.
+
+    Raises:
+        RequestError: A value is not allowed, the run lacks a sensor, or the file holds another result.
+    """
+    outcome.require_positive("--trials", trials)
+    outcome.require_positive("--seeds", seeds)
+    study = Study(
+        "insertion",
+        chosen(methods, INSERTION),
+        {"trials": trials, "seeds": seeds},
+        ATTEMPTS,
+        trials * seeds,
+        partial(_holes, seeds=seeds, seed=seed),
+        partial(_rows, seeds=seeds),
+        summarise,
+    )
+    return hole_study.run(study, config, out, run, seed, engine)
+
+
+def summarise(trials: Rows) -> list[Row]:
+    """Success within k attempts, mean attempts, and how many fewer ``full`` needs than each other method.
+
+    A trial that failed counts one attempt more than there may be. ``success_rate`` has a group for each k,
+    ``attempts`` is of ``all``. ``attempts_saved`` has a group for each other method, as has ``p_value``: of a
+    sign-flip test on the pairs of the same draw and seed, by Holm's adjustment. The seeds of a draw depend on
+    each other, so that whole draws are drawn or flipped.
+    """
+    rows, needed, draws = [], {}, []
+    for method, unordered in by_method(trials).items():
+        own = sorted(unordered, key=lambda trial: (trial["trial"], trial["seed"]))
+        draws = [trial["trial"] for trial in own]
+        attempts = np.array([t["attempts"] if t["success"] else ATTEMPTS + 1 for t in own])
+        needed[method] = attempts
+        for k in range(1, ATTEMPTS + 1):
+            within = attempts <= k
+            rows.append(Row.of(method, "success_rate", str(k), _rate(within, draws), len(own)))
+        rows.append(Row.of(method, "attempts", "all", bootstrap_mean(attempts, draws), len(own)))
+        force = [np.nanmax(np.array(trial["peak_force_n"], float)) for trial in own]
+        rows.append(Row.of(method, "peak_force_n", "all", bootstrap_mean(np.array(force), draws), len(own)))
+    others = [method for method in needed if method not in ("full", "oracle")]
+    if "full" in needed and others:
+        saved = {method: needed[method] - needed["full"] for method in others}
+        p_values = holm([sign_flip(saved[method], draws) for method in others])
+        for method, p_value in zip(others, p_values, strict=True):
+            n = len(saved[method])
+            rows.append(Row.of("full", "attempts_saved", method, bootstrap_mean(saved[method], draws), n))
+            rows.append(Row("full", "p_value", method, p_value, None, None, n))
+    return rows
+
+
+def _rate(happened: np.ndarray, draws: list[int]) -> Interval:
+    """A share, by bootstrap over draws; where all or none are in it, Wilson's for that many draws."""
+    if happened.all() or not happened.any():
+        n = len(set(draws))
+        return wilson(n if happened.all() else 0, n)
+    return bootstrap_mean(happened, draws)
+
+
+def _holes(config: Config, ids: Ids, seeds: int, seed: int) -> hole.Holes:
+    draw, number = np.divmod(ids, seeds)
+    shape = draw % len(NAMES)
+    place, estimate, key, _ = draw_places(root_key(seed, "insertion"), jnp.asarray(draw), config.detector)
+    own = jax.vmap(jax.random.fold_in)(key, jnp.asarray(number))
+    return hole.Holes(shape, shape, np.asarray(place), np.asarray(estimate), own)
+
+
+def _rows(ids: Ids, world: hole.Holes, outcomes: Outcomes, seeds: int) -> Rows:
+    return [
+        {
+            "trial": int(trial) // seeds,
+            "seed": int(trial) % seeds,
+            "method": method,
+            "shape": NAMES[world.peg_type[i]],
+            "attempts": int(done.attempts[i]),
+            "success": bool(done.inserted_at[i] > 0),
+            "peak_force_n": outcome.rounded(done.peak_force_n[i][: int(done.attempts[i])]),
+        }
+        for method, done in outcomes.items()
+        for i, trial in enumerate(ids)
+    ]

@@ -1,0 +1,87 @@
+"""Work in parts that a kill does not lose: each is kept beside the result file until all are there."""
+
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+from jaxtyping import Int
+
+from mjx_fit import files, provenance
+from mjx_fit.errors import RequestError
+from mjx_fit.evaluation.outcome import Asked
+from mjx_fit.simulate.engine import even_batch
+
+Rows = list[dict[str, Any]]
+ASKED = "request.json"
+ROWS = 1024
+"""Rows of a part: enough to fill the engine, and a minute or two of work."""
+
+
+def pieces(n: int, rows_each: int) -> list[Int[np.ndarray, "m"]]:
+    """The ids of n trials in parts of one size, each of about ``ROWS`` rows, the last filled by what is left.
+
+    On an accelerator everything is one part: it is filled best by all at once, and is soon done.
+    """
+    at_most = n if jax.default_backend() != "cpu" else max(1, ROWS // rows_each)
+    size = even_batch(n, at_most)
+    return [np.arange(start, min(start + size, n)) for start in range(0, n, size)]
+
+
+def in_parts(
+    asked: Asked, parts: Sequence[Any], work: Callable[[Any], Rows], told: Callable[[Rows], None]
+) -> Rows:
+    """The rows of all parts in order: those that are kept already are read, the others worked out and kept.
+
+    Parts are kept in a folder of the result file's name with ``.parts``; ``finish`` removes it.
+
+    Args:
+        asked: What the rows depend on.
+        parts: What ``work`` is called with, one after the other.
+        work: Makes the rows of a part.
+        told: Is told all rows so far, after each part.
+
+    Raises:
+        RequestError: The folder holds parts of another request.
+    """
+    folder = asked.out.with_suffix(".parts")
+    own = asked.to_tree() | {"versions": provenance.versions(), "device": provenance.device()}
+    _require_own(folder, own)
+    rows: Rows = []
+    for number, part in enumerate(parts):
+        path = folder / f"part-{number:05d}.json"
+        if path.is_file():
+            rows += json.loads(path.read_text())
+        else:
+            made = work(part)
+            files.write_text(path, json.dumps(made))
+            rows += made
+        told(rows)
+    return rows
+
+
+def finish(out: Path) -> None:
+    """Removes the parts of a result that is written."""
+    folder = out.with_suffix(".parts")
+    if folder.is_dir():
+        for path in sorted(folder.iterdir(), key=lambda path: path.name == ASKED):
+            path.unlink()
+        folder.rmdir()
+
+
+def _require_own(folder: Path, asked: dict[str, Any]) -> None:
+    path = folder / ASKED
+    if path.is_file():
+        there = json.loads(path.read_text())
+        if there != asked:
+            name = next(key for key in asked if there.get(key) != asked[key])
+            raise RequestError(
+                f"--out: {folder} is not allowed: it holds the begun work of another request "
+                f"(its {name} differs); remove it or choose another file"
+            )
+    elif folder.exists() and any(folder.iterdir()):
+        raise RequestError(f"--out: {folder} is not allowed: it holds other files; remove it")
+    else:
+        files.write_text(path, json.dumps(asked))

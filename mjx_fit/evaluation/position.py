@@ -1,0 +1,134 @@
+"""The position experiment: what five attempts at one hole teach about where it is."""
+
+from functools import partial
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float
+
+from mjx_fit.config import Config
+from mjx_fit.dataset.draws import MISMATCHED, draw_places
+from mjx_fit.evaluation import hole_study, outcome
+from mjx_fit.evaluation.calibration import inside, squared_mahalanobis
+from mjx_fit.evaluation.hole_study import Ids, Outcomes, Study
+from mjx_fit.evaluation.parts import Rows
+from mjx_fit.evaluation.results import Result, by_method
+from mjx_fit.evaluation.statistics import Row, bootstrap_mean
+from mjx_fit.randomness import root_key
+from mjx_fit.shapes import NAMES
+from mjx_fit.task import hole
+from mjx_fit.task.methods import POSITION, chosen
+
+ATTEMPTS = 5
+"""The paper's."""
+
+CM_PER_M = 100.0
+
+
+def position(
+    config: Config, out: Path, run: Path, methods: str, trials: int, seed: int, engine: str
+) -> Result:
+    """Five attempts at one hole under several methods, which share every trial's draws.
+
+    Args:
+        config: The configuration.
+        out: The result file.
+        run: Folder of a training run.
+        methods: Names, comma-separated.
+        trials: Holes of another type than the peg, over the six pairs in turn, and as many that match.
+        seed: Root seed.
+        engine: ``auto``, ``mjx`` or ``native``.
+
+    Raises:
+        RequestError: A value is not allowed, the run lacks a sensor, or the file holds another result.
+    """
+    outcome.require_positive("--trials", trials)
+    study = Study(
+        "position",
+        chosen(methods, POSITION),
+        {"trials": trials},
+        ATTEMPTS,
+        2 * trials,
+        partial(_holes, trials=trials, seed=seed),
+        _rows,
+        summarise,
+    )
+    return hole_study.run(study, config, out, run, seed, engine)
+
+
+def summarise(trials: Rows) -> list[Row]:
+    """Position error and coverage before the first attempt and after each.
+
+    Groups: ``k`` after k attempts at holes that do not match, where every trial has all of them;
+    ``matched:k`` at those that do, where the belief stays as it is from the insertion on; ``left:k`` at those
+    of them whose peg was not in after k attempts. Coverage and NEES are of what is left in both kinds.
+    Intervals by bootstrap over trials.
+    """
+    rows = []
+    for method, own in by_method(trials).items():
+        ids = np.array([trial["trial"] for trial in own])
+        error = np.array([trial["error_cm"] for trial in own])
+        squared = np.array([trial["squared_mahalanobis"] for trial in own])
+        matched = np.array([trial["pair"][0] == trial["pair"][1] for trial in own])
+        inserted_at = np.array([trial["inserted_at"] or np.inf for trial in own])
+        for k in range(error.shape[1]):
+            left = inserted_at > k
+            groups = {f"{k}": ~matched, f"matched:{k}": matched, f"left:{k}": matched & left}
+            for group, keep in groups.items():
+                rows += _means(method, {"position_error_cm": error[:, k]}, group, ids, keep)
+            scores = {
+                "coverage_50": inside(squared[:, k], 0.5),
+                "coverage_90": inside(squared[:, k], 0.9),
+                "nees": squared[:, k] / 2,
+            }
+            rows += _means(method, scores, f"{k}", ids, left) if method != "oracle" else []
+    return rows
+
+
+def _means(
+    method: str,
+    columns: dict[str, np.ndarray],
+    group: str,
+    ids: Float[np.ndarray, " n"],
+    keep: Bool[np.ndarray, " n"],
+) -> list[Row]:
+    if not keep.any():
+        return []
+    n, clusters = int(keep.sum()), ids[keep].tolist()
+    return [
+        Row.of(method, metric, group, bootstrap_mean(values[keep], clusters), n)
+        for metric, values in columns.items()
+    ]
+
+
+def _holes(config: Config, ids: Ids, trials: int, seed: int) -> hole.Holes:
+    """The first half of the trials are mismatched, over the six pairs in turn, the others match."""
+    pair = MISMATCHED[ids % len(MISMATCHED)]
+    peg = np.where(ids < trials, pair[:, 0], ids % len(NAMES))
+    other = np.where(ids < trials, pair[:, 1], peg)
+    place, estimate, key, _ = draw_places(root_key(seed, "position"), jnp.asarray(ids), config.detector)
+    return hole.Holes(peg, other, np.asarray(place), np.asarray(estimate), key)
+
+
+def _rows(ids: Ids, world: hole.Holes, outcomes: Outcomes) -> Rows:
+    rows = []
+    for method, done in outcomes.items():
+        error = world.hole_pos_world[:, None] - done.mean_world
+        distance = CM_PER_M * np.linalg.norm(error, axis=-1)
+        squared = squared_mahalanobis(error.reshape(-1, 2), done.cov.reshape(-1, 2, 2)).reshape(
+            error.shape[:2]
+        )
+        rows += [
+            {
+                "trial": int(trial),
+                "method": method,
+                "pair": [NAMES[world.peg_type[i]], NAMES[world.hole_type[i]]],
+                "error_cm": outcome.rounded(distance[i]),
+                "squared_mahalanobis": outcome.rounded(squared[i]),
+                "inserted_at": int(done.inserted_at[i]) or None,
+                "peak_force_n": outcome.rounded(done.peak_force_n[i]),
+            }
+            for i, trial in enumerate(ids)
+        ]
+    return rows

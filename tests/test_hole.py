@@ -1,0 +1,166 @@
+"""Attempts in a row at one hole, with physics by decree, and the experiments that are made of them."""
+
+from dataclasses import replace
+
+import jax
+import numpy as np
+import pytest
+from fakes import CLOSE_M, FakeEngine
+
+from mjx_fit.config import Config
+from mjx_fit.evaluation import insertion, outcome, parts, position
+from mjx_fit.task import hole, methods
+
+CONFIG = Config()
+T = 40
+
+
+def halving(beliefs, interactions, keys):
+    """Halves the error of those who failed, and knows it."""
+    failed = interactions.valid & ~interactions.inserted
+    error = interactions.hole_pos_world - beliefs.pos_mean_world
+    return replace(
+        beliefs,
+        pos_mean_world=np.where(failed[:, None], beliefs.pos_mean_world + error / 2, beliefs.pos_mean_world),
+        pos_cov=np.where(failed[:, None, None], beliefs.pos_cov / 4, beliefs.pos_cov),
+    )
+
+
+def make_holes(seed: int = 0) -> hole.Holes:
+    rng = np.random.default_rng(seed)
+    peg = np.arange(T) % 3
+    place = rng.uniform(-0.3, 0.3, (T, 2)).astype(np.float32)
+    estimate = place + rng.uniform(-0.02, 0.02, (T, 2)).astype(np.float32)
+    other = np.where(np.arange(T) < T // 2, peg, (peg + 1) % 3)
+    return hole.Holes(peg, other, place, estimate, jax.random.split(jax.random.key(1), T))
+
+
+def play(picked, holes, engine, max_attempts=5):
+    return hole.run(CONFIG, picked, holes, max_attempts, engine, {"full": halving}, lambda done: None)
+
+
+def test_it_goes_on_until_the_peg_is_in_and_the_belief_stays_from_there_on():
+    holes, engine = make_holes(), FakeEngine()
+    done = play((methods.INSERTION[0],), holes, engine)["full"]
+    error = np.linalg.norm(holes.estimate_world - holes.hole_pos_world, axis=1)
+    for i in range(T):
+        halved = error[i] * 0.5 ** np.arange(6)
+        first = np.flatnonzero(halved[:5] < CLOSE_M)
+        inserted_at = first[0] + 1 if i < T // 2 and len(first) else 0
+        assert done.inserted_at[i] == inserted_at
+        assert done.attempts[i] == (inserted_at or 5)
+        updates = np.minimum(np.arange(6), inserted_at - 1 if inserted_at else 5)
+        got = np.linalg.norm(done.mean_world[i] - holes.hole_pos_world[i], axis=1)
+        np.testing.assert_allclose(got, error[i] * 0.5**updates, rtol=1e-3, atol=1e-6)
+        np.testing.assert_allclose(done.cov[i, :, 0, 0], 1e-4 * 0.25**updates, rtol=1e-5)
+        assert np.isfinite(done.peak_force_n[i]).sum() == done.attempts[i]
+    for number, (_, active) in enumerate(engine.seen):
+        assert np.array_equal(active, (done.inserted_at == 0) | (done.inserted_at > number))
+
+
+def test_methods_share_their_draws_and_differ_in_where_they_start():
+    holes, engine = make_holes(), FakeEngine()
+    done = play(methods.INSERTION, holes, engine)
+    assert list(done) == ["full", "no_update", "sample", "frame_by_frame", "oracle"]
+    for keys, _ in engine.seen:
+        by_method = keys.reshape(5, T, -1)
+        assert (by_method == by_method[0]).all()
+    assert len(np.unique(np.concatenate([keys for keys, _ in engine.seen]), axis=0)) == T * len(engine.seen)
+    starts = np.stack(engine.starts).reshape(len(engine.seen), 5, T, 2)
+    assert (starts[:, 1] == holes.estimate_world).all()
+    np.testing.assert_array_equal(starts[0, 4], holes.hole_pos_world)
+    # Samples of N(μ0, (1 cm)² I), a new one each time.
+    offset = (starts[:, 2] - holes.estimate_world).reshape(-1, 2)
+    assert np.cov(offset.T) == pytest.approx(1e-4 * np.eye(2), abs=3e-5)
+    assert len(np.unique(offset, axis=0)) == len(offset)
+    assert (done["oracle"].inserted_at[: T // 2] == 1).all()
+    assert (done["no_update"].mean_world == holes.estimate_world[:, None]).all()
+
+
+def test_a_trials_outcome_does_not_depend_on_its_batch():
+    holes = make_holes()
+    some = np.array([3, 7, 30])
+    few = hole.Holes(**{name: leaf[some] for name, leaf in vars(holes).items()})
+    whole, part = (play(methods.INSERTION, world, FakeEngine())["sample"] for world in (holes, few))
+    assert np.array_equal(whole.inserted_at[some], part.inserted_at)
+
+
+def asked(tmp_path, **changes) -> outcome.Asked:
+    return outcome.Asked(tmp_path / "r.json", "position", CONFIG, 0, {"trials": 5} | changes, "native")
+
+
+def test_work_that_is_killed_goes_on_with_the_part_that_it_was_in(tmp_path):
+    worked = []
+
+    def work(part, kill_at=None):
+        if part == kill_at:
+            raise KeyboardInterrupt
+        worked.append(part)
+        return [{"trial": part, "value": 2 * part}]
+
+    with pytest.raises(KeyboardInterrupt):
+        parts.in_parts(asked(tmp_path), range(4), lambda part: work(part, kill_at=2), lambda rows: None)
+    seen = []
+    rows = parts.in_parts(asked(tmp_path), range(4), work, lambda rows: seen.append(len(rows)))
+    assert worked == [0, 1, 2, 3]
+    assert [row["value"] for row in rows] == [0, 2, 4, 6]
+    assert seen == [1, 2, 3, 4]
+    with pytest.raises(outcome.RequestError, match="its request differs"):
+        parts.in_parts(asked(tmp_path, trials=6), range(4), work, lambda rows: None)
+    parts.finish(tmp_path / "r.json")
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "r.parts").mkdir()
+    (tmp_path / "r.parts" / "mine.txt").write_text("keep")
+    with pytest.raises(outcome.RequestError, match="it holds other files"):
+        parts.in_parts(asked(tmp_path), range(4), work, lambda rows: None)
+
+
+@pytest.mark.parametrize(("n", "methods_", "sizes"), [(100, 3, [100]), (750, 5, [188, 188, 188, 186])])
+def test_pieces_hold_every_trial_once(n, methods_, sizes):
+    found = parts.pieces(n, methods_)
+    assert [len(piece) for piece in found] == sizes
+    assert np.concatenate(found).tolist() == list(range(n))
+
+
+def test_what_position_trials_come_to():
+    def trial(number, matched, errors, inserted_at):
+        pair = ("cross", "cross") if matched else ("cross", "square")
+        zeros = [1.0] * 6
+        return {"trial": number, "method": "full", "pair": pair, "error_cm": errors,
+                "squared_mahalanobis": zeros, "inserted_at": inserted_at}  # fmt: skip
+
+    trials = [
+        trial(0, False, [2.0, 1.0, 0.5, 0.4, 0.3, 0.2], None),
+        trial(1, False, [1.0, 0.0, 0.5, 0.2, 0.1, 0.0], None),
+        trial(2, True, [1.0, 0.4, 0.4, 0.4, 0.4, 0.4], 2),
+        trial(3, True, [1.0, 0.2, 0.1, 0.1, 0.1, 0.1], None),
+    ]
+    rows = {(row.metric, row.group): row for row in position.summarise(trials)}
+    assert rows["position_error_cm", "1"].value == pytest.approx(0.5)
+    assert rows["position_error_cm", "matched:5"].value == pytest.approx(0.25)
+    assert rows["position_error_cm", "left:1"].value == pytest.approx(0.3)
+    assert (rows["position_error_cm", "left:2"].value, rows["position_error_cm", "left:2"].n) == (0.1, 1)
+    assert [rows["coverage_90", str(k)].n for k in range(4)] == [4, 4, 3, 3]
+
+
+def test_what_insertion_trials_come_to():
+    def trial(draw, seed, method, attempts, success):
+        return {"trial": draw, "seed": seed, "method": method, "shape": "cross", "attempts": attempts,
+                "success": success, "peak_force_n": [30.0]}  # fmt: skip
+
+    trials = []
+    for draw in range(30):
+        for seed in range(2):
+            trials.append(trial(draw, seed, "full", 1 + draw % 2, True))
+            trials.append(trial(draw, seed, "no_update", 10 if draw % 3 else 4, draw % 3 == 0))
+            trials.append(trial(draw, seed, "sample", 1 + (draw + seed) % 2, True))
+    rows = {(row.method, row.metric, row.group): row for row in insertion.summarise(trials[::-1])}
+    assert rows["full", "success_rate", "1"].value == pytest.approx(0.5)
+    assert rows["full", "success_rate", "2"].value == 1
+    assert rows["full", "success_rate", "2"].low == pytest.approx(0.886, abs=0.001)  # Wilson's for 30 of 30
+    assert rows["no_update", "attempts", "all"].value == pytest.approx((4 + 11 + 11) / 3)
+    saved = np.mean([(11 if draw % 3 else 4) - 1 - draw % 2 for draw in range(30)])
+    assert rows["full", "attempts_saved", "no_update"].value == pytest.approx(saved)
+    assert rows["full", "p_value", "no_update"].value < 0.001
+    assert rows["full", "attempts_saved", "sample"].value == pytest.approx(0)
+    assert rows["full", "p_value", "sample"].value == 1
