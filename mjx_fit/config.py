@@ -20,6 +20,15 @@ NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Probability = Annotated[float, Field(gt=0, lt=1)]
 Count = Annotated[int, Field(ge=1)]
 
+Rates = tuple[Annotated[float, Field(ge=0, lt=1)], ...]
+
+_ERROR_KNOTS_M = (0.0, 0.001, 0.002, 0.003, 0.005, 0.0075, 0.01, 0.0125, 0.015, 0.0175)
+_SUCCESS_BY_ERROR = (
+    (0.987, 0.973, 0.840, 0.620, 0.153, 0.347, 0.307, 0.093, 0.060, 0.0),
+    (0.993, 0.993, 0.927, 0.780, 0.567, 0.620, 0.407, 0.100, 0.067, 0.0),
+    (0.987, 0.980, 0.873, 0.653, 0.313, 0.400, 0.327, 0.093, 0.060, 0.0),
+)
+
 _STRICT = ConfigDict(extra="forbid", strict=True)
 
 
@@ -165,6 +174,11 @@ class TaskConfig:
         success_probability: α of the outcome model, for cross, rectangle and square: the success rate of a
             matched attempt. The default is what ``evaluate attempt --trials 1000`` measured with everything
             else at its default; measure it anew when you change the detector, the scene or the control.
+        outcome_model: α ``constant`` per shape, as in the paper, or by the ``covariance`` of the belief: the
+            mean of ``success_by_error`` over what is believed (``mjx_fit.task.success``).
+        error_knots_m: Distances of the estimate from the hole at which ``success_by_error`` is known.
+        success_by_error: Success rate of a matched attempt at those distances, for cross, rectangle and
+            square: what ``experiments/physics/alpha.py error`` measured with everything else at its default.
         hard_match: Update the type with h_match's arg max, as in Algorithm 3; otherwise with the mean over
             its probabilities, as in training. H is learned with the latter, and is too sure for the former.
     """
@@ -174,7 +188,17 @@ class TaskConfig:
     attempt_actions: Annotated[int, Field(ge=1, le=400)] = 100
     insertion_depth_m: Annotated[float, Field(gt=0, le=0.025)] = 0.01
     success_probability: tuple[Probability, Probability, Probability] = (0.118, 0.162, 0.117)
+    outcome_model: Literal["constant", "covariance"] = "constant"
+    error_knots_m: tuple[NonNegative, ...] = _ERROR_KNOTS_M
+    success_by_error: tuple[Rates, Rates, Rates] = _SUCCESS_BY_ERROR
     hard_match: bool = False
+
+    @model_validator(mode="after")
+    def _one_rate_for_each_knot(self) -> "TaskConfig":
+        knots = self.error_knots_m
+        if list(knots) != sorted(set(knots)) or any(len(r) != len(knots) for r in self.success_by_error):
+            raise ValueError("error_knots_m must ascend, and success_by_error have a rate for each of them")
+        return self
 
 
 @dataclass(frozen=True, config=_STRICT)

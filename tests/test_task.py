@@ -13,6 +13,7 @@ from mjx_fit.config import Config
 from mjx_fit.errors import RequestError
 from mjx_fit.filters.belief import initial_belief
 from mjx_fit.task import assembly, learning, methods, pomdp
+from mjx_fit.task.success import success_probability
 from mjx_fit.types import Attempt, Observation
 
 CONFIG = dataclasses.replace(Config(), task=dataclasses.replace(Config().task, n_holes=4, max_attempts=6))
@@ -23,7 +24,7 @@ def test_expected_reward_is_the_papers_sum():
     alpha = np.array([0.3, 0.2, 0.4])
     for peg in range(3):
         want = [sum(alpha[c] * (c == peg) * row[c] for c in range(3)) for row in xi]
-        got = pomdp.expected_reward(jnp.log(xi), jnp.asarray(peg), jnp.asarray(alpha))
+        got = pomdp.expected_reward(jnp.log(xi), jnp.asarray(peg), jnp.asarray(alpha)[None])
         assert got == pytest.approx(want, abs=1e-6)
 
 
@@ -203,3 +204,37 @@ def _attempts(trials):
 def test_unknown_method_is_refused():
     with pytest.raises(RequestError, match="--methods: 'best' is not allowed: choose from failure_only"):
         methods.chosen("full,best", methods.ASSEMBLY)
+
+
+def test_success_by_covariance_is_the_mean_over_the_belief():
+    """Against a hundred thousand draws from each belief, narrow, wide and askew."""
+    task = dataclasses.replace(Config().task, outcome_model="covariance")
+    rng = np.random.default_rng(0)
+    factors = [0.001 * np.eye(2), 0.01 * np.eye(2), np.array([[0.006, 0.0], [0.003, 0.002]])]
+    cov = np.stack([factor @ factor.T for factor in factors])
+    got = np.asarray(success_probability(task, jnp.asarray(cov, jnp.float32)))
+    z = rng.normal(size=(100_000, 2))
+    for row, factor in zip(got, factors, strict=True):
+        distance = np.linalg.norm(z @ factor.T, axis=1)
+        want = [np.interp(distance, task.error_knots_m, rate).mean() for rate in task.success_by_error]
+        assert row == pytest.approx(want, abs=0.01)
+    assert got[0].min() > 0.8
+    assert got[1].max() < 0.4
+    constant = success_probability(Config().task, jnp.asarray(cov))
+    assert np.asarray(constant) == pytest.approx(np.tile(Config().task.success_probability, (3, 1)))
+
+
+def test_failing_with_a_good_estimate_says_more_about_the_type():
+    config = dataclasses.replace(CONFIG, task=dataclasses.replace(CONFIG.task, outcome_model="covariance"))
+    learn = learning.learner(config, None)
+    beliefs = initial_belief(jnp.zeros((2, 2)), 0.01, 3)
+    beliefs = dataclasses.replace(beliefs, pos_cov=beliefs.pos_cov * jnp.array([1.0, 0.01])[:, None, None])
+    zero, away = jnp.zeros(2, int), jnp.full((2, 2), 0.01)
+    keys = jax.random.split(jax.random.key(0), 2)
+    attempts = Attempt(zero, zero, away, jnp.zeros((2, 2)), zero, keys)
+    done = FakeEngine().run(attempts, 2)
+    failed = dataclasses.replace(done, inserted=np.zeros(2, bool))
+    after = learn(beliefs, failed, attempts.key, np.zeros(2, bool), np.zeros(2, bool))
+    wide, narrow = np.exp(np.asarray(after.type_logp))[:, 0]
+    assert narrow < 0.1
+    assert 0.25 < wide < 1 / 3

@@ -19,6 +19,7 @@ from mjx_fit.filters.kalman import gaussian_nll
 from mjx_fit.randomness import root_key
 from mjx_fit.sensors.model import ContactSensor
 from mjx_fit.shapes import NAMES, SHAPES
+from mjx_fit.task.success import success_probability
 from mjx_fit.types import Array, Belief, Observation
 from mjx_fit.wrist import read
 
@@ -109,7 +110,7 @@ def posterior(
     prior = Belief(estimate, cov, types)
     if with_prior:
         belief = update_position(prior, observation)
-        alpha = jnp.asarray(config.task.success_probability)
+        alpha = success_probability(config.task, cov)
         belief = update_type(belief, observation, interaction.peg_type, alpha, hard=config.task.hard_match)
         belief = replace(belief, type_logp=_over_sequences(belief.type_logp, data, ids))
     else:

@@ -66,6 +66,15 @@ def gaussian_nll(
     return half_logdet + half_mahalanobis
 
 
+def scale_tril(cov: Float[Array, "*batch 2 2"]) -> Float[Array, "*batch 2 2"]:
+    """Lower triangular L with L Lᵀ = Σ, m: it makes an error of N(0, Σ) of standard normal numbers."""
+    xx, xy, yy = cov[..., 0, 0], cov[..., 0, 1], cov[..., 1, 1]
+    first = jnp.sqrt(xx)
+    below = xy / first
+    rows = [jnp.stack([first, jnp.zeros_like(first)], -1), jnp.stack([below, jnp.sqrt(yy - below**2)], -1)]
+    return jnp.stack(rows, axis=-2)
+
+
 def _transpose(matrix: Float[Array, "*batch n n"]) -> Float[Array, "*batch n n"]:
     return jnp.swapaxes(matrix, -1, -2)
 

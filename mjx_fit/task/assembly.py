@@ -25,11 +25,14 @@ from mjx_fit.simulate.engine import Engine
 from mjx_fit.task import pomdp
 from mjx_fit.task.learning import Learn
 from mjx_fit.task.methods import Method
+from mjx_fit.task.success import success_probability
 from mjx_fit.types import Array, Attempt, Belief, Interaction
 from mjx_fit.wrist import peak_force
 
 _LOG_IMPOSSIBLE = -30.0
 """ln ξ of a type that is known to be wrong: small enough to mean never, and finite."""
+_KNOWN_M2 = 1e-8
+"""Variance of a position that is known: (0.1 mm)²."""
 
 
 @dataclass(frozen=True)
@@ -131,7 +134,7 @@ class _Table:
 
     def choose(self) -> Int[np.ndarray, "R"]:
         """The hole that each row tries next."""
-        return np.asarray(self._choose(self._beliefs.type_logp, self._peg(), self._filled, self._tries))
+        return np.asarray(self._choose(self._beliefs, self._peg(), self._filled, self._tries))
 
     def keys(self) -> tuple[Key[Array, "R"], Key[Array, "R"]]:
         """Sources of the wiggle and of the sensor noise of each row's next attempt."""
@@ -211,12 +214,13 @@ class _Table:
         knows = np.repeat([method.knows_truth for method in self._methods], self._n_trials)
         one_hot = np.arange(len(SHAPES)) == world["hole_type"][..., None]
         beliefs.pos_mean_world[knows] = world["hole_pos_world"][knows]
+        beliefs.pos_cov[knows] = _KNOWN_M2 * np.eye(2)
         beliefs.type_logp[knows] = np.where(one_hot, 0.0, _LOG_IMPOSSIBLE)[knows]
         return beliefs
 
-    def _greedy(self, type_logp, peg_type, filled, tries):
-        alpha = jnp.asarray(self._config.task.success_probability)
-        return pomdp.greedy(pomdp.expected_reward(type_logp, peg_type, alpha), filled, tries)
+    def _greedy(self, beliefs: Belief, peg_type, filled, tries):
+        alpha = success_probability(self._config.task, beliefs.pos_cov)
+        return pomdp.greedy(pomdp.expected_reward(beliefs.type_logp, peg_type, alpha), filled, tries)
 
     def _attempt_keys(self, trial, peg_number, attempt_number):
         key = self._root

@@ -14,6 +14,7 @@ from jaxtyping import Float, Int, Key
 
 from mjx_fit.config import Config
 from mjx_fit.filters.belief import initial_belief
+from mjx_fit.filters.kalman import scale_tril
 from mjx_fit.policies import SPIRAL
 from mjx_fit.shapes import SHAPES
 from mjx_fit.simulate.engine import Engine
@@ -148,11 +149,7 @@ def _keys(keys: Key[Array, "R"], number: int) -> tuple[Key[Array, "R"], Key[Arra
 def _drawn(belief: Belief, keys: Key[Array, "R"]) -> Float[Array, "R 2"]:
     """A place from each belief, m: μ + L z with L the Cholesky factor of Σ."""
     z = jax.vmap(lambda key: jax.random.normal(key, (2,)))(keys)
-    xx, xy, yy = belief.pos_cov[:, 0, 0], belief.pos_cov[:, 0, 1], belief.pos_cov[:, 1, 1]
-    first = jnp.sqrt(xx)
-    below = xy / first
-    offset = jnp.stack([first * z[:, 0], below * z[:, 0] + jnp.sqrt(yy - below**2) * z[:, 1]], axis=1)
-    return belief.pos_mean_world + offset
+    return belief.pos_mean_world + (scale_tril(belief.pos_cov) * z[:, None]).sum(-1)
 
 
 def _attempts(

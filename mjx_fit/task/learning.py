@@ -13,6 +13,7 @@ from mjx_fit.config import Config
 from mjx_fit.dataset.sequences import Update
 from mjx_fit.filters.belief import update_position, update_type
 from mjx_fit.sensors.model import ContactSensor
+from mjx_fit.task.success import success_probability
 from mjx_fit.types import Array, Belief, Interaction
 from mjx_fit.wrist import read
 
@@ -30,11 +31,12 @@ def learner(config: Config, sensor: ContactSensor | None) -> Learn:
         config: Gives α, the wrist's noise and the plate's height.
         sensor: The trained sensor; None when no method reads traces.
     """
-    alpha, hard = jnp.asarray(config.task.success_probability), config.task.hard_match
+    hard = config.task.hard_match
     graph, state = nnx.split(sensor) if sensor is not None else (None, None)
 
     def learn(state, beliefs, interactions, keys, learns_position, learns_type):
         failed = interactions.valid & ~interactions.inserted
+        alpha = success_probability(config.task, beliefs.pos_cov)
         updated = update_type(beliefs, None, interactions.peg_type, alpha, hard=hard)
         if graph is not None:
             observation = nnx.merge(graph, state)(_readings(interactions, keys, config))

@@ -17,16 +17,16 @@ _TIE = 1e-6
 def expected_reward(
     type_logp: Float[Array, "*batch n C"],
     peg_type: Int[Array, "*batch"],
-    success_probability: Float[Array, "C"],
+    success_probability: Float[Array, "*#batch n C"],
 ) -> Float[Array, "*batch n"]:
     """Probability that an attempt at each of n holes succeeds: Σ_c α_c 1[c = c_peg] ξ_c.
 
     Args:
         type_logp: ln ξ of each hole.
         peg_type: c_peg.
-        success_probability: α_c.
+        success_probability: α_c of an attempt at each hole.
     """
-    match = jax.nn.one_hot(peg_type, len(success_probability))
+    match = jax.nn.one_hot(peg_type, success_probability.shape[-1])
     return jnp.sum(match[..., None, :] * success_probability * jnp.exp(type_logp), -1)
 
 

@@ -1,0 +1,48 @@
+"""The outcome model's α: how likely an attempt succeeds at a hole that matches the peg.
+
+The paper takes one number per shape. It depends on how good the estimate is: a spiral that starts 1 mm off
+hardly ever fails, one that starts 2 cm off always does. The second model is the mean, over what is believed
+of the position, of the success rate by distance.
+"""
+
+import math
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from mjx_fit.config import TaskConfig
+from mjx_fit.filters.kalman import scale_tril
+from mjx_fit.types import Array
+
+RINGS, ANGLES = 24, 8
+"""Of the quadrature: radii at equal steps of probability, angles over half a turn; both are symmetric."""
+
+
+def success_probability(task: TaskConfig, pos_cov: Float[Array, "*batch 2 2"]) -> Float[Array, "*batch C"]:
+    """α_c of an attempt from the mean of a belief, for each type c.
+
+    ``constant``: ``task.success_probability``. ``covariance``: ∫ s_c(|e|) N(e; 0, Σ) de, s_c being
+    ``task.success_by_error``, linear between its knots and constant beyond them.
+
+    Args:
+        task: Which model, and its numbers.
+        pos_cov: Σ of the belief, m².
+    """
+    if task.outcome_model == "constant":
+        alpha = jnp.asarray(task.success_probability)
+        return jnp.broadcast_to(alpha, (*pos_cov.shape[:-2], len(alpha)))
+    offsets = jnp.einsum("...ij,kj->...ki", scale_tril(pos_cov), _standard_normal())
+    distance = jnp.linalg.norm(offsets, axis=-1)
+    knots = jnp.asarray(task.error_knots_m)
+    rates = [jnp.interp(distance, knots, jnp.asarray(rate)).mean(-1) for rate in task.success_by_error]
+    return jnp.stack(rates, axis=-1)
+
+
+def _standard_normal() -> Float[np.ndarray, "k 2"]:
+    """Points of equal weight that stand for N(0, I): P(r < R) = 1 - exp(-R² / 2)."""
+    share = (np.arange(RINGS) + 0.5) / RINGS
+    radius = np.sqrt(-2 * np.log1p(-share))
+    angle = math.pi * (np.arange(ANGLES) + 0.5) / ANGLES
+    directions = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    return (radius[:, None, None] * directions).reshape(-1, 2).astype(np.float32)
