@@ -1,0 +1,166 @@
+"""Which figures an experiment has: a name, a sentence, and how it is drawn."""
+
+from collections.abc import Callable
+
+from matplotlib.figure import Figure
+
+from mjx_fit.evaluation.results import Result
+from mjx_fit.report import calibration_figures, figures, hole_figures
+
+Drawing = tuple[str, str, Callable[[], Figure]]
+
+
+def of_result(result: Result) -> list[Drawing]:
+    """The figures of a result; an experiment that has none of its own, or no trials, has its table."""
+    kinds = {
+        "assembly": _assembly,
+        "attempt": _attempt,
+        "calibration": _calibration,
+        "insertion": _insertion,
+        "position": _position,
+    }
+    if not result.trials or result.experiment not in kinds:
+        return []
+    return kinds[result.experiment](result)
+
+
+def _assembly(result: Result) -> list[Drawing]:
+    most = max(max(trial["attempts"]) for trial in result.trials)
+    cap = max(result.config.get("task", {}).get("max_attempts", most), most)
+    return [
+        (
+            "success",
+            "Share of all pegs that the robot inserted within that many attempts at the peg; bands are 95 % "
+            "intervals by bootstrap over trials.",
+            lambda: figures.success_curve(result.trials, cap),
+        ),
+        (
+            "interventions",
+            f"Share of all pegs that a human had to insert after {cap} attempts, with 95 % intervals by "
+            "bootstrap over trials; where it was none or every peg, Wilson's for that many trials: wide.",
+            lambda: figures.intervention_rate(result.summary),
+        ),
+        (
+            "attempts",
+            "Attempts that the first n pegs took together, as in the paper: areas are shares of the trials, "
+            f"vertical lines the methods' means; a peg given to a human counts {cap}.",
+            lambda: figures.attempts_histogram(result.trials),
+        ),
+    ]
+
+
+def _attempt(result: Result) -> list[Drawing]:
+    kind = result.config.get("detector", {}).get("kind", "unknown")
+    drawings: list[Drawing] = [
+        (
+            "success",
+            f"Success of single attempts by pair, detector “{kind}”, with Wilson 95 % intervals; the paper's "
+            "rate is of matched pairs, and its figures look like the detector “disc”.",
+            lambda: figures.attempt_success(result.summary),
+        )
+    ]
+    matched = [trial for trial in result.trials if trial["matched"]]
+    if matched:
+        caption = (
+            "Success of matched attempts by the error of the estimate over which they start, with Wilson "
+            f"95 % intervals in bins of {figures.ERROR_BIN_MM:g} mm."
+        )
+        drawings.append(("error", caption, lambda: figures.success_by_error(matched)))
+    return drawings
+
+
+def _by_attempt(result: Result) -> list[Drawing]:
+    return [
+        (
+            "attempts",
+            "Mean distance of the believed from the true position after each failed attempt at a hole, of "
+            "those that came so far, with 95 % intervals by bootstrap over holes.",
+            lambda: calibration_figures.error_by_attempt(result.summary),
+        ),
+        (
+            "coverage-by-attempt",
+            "Share of the true positions inside the ellipses of 50 and 90 % after each failed attempt, with "
+            "95 % intervals by bootstrap over holes: below the dashed line the belief is too sure.",
+            lambda: calibration_figures.coverage_by_attempt(result.summary),
+        ),
+    ]
+
+
+def _calibration(result: Result) -> list[Drawing]:
+    actions = max(trial["actions"] for trial in result.trials)
+    whole = [trial for trial in result.trials if trial["actions"] == actions]
+    several = [] if {trial["attempt"] for trial in whole} == {1} else _by_attempt(result)
+    return [
+        *several,
+        (
+            "actions",
+            "Mean distance of the believed from the true position after one failed attempt, by how much of "
+            "it is read, with 95 % intervals by bootstrap over holes.",
+            lambda: calibration_figures.error_by_actions(result.summary),
+        ),
+        (
+            "coverage",
+            "Share of the true positions inside the belief's ellipse, by the ellipse's probability: on the "
+            "dashed line the belief is honest, below it too sure.",
+            lambda: calibration_figures.coverage(whole),
+        ),
+        (
+            "reliability",
+            "How often peg and hole match, by the probability given to it, with 95 % intervals.",
+            lambda: calibration_figures.match_reliability(whole),
+        ),
+        (
+            "pairs",
+            "How well one failed attempt tells a peg's own hole from another: area under the ROC curve with "
+            "95 % intervals by bootstrap over holes; 0.5 is chance.",
+            lambda: calibration_figures.match_by_pair(result.summary),
+        ),
+    ]
+
+
+def _position(result: Result) -> list[Drawing]:
+    summary = result.summary
+    return [
+        (
+            "error",
+            "Mean distance of the believed from the true position before the first and after each attempt, "
+            "at holes that do not match the peg, so that every trial has all attempts; the paper's figure, "
+            "with 95 % intervals by bootstrap over trials.",
+            lambda: hole_figures.error_by_attempt(summary),
+        ),
+        (
+            "error-matched",
+            "The same at holes that match: the belief stays as it is once the peg is in.",
+            lambda: hole_figures.error_by_attempt(summary, "matched:"),
+        ),
+        (
+            "error-spread",
+            "How the errors of mismatched trials are spread: median (dot), middle half (bar), middle 90 % "
+            "(line).",
+            lambda: hole_figures.errors_spread(result.trials),
+        ),
+        (
+            "coverage",
+            "Share of the true positions inside the belief's 90 % ellipse, of the trials whose peg is not in "
+            "yet: below the dashed line the belief is too sure.",
+            lambda: hole_figures.coverage_by_attempt(summary),
+        ),
+    ]
+
+
+def _insertion(result: Result) -> list[Drawing]:
+    shown: list[Drawing] = [
+        (
+            "success",
+            "Share of the pegs that are in their hole within so many attempts; the paper's figure, with 95 % "
+            "intervals by bootstrap over draws, Wilson's where it is all or none.",
+            lambda: hole_figures.success_by_attempts(result.summary),
+        )
+    ]
+    if any(row.metric == "attempts_saved" for row in result.summary):
+        caption = (
+            "How many attempts fewer full needs than another method in the same trial, on average, with 95 % "
+            "intervals by bootstrap over draws; p by a sign-flip test, adjusted by Holm."
+        )
+        shown.append(("saved", caption, lambda: hole_figures.attempts_saved(result.summary)))
+    return shown
