@@ -1,10 +1,10 @@
-# Five verbs: demo, test, lint, bench, clean. Each works in a fresh clone.
+# Six verbs: demo, test, lint, bench, paper, clean. Each works in a fresh clone.
 PYTHON ?= python3
 VENV := .venv
 RUN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: demo test lint bench clean
+.PHONY: demo test lint bench paper clean
 
 demo: $(READY)
 	$(RUN)/mjx-fit demo
@@ -20,6 +20,9 @@ lint: $(READY)
 
 bench: $(READY)
 	$(RUN)/mjx-fit bench
+
+paper: $(READY)
+	$(RUN)/mjx-fit paper --out runs/paper
 
 clean:
 	rm -rf $(VENV) runs dist

@@ -124,6 +124,12 @@ def _parser() -> argparse.ArgumentParser:
 
     _evaluations(parsers.add_parser("evaluate", help="run an experiment"))
 
+    paper = _command(parsers, "paper", commands.paper, "the paper: data, training, all experiments, report")
+    paper.add_argument("--out", type=Path, required=True, metavar="DIR")
+    paper.add_argument("--size", default="cpu", help="quick, cpu or full (default cpu)")
+    paper.add_argument("--seed", type=int, default=0, metavar="S", help="root seed (default 0)")
+    _configurable(paper)
+
     report = _command(parsers, "report", commands.report, "one page from results, runs and data sets")
     report.add_argument("inputs", type=Path, nargs="+", metavar="FILE.json|DIR")
     report.add_argument("--out", type=Path, metavar="DIR", help="default: report in the first input's folder")

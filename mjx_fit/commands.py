@@ -153,6 +153,13 @@ def evaluate_calibration(args: argparse.Namespace) -> None:
     print_summary(calibrate(_config(args), args.out, _run(args), args.data, args.seed))
 
 
+def paper(args: argparse.Namespace) -> None:
+    from mjx_fit.paper import paper, size_of
+
+    size = size_of(args.size)
+    paper(_config(args, preset=size.preset), args.out, size, args.seed)
+
+
 def report(args: argparse.Namespace) -> None:
     from mjx_fit.report.build import beside, build
 

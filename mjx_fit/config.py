@@ -5,6 +5,7 @@ An unknown key, a wrong type or a value out of range raises ``RequestError``. Un
 
 import dataclasses
 import json
+import math
 import re
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -19,6 +20,9 @@ Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Probability = Annotated[float, Field(gt=0, lt=1)]
 Count = Annotated[int, Field(ge=1)]
+
+HALF_PEG_M = 0.0224
+"""From the centre of a peg's face to its farthest corner."""
 
 Rates = tuple[Annotated[float, Field(ge=0, lt=1)], ...]
 
@@ -122,7 +126,7 @@ class DetectorConfig:
     """
 
     kind: Literal["square", "disc"] = "square"
-    half_width_m: Annotated[float, Field(ge=0, le=0.02)] = 0.02
+    half_width_m: Annotated[float, Field(ge=0, le=0.03)] = 0.02
     prior_std_m: Positive = 0.01
 
 
@@ -335,7 +339,7 @@ def from_tree(tree: dict[str, Any]) -> Config:
     """
     try:
         # JSON, so that lists may stand for tuples; YAML's dates and such become text, which no field allows.
-        return TypeAdapter(Config).validate_json(json.dumps(tree, default=str))
+        config = TypeAdapter(Config).validate_json(json.dumps(tree, default=str))
     except ValidationError as error:
         first = error.errors()[0]
         field = ".".join(str(part) for part in first["loc"])
@@ -344,6 +348,20 @@ def from_tree(tree: dict[str, Any]) -> Config:
                 f"config: {field}: unknown key; allowed here: {_allowed(first['loc'])}"
             ) from None
         raise RequestError(f"config: {field}: {first['input']!r} is not allowed: {first['msg']}") from None
+    _require_room(config)
+    return config
+
+
+def _require_room(config: Config) -> None:
+    """The peg must stay over its plate, wherever the detector and the spiral may bring it."""
+    detector, scene = config.detector, config.scene
+    error = detector.half_width_m * (math.sqrt(2) if detector.kind == "square" else 1)
+    reach = error + config.spiral.radius_m + HALF_PEG_M
+    if reach > scene.plate_half_width_m:
+        raise RequestError(
+            f"config: scene.plate_half_width_m: {scene.plate_half_width_m} is not allowed: it must be at "
+            f"least {math.ceil(1000 * reach) / 1000}: the detector's error, the spiral and half a peg"
+        )
 
 
 def to_tree(config: Config) -> dict[str, Any]:

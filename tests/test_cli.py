@@ -305,8 +305,8 @@ def test_data_to_training_to_assembly_to_report(data, tmp_path, capsys, refused)
 def check_own_beliefs(run, tmp_path, settings, capsys):
     """Sequences whose later attempts start from what the run's sensor believes."""
     out = tmp_path / "own"
-    command = ["collect", "--out", str(out), "--episodes", "8", "--sequence", "2", "--steps", "2", "--run"]
-    options = ["--policy", "spiral", "--engine", "native", *TINY]
+    command = ["collect", "--out", str(out), "--episodes", "8", "--sequence", "2", "--steps", "6", "--run"]
+    options = ["--policy", "spiral", "--engine", "native", "--set", "task.attempt_actions=6"]
     assert cli.main([*command, str(run), *options]) == 0
     asked = manifest.read(out).request
     assert asked["sensor"] == checkpoint.fingerprint_of(checkpoint.load_sensor(run)[0])

@@ -1,0 +1,88 @@
+"""What the paper could not vary: assemblies of ``full`` by number of holes, detector and clearance.
+
+    python experiments/paper/sweep.py FOLDER [--trials N]
+
+One choice changed at a time. Result files go to FOLDER, the table and the figure beside this file. Killed,
+the same command goes on.
+"""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import PercentFormatter
+
+from mjx_fit import config as config_
+from mjx_fit import resources, runtime
+from mjx_fit.evaluation import experiments
+from mjx_fit.evaluation.results import Result
+from mjx_fit.report import script, style
+
+HERE = Path(__file__).parent
+METHODS = "full,oracle"
+SWEEPS: dict[str, tuple[str, tuple[float, ...], float, str]] = {
+    "task.n_holes": ("Holes", (2, 5, 8), 1, "{:g}"),
+    "detector.half_width_m": ("Largest error of the detector per axis (cm)", (0.01, 0.02, 0.03), 100, "{:g}"),
+    "scene.clearance_m": ("Gap on each side (mm)", (0.0005, 0.001, 0.002), 1000, "{:g}"),
+}
+
+
+def main(folder: Path, trials: int) -> None:
+    rows = []
+    for key, (_, values, *_rest) in SWEEPS.items():
+        for value in values:
+            result = _assembled(folder, key, value, trials)
+            for row in result.summary:
+                if row.group == "all":
+                    rows.append({"key": key, "value": value, **row.to_json(), "result": row.value})
+    script.save(HERE / "sweep.json", {"trials": trials, "rows": rows})
+    script.draw(HERE / "sweep.png", lambda: _figure(rows))
+
+
+def _assembled(folder: Path, key: str, value: float, trials: int) -> Result:
+    config = config_.load(None, [f"{key}={value}", "task.outcome_model=covariance"])
+    # One file for each configuration: the defaults are in every sweep, and are done once.
+    same = config == config_.load(None, ["task.outcome_model=covariance"])
+    name = "default" if same else f"{key}-{value:g}"
+    out = folder / f"{name}.json"
+    return experiments.assembly(config, out, resources.folder("weights"), METHODS, trials, 0, "auto")
+
+
+def _figure(rows: list[dict[str, Any]]) -> Figure:
+    figure = Figure(figsize=(10.5, 5.6))
+    axes = figure.subplots(2, len(SWEEPS), sharey="row")
+    methods = METHODS.split(",")
+    colour, marker = style.colours(methods), style.markers(methods)
+    for column, (key, (label, values, scale, text)) in enumerate(SWEEPS.items()):
+        for line, metric in enumerate(("attempts", "intervention_rate")):
+            ax = axes[line, column]
+            for name in methods:
+                own = [r for r in rows if (r["key"], r["metric"], r["method"]) == (key, metric, name)]
+                value, low, high = (
+                    np.array([row[end] for row in own], float) for end in ("result", "low", "high")
+                )
+                bars = style.spread(value, low, high)
+                ax.errorbar(
+                    range(len(own)), value, bars, color=colour[name], marker=marker[name], markersize=5
+                )
+            ax.set_xticks(range(len(values)), [text.format(value * scale) for value in values])
+            ax.set_xlim(-0.3, len(values) - 0.7)
+            ax.set_ylim(0, None)
+            if line:
+                ax.set_xlabel(label)
+                ax.yaxis.set_major_formatter(PercentFormatter(1, decimals=None))
+    axes[0, 0].set_ylabel("Attempts for all pegs")
+    axes[1, 0].set_ylabel("Pegs inserted by a human")
+    style.legend(figure, style.method_handles(methods))
+    return figure
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser()
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--trials", type=int, default=100)
+    asked = parser.parse_args()
+    runtime.configure()
+    main(asked.folder, asked.trials)
