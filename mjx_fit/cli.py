@@ -58,7 +58,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except MemoryError as error:
         return _refuse(f"this needs more memory than there is ({error or 'none left'}): make it smaller", 1)
     except KeyboardInterrupt:
-        _refuse("stopped; collect, train and demo go on when the same command is given again", 1)
+        _refuse("stopped; the same command, given again, goes on with what it has", 1)
         # At once: XLA may still be compiling in a thread of its own, and an orderly exit would crash in it.
         sys.stderr.flush()
         os._exit(1)

@@ -92,22 +92,19 @@ def data_export(args: argparse.Namespace) -> None:
 
 
 def train(args: argparse.Namespace) -> None:
-    from mjx_fit.dataset import manifest, store
+    from mjx_fit.dataset import manifest
     from mjx_fit.training import run_folder
-    from mjx_fit.training.baseline import train_with_baseline
-    from mjx_fit.training.sides import require_chains
+    from mjx_fit.training.baseline import train_from
 
     config = _config(args)
-    require_chains(manifest.read(args.data).request, config)
     if args.epochs is not None:
         if args.epochs < 1:
             raise RequestError(f"--epochs: {args.epochs} is not allowed: it must be at least 1")
         config = replace(config, train=replace(config.train, epochs=args.epochs))
-    data = store.load(args.data)
     index, of = manifest.read(args.data).part
     if of > 1:
         print(f"{args.data}: part {index} of {of} of a data set; data merge joins them")
-    train_with_baseline(data, config, args.out, args.seed, args.members)
+    train_from(args.data, config, args.out, args.seed, args.members)
     for folder in run_folder.members(args.out, args.members):
         print(f"{folder}: {run_folder.summary(folder)}")
 

@@ -179,7 +179,7 @@ class TaskConfig:
             matched attempt. The default is what ``evaluate attempt --trials 1000`` measured with everything
             else at its default; measure it anew when you change the detector, the scene or the control.
         outcome_model: α ``constant`` per shape, as in the paper, or by the ``covariance`` of the belief: the
-            mean of ``success_by_error`` over what is believed (``mjx_fit.task.success``).
+            mean of ``success_by_error`` over what is believed (``mjx_fit.filters.success``).
         error_knots_m: Distances of the estimate from the hole at which ``success_by_error`` is known.
         success_by_error: Success rate of a matched attempt at those distances, for cross, rectangle and
             square: what ``experiments/physics/alpha.py error`` measured with everything else at its default.
@@ -193,15 +193,20 @@ class TaskConfig:
     insertion_depth_m: Annotated[float, Field(gt=0, le=0.025)] = 0.01
     success_probability: tuple[Probability, Probability, Probability] = (0.118, 0.162, 0.117)
     outcome_model: Literal["constant", "covariance"] = "constant"
-    error_knots_m: tuple[NonNegative, ...] = _ERROR_KNOTS_M
+    error_knots_m: Annotated[tuple[NonNegative, ...], Field(min_length=1)] = _ERROR_KNOTS_M
     success_by_error: tuple[Rates, Rates, Rates] = _SUCCESS_BY_ERROR
     hard_match: bool = False
 
     @model_validator(mode="after")
     def _one_rate_for_each_knot(self) -> "TaskConfig":
         knots = self.error_knots_m
-        if list(knots) != sorted(set(knots)) or any(len(r) != len(knots) for r in self.success_by_error):
-            raise ValueError("error_knots_m must ascend, and success_by_error have a rate for each of them")
+        if list(knots) != sorted(set(knots)):
+            raise ValueError(f"error_knots_m: {list(knots)} must ascend")
+        for rates in self.success_by_error:
+            if len(rates) != len(knots):
+                raise ValueError(
+                    f"success_by_error: {list(rates)} must have a rate for each of error_knots_m"
+                )
         return self
 
 
@@ -348,19 +353,28 @@ def from_tree(tree: dict[str, Any]) -> Config:
                 f"config: {field}: unknown key; allowed here: {_allowed(first['loc'])}"
             ) from None
         raise RequestError(f"config: {field}: {first['input']!r} is not allowed: {first['msg']}") from None
-    _require_room(config)
+    require_room(config, "spiral.radius_m", config.spiral.radius_m)
     return config
 
 
-def _require_room(config: Config) -> None:
-    """The peg must stay over its plate, wherever the detector and the spiral may bring it."""
+def require_room(config: Config, key: str, radius_m: float) -> None:
+    """Make sure that a peg stays over its plate, wherever the detector and the policy may bring it.
+
+    Args:
+        config: The configuration.
+        key: What says how far the policy goes from the estimate.
+        radius_m: How far that is.
+
+    Raises:
+        RequestError: The plate is too small.
+    """
     detector, scene = config.detector, config.scene
     error = detector.half_width_m * (math.sqrt(2) if detector.kind == "square" else 1)
-    reach = error + config.spiral.radius_m + HALF_PEG_M
+    reach = error + radius_m + HALF_PEG_M
     if reach > scene.plate_half_width_m:
         raise RequestError(
             f"config: scene.plate_half_width_m: {scene.plate_half_width_m} is not allowed: it must be at "
-            f"least {math.ceil(1000 * reach) / 1000}: the detector's error, the spiral and half a peg"
+            f"least {math.ceil(1000 * reach) / 1000}: the detector's error, {key} and half a peg"
         )
 
 

@@ -6,7 +6,6 @@ from pathlib import Path
 from rich.console import Console
 
 from mjx_fit.config import Config
-from mjx_fit.dataset import store
 from mjx_fit.dataset.collect import collect
 from mjx_fit.dataset.plan import Plan
 from mjx_fit.errors import RequestError
@@ -14,7 +13,7 @@ from mjx_fit.evaluation import experiments
 from mjx_fit.report.build import build
 from mjx_fit.report.run_figures import read_metrics
 from mjx_fit.report.terminal import print_summary
-from mjx_fit.training.loop import train
+from mjx_fit.training.baseline import train_from
 
 METHODS = "failure_only,full,oracle"
 POLICY = "spiral"
@@ -54,7 +53,7 @@ def demo(config: Config, out: Path, size: Size) -> None:
     collect(config, data, Plan(size.episodes, size.steps, POLICY))
 
     console.rule("2/4  train sensors and filters on them")
-    train(store.load(data), config, run, seed=0)
+    train_from(data, config, run, seed=0)
     best = min(read_metrics(run / "metrics.jsonl"), key=lambda row: row["val_nll"])
     console.print(
         f"validation NLL: {best['val_nll']:.3f} after the update, {best['prior_nll']:.3f} before it "

@@ -10,7 +10,6 @@ import numpy as np
 from rich.console import Console
 
 from mjx_fit.config import Config
-from mjx_fit.dataset import store
 from mjx_fit.dataset.collect import collect
 from mjx_fit.dataset.draws import draw_attempts
 from mjx_fit.dataset.plan import Plan
@@ -19,10 +18,12 @@ from mjx_fit.evaluation import experiments
 from mjx_fit.evaluation.calibrate import calibrate
 from mjx_fit.evaluation.insertion import insertion
 from mjx_fit.evaluation.position import position
-from mjx_fit.randomness import root_key
+from mjx_fit.randomness import require_seed, root_key
 from mjx_fit.report.build import build
 from mjx_fit.simulate.engine import create
-from mjx_fit.training.baseline import train_with_baseline
+from mjx_fit.task.learning import filter_update
+from mjx_fit.training.baseline import train_from
+from mjx_fit.training.checkpoint import fingerprint_of, load_sensor
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,7 @@ class Size:
         episodes: Interactions to train on, in sequences of ``sequence``.
         sequence: Attempts in a row at one hole.
         held_out: Interactions to calibrate on.
+        own: Interactions to calibrate on by attempt: five in a row, from what the sensor believes by then.
         attempts: Single attempts for each shape, and mismatched ones in all.
         positions: Trials of the position experiment, of either kind.
         insertions: Draws of the insertion experiment.
@@ -46,6 +48,7 @@ class Size:
     episodes: int
     sequence: int
     held_out: int
+    own: int
     attempts: int
     positions: int
     insertions: int
@@ -55,9 +58,9 @@ class Size:
 
 
 SIZES = {
-    "quick": Size("quick", 1500, 3, 250, 50, 10, 15, 2, 8, 10),
-    "cpu": Size("cpu", 12000, 3, 3000, 1000, 100, 150, 5, 100, 1000),
-    "full": Size("paper", 120000, 3, 10000, 10000, 1000, 1500, 5, 1000, 10000),
+    "quick": Size("cpu", 1500, 3, 250, 300, 50, 10, 15, 2, 8, 10),
+    "cpu": Size("cpu", 12000, 3, 3000, 10000, 1000, 100, 150, 5, 100, 1000),
+    "full": Size("paper", 120000, 3, 10000, 30000, 10000, 1000, 1500, 5, 1000, 10000),
 }
 
 ASSEMBLY = "failure_only,failure_position,full,oracle"
@@ -66,6 +69,21 @@ ATTEMPTS_EACH = 220
 WINDOW_IN_ACTIONS = 9.0
 """What a window costs in training, in simulated actions: 3 ms against 0.33 ms on two cores."""
 PROBE, PROBE_ACTIONS = 256, 5
+HELD_OUT = 1
+"""Added to the seed of what is held out."""
+RESULTS = (
+    "calibration",
+    "calibration_by_attempt",
+    "attempt",
+    "attempt_disc",
+    "position",
+    "position_disc",
+    "insertion",
+    "insertion_disc",
+    "assembly",
+    "assembly_covariance",
+    "assembly_full",
+)
 
 
 def size_of(name: str) -> Size:
@@ -89,8 +107,9 @@ def paper(config: Config, out: Path, size: Size, seed: int) -> None:
         seed: Root seed.
 
     Raises:
-        RequestError: The folder holds something else.
+        RequestError: The folder holds something else, or there is to be no baseline to compare with.
     """
+    _check(config, out, seed)
     console = Console(highlight=False)
     stages = _stages(config, out, size, seed)
     console.print(_forecast(config, size))
@@ -99,14 +118,29 @@ def paper(config: Config, out: Path, size: Size, seed: int) -> None:
         began = time.monotonic()
         work()
         console.print(f"{time.monotonic() - began:.0f} s")
-    results = sorted(out.glob("*.json"))
-    console.print(str(build([*results, out / "run"], out / "report")), soft_wrap=True)
+    console.print(str(build([*sorted(out.glob("*.json")), out / "run"], out / "report")), soft_wrap=True)
+
+
+def _check(config: Config, out: Path, seed: int) -> None:
+    """Before hours of work, not behind them."""
+    require_seed(seed)
+    require_seed(seed + HELD_OUT)
+    if not config.train.baseline_share:
+        raise RequestError(
+            "config: train.baseline_share: 0.0 is not allowed: it must be above 0, to have frame_by_frame"
+        )
+    parts = {"data", "held_out", "own", "run", "report"}
+    there = {path.name for path in out.iterdir()} if out.is_dir() else set()
+    parts |= {f"{name}{end}" for name in RESULTS for end in (".json", ".parts", ".broken")}
+    foreign = sorted(there - parts)
+    if foreign:
+        raise RequestError(f"--out: {out} is not allowed: it holds other files ({foreign[0]})")
 
 
 def _stages(config: Config, out: Path, size: Size, seed: int) -> dict[str, Callable[[], object]]:
     data, test, run = out / "data", out / "held_out", out / "run"
     plan = Plan(size.episodes, config.task.attempt_actions, "spiral", seed=seed, sequence=size.sequence)
-    test_plan = Plan(size.held_out, config.task.attempt_actions, "spiral", seed=seed + 1)
+    test_plan = Plan(size.held_out, config.task.attempt_actions, "spiral", seed=seed + HELD_OUT)
     disc = replace(config, detector=replace(config.detector, kind="disc"))
     by_covariance = replace(config, task=replace(config.task, outcome_model="covariance"))
     chosen = "full,frame_by_frame,oracle"
@@ -118,8 +152,9 @@ def _stages(config: Config, out: Path, size: Size, seed: int) -> dict[str, Calla
     return {
         f"{size.episodes:,} interactions to train on": lambda: collect(config, data, plan),
         f"{size.held_out:,} to calibrate on": lambda: collect(config, test, test_plan),
-        "train": lambda: train_with_baseline(store.load(data), config, run, seed),
+        "train": lambda: train_from(data, config, run, seed),
         "calibration": lambda: calibrate(config, out / "calibration.json", run, test, seed),
+        "calibration by attempt": lambda: _by_attempt(config, out, run, size.own, seed + HELD_OUT),
         "single attempts": lambda: experiments.attempt(
             config, out / "attempt.json", size.attempts, seed, "auto"
         ),
@@ -135,12 +170,31 @@ def _stages(config: Config, out: Path, size: Size, seed: int) -> dict[str, Calla
         "insertion": lambda: insertion(
             config, out / "insertion.json", run, inserting, size.insertions, size.seeds, seed, "auto"
         ),
+        "insertion, detector disc": lambda: insertion(
+            disc, out / "insertion_disc.json", run, inserting, size.insertions, size.seeds, seed, "auto"
+        ),
         "assembly": assemble("assembly.json", config, ASSEMBLY, size.assemblies),
-        "assembly, success by the belief's covariance": assemble(
+        "assembly, by covariance": assemble(
             "assembly_covariance.json", by_covariance, ASSEMBLY, size.assemblies
         ),
-        "assembly, many trials of full": assemble("assembly_full.json", by_covariance, "full", size.many),
+        "assembly, many trials of full, by covariance": assemble(
+            "assembly_full.json", by_covariance, "full", size.many
+        ),
     }
+
+
+def _by_attempt(config: Config, out: Path, run: Path, episodes: int, seed: int) -> None:
+    sensor, _ = load_sensor(run)
+    plan = Plan(
+        episodes,
+        config.task.attempt_actions,
+        "spiral",
+        seed=seed,
+        sequence=5,
+        sensor=fingerprint_of(sensor),
+    )
+    collect(config, out / "own", plan, filter_update(config, sensor))
+    calibrate(config, out / "calibration_by_attempt.json", run, out / "own", seed)
 
 
 def _forecast(config: Config, size: Size) -> str:
@@ -150,9 +204,10 @@ def _forecast(config: Config, size: Size) -> str:
     attempts = (
         size.episodes
         + size.held_out
+        + size.own
         + 8 * size.attempts
         + 2 * 2 * 3 * 4 * size.positions
-        + 4 * 5 * size.insertions * size.seeds
+        + 2 * 4 * 5 * size.insertions * size.seeds
         + 2 * ATTEMPTS_EACH * size.assemblies
         + 20 * size.many
     )

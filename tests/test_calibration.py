@@ -1,12 +1,14 @@
 """Scores against scikit-learn's definitions, enumeration and simulation."""
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
+from synthetic import make_episodes
 
-from mjx_fit.evaluation import calibration
+from mjx_fit.evaluation import calibration, held_out
 
 
 @given(
@@ -63,3 +65,19 @@ def test_brier_and_balanced_accuracy_of_small_cases():
     predicted = np.array([True, False, False, False, False, True])
     assert calibration.balanced_accuracy(predicted, positive) == pytest.approx((0.5 + 0.75) / 2)
     assert np.isnan(calibration.balanced_accuracy(predicted, np.ones(6, bool)))
+
+
+def test_type_probabilities_are_products_over_the_attempts_of_a_sequence_so_far():
+    """Against a loop, episodes in no order."""
+    rng = np.random.default_rng(0)
+    data = make_episodes(30, actions=2, min_length=1, sequence=3)
+    ids = rng.permutation(30)[:20]
+    logp = np.log(rng.dirichlet([1, 1, 1], 20)).astype(np.float32)
+    got = np.asarray(held_out._over_sequences(jnp.asarray(logp), data, ids))
+    sequence, number = np.asarray(data.sequence)[ids], np.asarray(data.number)[ids]
+    for k in range(20):
+        product = np.ones(3)
+        for j in range(20):
+            if sequence[j] == sequence[k] and number[j] <= number[k]:
+                product = product * np.exp(logp[j])
+        np.testing.assert_allclose(np.exp(got[k]), product / product.sum(), rtol=1e-4)

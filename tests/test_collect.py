@@ -178,8 +178,14 @@ def test_later_attempts_start_from_what_a_sensor_believes(collect, tmp_path):
     cov = data.estimate_cov[rows]
     np.testing.assert_allclose(cov[:, 2], np.broadcast_to(1e-4 / 16 * np.eye(2), (4, 2, 2)), rtol=1e-5)
     assert len(np.unique(np.concatenate(seen), axis=0)) == sum(len(keys) for keys in seen)
-    with pytest.raises(RequestError, match="sensor"):
-        collect(tmp_path / "own", **plan | {"sensor": "another"})
+    for sensor in ("another", ""):
+        with pytest.raises(RequestError, match="its sensor differs"):
+            collect(tmp_path / "own", **plan | {"sensor": sensor})
+    with pytest.raises(RequestError, match="--run: it is not allowed with --sequence 1"):
+        collect(tmp_path / "one", **plan | {"sequence": 1})
+    wide = load(None, ["detector.half_width_m=0.03"])
+    with pytest.raises(RequestError, match=r"plate_half_width_m: 0.08 .* random.reach_m and half a peg"):
+        collect(tmp_path / "wide", wide, policy="random")
 
 
 @pytest.mark.parametrize(

@@ -1,15 +1,21 @@
 """Attempts in a row at one hole, with physics by decree, and the experiments that are made of them."""
 
+import shutil
 from dataclasses import replace
+from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from fakes import CLOSE_M, FakeEngine
 
-from mjx_fit.config import Config
+from mjx_fit import resources
+from mjx_fit.config import Config, load
 from mjx_fit.evaluation import insertion, outcome, parts, position
-from mjx_fit.task import hole, methods
+from mjx_fit.filters.belief import initial_belief
+from mjx_fit.task import hole, learning, methods
+from mjx_fit.types import Attempt, Observation
 
 CONFIG = Config()
 T = 40
@@ -115,11 +121,91 @@ def test_work_that_is_killed_goes_on_with_the_part_that_it_was_in(tmp_path):
         parts.in_parts(asked(tmp_path), range(4), work, lambda rows: None)
 
 
-@pytest.mark.parametrize(("n", "methods_", "sizes"), [(100, 3, [100]), (750, 5, [188, 188, 188, 186])])
-def test_pieces_hold_every_trial_once(n, methods_, sizes):
-    found = parts.pieces(n, methods_)
+@pytest.mark.parametrize(("n", "methods_", "sizes"), [(100, 3, [100]), (750, 5, [188] * 4)])
+def test_pieces_hold_every_trial_once_and_have_one_shape(n, methods_, sizes):
+    found = parts.pieces(n, methods_, "native")
     assert [len(piece) for piece in found] == sizes
-    assert np.concatenate(found).tolist() == list(range(n))
+    assert np.concatenate(found)[:n].tolist() == list(range(n))
+    assert len(found[-1]) - (sum(sizes) - n) > 0
+
+
+class Says:
+    """A sensor that says the same of every reading."""
+
+    def __init__(self, innovation):
+        self.innovation = innovation
+
+    def __call__(self, reading):
+        n = reading.mask.shape[0]
+        return Observation(
+            innovation=jnp.broadcast_to(jnp.asarray(self.innovation), (n, 2)),
+            pos_noise_cov=jnp.broadcast_to(4e-6 * jnp.eye(2), (n, 2, 2)),
+            match_logits=jnp.zeros((n, 2)),
+            match_model_logp=jnp.zeros((n, 3, 2)),
+        )
+
+
+def test_frame_by_frame_takes_what_was_seen_from_where_the_attempt_started(monkeypatch):
+    """Not from what is believed, which it forgets; and only of attempts that failed."""
+    monkeypatch.setattr(learning.nnx, "split", lambda sensor: (sensor, {}))
+    monkeypatch.setattr(learning.nnx, "merge", lambda sensor, state: sensor)
+    holes = make_holes()
+    start = np.where(np.arange(T)[:, None] < 5, holes.hole_pos_world, holes.estimate_world + 0.001)
+    attempts = Attempt(
+        jnp.asarray(holes.peg_type), jnp.asarray(holes.hole_type), jnp.asarray(holes.hole_pos_world),
+        jnp.asarray(start), jnp.zeros(T, int), holes.key,
+    )  # fmt: skip
+    done = FakeEngine().run(attempts, 2)
+    beliefs = initial_belief(jnp.asarray(holes.estimate_world), 0.01, 3)
+    sensor: Any = Says([0.002, -0.003])
+    after = learning.frame_update(CONFIG, sensor)(beliefs, done, holes.key)
+    failed = ~np.asarray(done.inserted)
+    assert 0 < failed.sum() < T
+    want = np.where(failed[:, None], start + np.array([0.002, -0.003]), holes.estimate_world)
+    np.testing.assert_allclose(after.pos_mean_world, want, atol=1e-7)
+    assert np.asarray(after.pos_cov[:, 0, 0]) == pytest.approx(np.where(failed, 4e-6, 1e-4))
+    np.testing.assert_array_equal(after.type_logp, beliefs.type_logp)
+
+
+def test_trials_of_position_and_insertion_are_what_they_are_said_to_be(tmp_path, monkeypatch):
+    """Pairs in turn, an oracle that knows, seeds of a draw that share hole and estimate, refusals."""
+    seen = {}
+
+    def create(name, config):
+        seen["engine"] = FakeEngine()
+        return seen["engine"]
+
+    monkeypatch.setattr("mjx_fit.evaluation.hole_study.create", create)
+    run = resources.folder("weights")
+    found = position.position(CONFIG, tmp_path / "p.json", run, "oracle", 12, 3, "native")
+    pairs = [tuple(trial["pair"]) for trial in found.trials]
+    assert len({pair for pair in pairs[:12] if pair[0] != pair[1]}) == 6
+    assert all(peg == hole for peg, hole in pairs[12:])
+    assert all(trial["error_cm"] == [0] * 6 for trial in found.trials)
+    assert {trial["inserted_at"] for trial in found.trials[12:]} == {1}
+    assert {trial["inserted_at"] for trial in found.trials[:12]} == {None}
+
+    found = insertion.insertion(CONFIG, tmp_path / "i.json", run, "no_update,sample", 9, 4, 3, "native")
+    assert len(found.trials) == 2 * 9 * 4
+    starts = seen["engine"].starts[0].reshape(2, 9, 4, 2)
+    assert (starts[0] == starts[0][:, :1]).all()
+    assert len(np.unique(starts[1].reshape(-1, 2), axis=0)) == 36
+    first = {trial["trial"]: trial["success"] for trial in found.trials if trial["method"] == "no_update"}
+    error = {}
+    for trial in found.trials:
+        if trial["method"] == "no_update":
+            assert trial["success"] == first[trial["trial"]]
+            error[trial["trial"]] = trial["shape"]
+    assert [error[draw] for draw in range(9)] == ["cross", "rectangle", "square"] * 3
+    with pytest.raises(outcome.RequestError, match="it holds another result"):
+        insertion.insertion(CONFIG, tmp_path / "i.json", run, "no_update,sample", 9, 5, 3, "native")
+    bare = tmp_path / "bare"
+    shutil.copytree(run, bare, ignore=shutil.ignore_patterns("frame_by_frame"))
+    with pytest.raises(outcome.RequestError, match="frame_by_frame needs its frame_by_frame"):
+        position.position(CONFIG, tmp_path / "q.json", bare, "full,frame_by_frame", 2, 0, "native")
+    wide = load(None, ["scene.clearance_m=0.002"])
+    found = position.position(wide, tmp_path / "w.json", run, "oracle", 2, 0, "native")
+    assert found.request["differs_from_training"] == []
 
 
 def test_what_position_trials_come_to():

@@ -2,17 +2,17 @@
 
 import pytest
 
-from mjx_fit import config
+from mjx_fit import config, resources
 from mjx_fit.errors import RequestError
 from mjx_fit.evaluation import results
-from mjx_fit.paper import SIZES, Size, paper, size_of
+from mjx_fit.paper import RESULTS, SIZES, Size, paper, size_of
 
 TINY = [
     "sensor.width=8", "sensor.layers=1", "sensor.feedforward=8", "sensor.conv_channels=[4, 4, 4, 4, 4]",
     "train.epochs=2", "train.batch_size=8", "train.max_window=20", "train.baseline_share=0.5",
     "task.attempt_actions=6", "task.max_attempts=2", "task.n_holes=2",
 ]  # fmt: skip
-SIZE = Size("quick", 12, 3, 12, 2, 2, 2, 2, 2, 3)
+SIZE = Size("cpu", 12, 3, 12, 15, 2, 2, 2, 2, 2, 3)
 
 
 class KilledError(Exception):
@@ -39,17 +39,7 @@ def test_every_stage_is_done_once_and_a_kill_goes_on(tmp_path, monkeypatch, caps
     assert "minutes" in told
     assert "here, at" in told
     found = {path.stem: results.read(path).experiment for path in out.glob("*.json")}
-    assert found == {
-        "attempt": "attempt",
-        "attempt_disc": "attempt",
-        "calibration": "calibration",
-        "position": "position",
-        "position_disc": "position",
-        "insertion": "insertion",
-        "assembly": "assembly",
-        "assembly_covariance": "assembly",
-        "assembly_full": "assembly",
-    }
+    assert found == {name: name.split("_")[0] for name in RESULTS}
     methods = {trial["method"] for trial in results.read(out / "insertion.json").trials}
     assert methods == {"full", "no_update", "sample", "frame_by_frame", "oracle"}
     assert not list(out.glob("*.parts"))
@@ -57,7 +47,16 @@ def test_every_stage_is_done_once_and_a_kill_goes_on(tmp_path, monkeypatch, caps
     assert page.count("<figure") >= 20
 
 
-def test_sizes_have_names():
-    assert size_of("cpu") == SIZES["cpu"]
+def test_sizes_have_names_and_presets_that_can_be_compared(tmp_path):
+    for name, size in SIZES.items():
+        assert size_of(name) == size
+        assert config.load(resources.folder("configs") / f"{size.preset}.yaml").train.baseline_share > 0
+        for count in (size.episodes / size.sequence, size.own / 5):
+            assert count == int(count)
+    with pytest.raises(RequestError, match="it must be above 0"):
+        paper(config.load(None, [*TINY, "train.baseline_share=0"]), tmp_path / "p", SIZE, 0)
+    (tmp_path / "mine.json").write_text("{}")
+    with pytest.raises(RequestError, match="it holds other files"):
+        paper(config.load(None, TINY), tmp_path, SIZE, 0)
     with pytest.raises(RequestError, match="--size: 'huge' is not allowed: choose from quick, cpu, full"):
         size_of("huge")

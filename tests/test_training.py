@@ -12,7 +12,7 @@ import pytest
 from flax import nnx
 from synthetic import make_episodes
 
-from mjx_fit.config import Config, SensorConfig, TrainConfig, load
+from mjx_fit.config import Config, SensorConfig, TrainConfig, load, to_tree
 from mjx_fit.dataset.reader import placed
 from mjx_fit.dataset.windows import sample_windows
 from mjx_fit.errors import RequestError, WorkError
@@ -323,6 +323,11 @@ def test_arrays_keep_a_tree():
 def test_training_through_sequences(tmp_path, monkeypatch):
     """Chains of three whole attempts, from the device and from the host; other data are refused."""
     data = make_episodes(EPISODES, actions=8, min_length=8, sequence=3)
+    # The last attempt broke: nothing that stands in for an attempt that is not there may be NaN.
+    wrench = data.interaction.trace.wrench_sensor.at[-1].set(jnp.nan)
+    trace = replace(data.interaction.trace, wrench_sensor=wrench)
+    valid = data.interaction.valid.at[jnp.array([-1, 10, 11, 32])].set(False)
+    data = replace(data, interaction=replace(data.interaction, trace=trace, valid=valid))
     whole = replace(CONFIG.train, sequence=3, min_window=8, epochs=EPOCHS // 2, mirror=True)
     config = replace(CONFIG, train=whole)
     train(data, config, tmp_path / "run", 0)
@@ -332,14 +337,16 @@ def test_training_through_sequences(tmp_path, monkeypatch):
     train(data, config, tmp_path / "host", 0)
     for one, other in zip(rows, metrics(tmp_path / "host"), strict=True):
         assert one == pytest.approx(other, rel=1e-4, abs=1e-4)
+    asked = {"steps": 8, "config": to_tree(Config())}
     for request, message in (
         ({"sequence": 2, "sensor": "x"}, "they have 2 attempts in a row; collect them with --sequence 3"),
         ({"sequence": 3}, "start from drawn estimates; collect them with the --run of a sensor"),
+        ({"sequence": 3, "sensor": "x", "steps": 9}, "train.min_window: 8 is not allowed .* at least 9"),
     ):
         with pytest.raises(RequestError, match=message):
-            require_chains(request, config)
-    require_chains({"sequence": 3, "sensor": "x"}, config)
-    require_chains({"sequence": 1}, CONFIG)
+            require_chains(asked | request, config)
+    require_chains(asked | {"sequence": 3, "sensor": "x"}, config)
+    require_chains(asked | {"sequence": 1}, CONFIG)
 
 
 def test_members_of_an_ensemble_train_at_once_as_they_would_alone(run, tmp_path):

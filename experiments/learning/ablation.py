@@ -65,7 +65,8 @@ ROWS = {
 
 def main(folder: Path, names: list[str]) -> None:
     path = HERE / "ablation.json"
-    rows = json.loads(path.read_text())["rows"] if path.is_file() else {}
+    there = json.loads(path.read_text()) if path.is_file() else {}
+    rows = there["rows"] if there.get("steps") == STEPS else {}
     test = _collected(folder, TEST)
     for name in names or ROWS:
         result = _trained_and_judged(folder, name, ROWS[name], test)
@@ -110,7 +111,6 @@ def _scores(result: Result) -> dict:
         ("type_brier", "all"),
     }
     pairs = [row for row in result.summary if row.metric == "match_auroc" and row.group.count(":") == 1]
-    pairs = [row for row in pairs if not row.group.startswith("actions:")]
     scores = {
         row.metric: {"value": row.value, "low": row.low, "high": row.high}
         for row in result.summary

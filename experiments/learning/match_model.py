@@ -1,14 +1,15 @@
 """How should what h_match says be taken by the histogram filter? On a frozen encoder.
 
-    python experiments/learning/match_model.py TRAINING SEQUENCES RUN
+    python experiments/learning/match_model.py COUNTED SEQUENCES RUN
 
-TRAINING is what the run was trained on, SEQUENCES a set that was collected with ``--run RUN``.
+COUNTED is a set that the run was not trained on, SEQUENCES another that was collected with ``--run RUN``.
 
 ``soft``: the mean of the trained H over what h_match thinks possible, as in training. ``hard``: the trained
 H at h_match's arg max, as Algorithm 3 has it. ``hard, counted``: the same with H as often as it came in
-TRAINING. ``h_match itself``: no H; a match is as likely as h_match says, all mismatches alike. Each is judged
-by what the filter believes of the type after 1, 2 and 3 failed attempts: the negative log-likelihood of the
-true type, and the Brier score of "this hole is the peg's".
+COUNTED. ``h_match itself``: no H; the odds of a match change by what h_match says of it, all mismatches
+alike. Each is judged by what the filter believes of the type after 1, 2 and 3 failed attempts, from what a
+data set has before them: half of the holes match. Scores are the negative log-likelihood of the true type and
+the Brier score of "this hole is the peg's".
 """
 
 import sys
@@ -18,6 +19,7 @@ from pathlib import Path
 import numpy as np
 import shared
 from jaxtyping import Float, Int
+from scipy.special import log_softmax
 
 from mjx_fit import runtime
 from mjx_fit.dataset import store
@@ -31,7 +33,7 @@ from mjx_fit.types import Observation
 TYPES = len(NAMES)
 
 
-def main(training: Path, sequences: Path, run: Path) -> None:
+def main(counted_on: Path, sequences: Path, run: Path) -> None:
     sensor, config = load_sensor(run)
 
     def observed(folder: Path) -> tuple[Episode, Int[np.ndarray, "n"], Observation]:
@@ -39,7 +41,7 @@ def main(training: Path, sequences: Path, run: Path) -> None:
         ids = held_out.failed_attempts(data, shared.ACTIONS)
         return data, ids, held_out.observe(sensor, data, ids, shared.ACTIONS, config, seed=0)
 
-    counted = _counted(*observed(training))
+    counted = _counted(*observed(counted_on))
     data, ids, seen = observed(sequences)
     counted_seen = replace(seen, match_model_logp=counted[data.interaction.peg_type[ids]])
     itself = replace(seen, match_model_logp=_identity()[data.interaction.peg_type[ids]])
@@ -74,6 +76,9 @@ def _scores(type_logp: Float[np.ndarray, "n C"], data: Episode, ids: Int[np.ndar
     interaction, number = data.interaction, np.asarray(data.number)[ids]
     peg, hole = (np.asarray(leaf)[ids] for leaf in (interaction.peg_type, interaction.hole_type))
     rows = np.arange(len(ids))
+    # The filter begins with a third for each type; updates are products, so that another start is one more.
+    start = np.where(np.arange(TYPES) == peg[:, None], 0.5, 0.25)
+    type_logp = log_softmax(type_logp + np.log(start), axis=1)
     nll = -type_logp[rows, hole]
     brier = np.square(np.exp(type_logp[rows, peg]) - (peg == hole))
     return {
@@ -88,6 +93,6 @@ def _scores(type_logp: Float[np.ndarray, "n C"], data: Episode, ids: Int[np.ndar
 
 if __name__ == "__main__":
     if len(sys.argv) != 4:
-        sys.exit(f"usage: python {sys.argv[0]} TRAINING SEQUENCES RUN")
+        sys.exit(f"usage: python {sys.argv[0]} COUNTED SEQUENCES RUN")
     runtime.configure()
     main(*map(Path, sys.argv[1:]))

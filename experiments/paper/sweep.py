@@ -2,8 +2,9 @@
 
     python experiments/paper/sweep.py FOLDER [--trials N]
 
-One choice changed at a time. Result files go to FOLDER, the table and the figure beside this file. Killed,
-the same command goes on.
+One choice changed at a time, with the outcome model by the belief's covariance. What is believed beforehand
+stays what it is: σ = 1 cm whatever the detector, success by distance as at a gap of 1 mm. Result files go to
+FOLDER, the table and the figure beside this file. Killed, the same command goes on.
 """
 
 import argparse
@@ -36,7 +37,7 @@ def main(folder: Path, trials: int) -> None:
             result = _assembled(folder, key, value, trials)
             for row in result.summary:
                 if row.group == "all":
-                    rows.append({"key": key, "value": value, **row.to_json(), "result": row.value})
+                    rows.append({"key": key, "setting": value, **row.to_json()})
     script.save(HERE / "sweep.json", {"trials": trials, "rows": rows})
     script.draw(HERE / "sweep.png", lambda: _figure(rows))
 
@@ -61,7 +62,7 @@ def _figure(rows: list[dict[str, Any]]) -> Figure:
             for name in methods:
                 own = [r for r in rows if (r["key"], r["metric"], r["method"]) == (key, metric, name)]
                 value, low, high = (
-                    np.array([row[end] for row in own], float) for end in ("result", "low", "high")
+                    np.array([row[end] for row in own], float) for end in ("value", "low", "high")
                 )
                 bars = style.spread(value, low, high)
                 ax.errorbar(

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from mjx_fit.config import Config
+from mjx_fit.config import Config, require_room
 from mjx_fit.dataset import shard as shard_
 from mjx_fit.dataset.plan import Plan, check
 from mjx_fit.dataset.sequences import Sequences, Update
@@ -32,6 +32,8 @@ def collect(config: Config, out: Path, plan: Plan, update: Update | None = None)
         RequestError: A value is not allowed, or the folder holds something else, or is in use.
     """
     check(plan)
+    if plan.policy != "spiral":
+        require_room(config, "random.reach_m", config.random.reach_m)
     request, shards = plan.request(config), plan.shards()
     wanted = new_manifest(request, (plan.shard_index, plan.num_shards))
     if is_finished(out, wanted, shards):

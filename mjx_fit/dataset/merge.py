@@ -53,7 +53,7 @@ def _whole(manifests: dict[Path, Manifest]) -> Manifest:
     for folder, part in others:
         for name in ("request", "versions"):
             one, other = getattr(first, name), getattr(part, name)
-            differing = sorted(key for key in one if one[key] != other.get(key))
+            differing = sorted(key for key in one.keys() | other.keys() if one.get(key) != other.get(key))
             if differing:
                 raise RequestError(
                     f"data: {folder} is not allowed: it is no part of the same whole as {first_folder} "

@@ -113,6 +113,10 @@ def check(plan: Plan) -> None:
             f"--episodes: {plan.episodes} is not allowed: it must be a multiple of --sequence, "
             f"{plan.sequence}"
         )
+    if plan.sensor and plan.sequence == 1:
+        raise RequestError(
+            "--run: it is not allowed with --sequence 1: only later attempts start from beliefs"
+        )
     batches = -(-plan.sequences // plan.worlds)
     if plan.num_shards > batches:
         raise RequestError(

@@ -84,5 +84,8 @@ def equal_batches(
     places = jnp.arange(steps * math.ceil(n / steps))
     taken = episodes[places % n]
     weight = (places < n).reshape(-1, *[1] * (episodes.ndim - 1)) & (taken >= 0)
+    if episodes.ndim > 1:
+        # A window that does not count is still computed: not of whatever stands last, which may be broken.
+        taken = jnp.where(taken >= 0, taken, taken[:, :1])
     shape = (steps, -1, *episodes.shape[1:])
     return taken.reshape(shape), weight.astype(float).reshape(shape)

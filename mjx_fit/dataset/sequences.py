@@ -50,7 +50,8 @@ class Sequences:
             attempts, cov = self._attempts(sequences, number, belief)
             ids = sequences * plan.sequence + number
             done = self._run(attempts, ids, going)
-            belief = self._updated(belief, attempts, done, ids)
+            if number + 1 < plan.sequence:
+                belief = self._updated(belief, attempts, done, ids)
             going = going & done.valid & ~done.inserted
             policy = np.asarray(attempts.policy)
             one = Episode(ids, sequences, np.full_like(ids, number), policy, np.asarray(cov), done)

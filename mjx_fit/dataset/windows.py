@@ -105,8 +105,7 @@ def sample_windows(
 
     Args:
         data: Stacked along one leading axis.
-        episodes: Indices into it, or ``chains`` of them, which are mirrored as a whole; for an index of -1
-            any window.
+        episodes: Indices into it, or chains of them, which are mirrored as a whole.
         key: Source of windows, noise and type priors.
         config: Static; ``train``, ``wrist`` and ``scene`` are used.
     """

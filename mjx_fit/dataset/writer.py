@@ -154,7 +154,8 @@ def _require_ours(folder: Path) -> None:
 
 
 def _require_same(folder: Path, there: Manifest, wanted: Manifest) -> None:
-    pairs = [(name, there.request.get(name), value) for name, value in wanted.request.items()]
+    names = sorted(there.request.keys() | wanted.request.keys())
+    pairs = [(name, there.request.get(name), wanted.request.get(name)) for name in names]
     for name, old, new in [*pairs, ("part", there.part, wanted.part)]:
         if old != new:
             detail = f": {old!r} there, {new!r} here"

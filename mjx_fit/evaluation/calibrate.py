@@ -49,18 +49,19 @@ def calibrate(config: Config, out: Path, run: Path, data: Path, seed: int) -> Re
     sensors = {"full": sensor}
     if (run / FRAME_BY_FRAME).is_dir():
         sensors["frame_by_frame"] = checkpoint.load_sensor(run / FRAME_BY_FRAME)[0]
-    episodes, engine = store.load(data), manifest.read(data).request["engine"]
+    episodes, asked_for = store.load(data), manifest.read(data).request
     actions = min(config.task.attempt_actions, int(np.asarray(episodes.interaction.trace.contact).shape[1]))
     ids = held_out.failed_attempts(episodes, actions)
     require_sound(episodes, np.isin(np.arange(len(episodes.episode)), ids))
     request = {
         "methods": list(sensors),
         "data": provenance.fingerprint(episodes),
+        "beliefs_of": asked_for.get("sensor", ""),
         "sensor": {name: checkpoint.fingerprint_of(one) for name, one in sensors.items()},
         "differs_from_training": config_.differences(trained, config),
     }
     _require_new(run, request["data"])
-    asked = outcome.Asked(out, "calibration", config, seed, request, engine)
+    asked = outcome.Asked(out, "calibration", config, seed, request, asked_for["engine"])
     done = outcome.finished(asked)
     if done is not None:
         return done

@@ -110,31 +110,30 @@ def assembly(
     asked = outcome.Asked(out, "assembly", config, seed, request, engine)
     done = outcome.finished(asked)
     if done is not None:
+        parts.finish(out)
         return done
-    simulator = Reporting(create(engine, config), config, outcome.broken(out))
-    learn = learner(config, sensor)
+    simulator, learn = create(engine, config), learner(config, sensor)
+    pieces = parts.pieces(trials, len(picked), simulator.name)
     pegs_each = len(picked) * config.task.n_holes
-    with Progress("assembly: pegs", trials * pegs_each) as progress:
-        before = 0
+    before = min(parts.kept(out) * len(pieces[0]), trials) * pegs_each
+    with Progress("assembly: pegs", trials * pegs_each, before) as progress:
 
         def work(ids: Int[np.ndarray, "n"]) -> parts.Rows:
             drawn = assembly_.draw_trials(config, seed, ids)
-            return assembly_.run(
-                config,
-                picked,
-                drawn,
-                seed,
-                simulator,
-                learn,
-                lambda pegs, text: progress(before + pegs, text),
-            )
+            reporting = Reporting(simulator, config, outcome.broken(out) / f"trials-{ids[0]:06d}")
+
+            def at_work(pegs: int, text: str) -> None:
+                progress(min(before + pegs, trials * pegs_each), text)
+
+            rows = assembly_.run(config, picked, drawn, seed, reporting, learn, at_work)
+            return [row for row in rows if row["trial"] < trials]
 
         def told(rows: parts.Rows) -> None:
             nonlocal before
-            before = len(rows) * config.task.n_holes
+            before = max(before, len(rows) * config.task.n_holes)
             progress(before, _running(rows))
 
-        rows = parts.in_parts(asked, parts.pieces(trials, len(picked)), work, told)
+        rows = parts.in_parts(asked, pieces, work, told)
     result = outcome.write(asked, results.summarise_assembly(rows), rows)
     parts.finish(out)
     return result

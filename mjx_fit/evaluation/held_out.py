@@ -14,12 +14,13 @@ from mjx_fit.config import Config
 from mjx_fit.dataset.episode import Episode, happened
 from mjx_fit.errors import RequestError
 from mjx_fit.evaluation.calibration import squared_mahalanobis
+from mjx_fit.evaluation.outcome import rounded
 from mjx_fit.filters.belief import update_position, update_type
 from mjx_fit.filters.kalman import gaussian_nll
+from mjx_fit.filters.success import success_probability
 from mjx_fit.randomness import root_key
 from mjx_fit.sensors.model import ContactSensor
 from mjx_fit.shapes import NAMES, SHAPES
-from mjx_fit.task.success import success_probability
 from mjx_fit.types import Array, Belief, Observation
 from mjx_fit.wrist import read
 
@@ -110,7 +111,7 @@ def posterior(
     prior = Belief(estimate, cov, types)
     if with_prior:
         belief = update_position(prior, observation)
-        alpha = success_probability(config.task, cov)
+        alpha = success_probability(config, cov)
         belief = update_type(belief, observation, interaction.peg_type, alpha, hard=config.task.hard_match)
         belief = replace(belief, type_logp=_over_sequences(belief.type_logp, data, ids))
     else:
@@ -124,8 +125,13 @@ def _over_sequences(
 ) -> Float[Array, "n C"]:
     """Of what single attempts say about the type, the product over those of a sequence so far."""
     sequence, number = np.asarray(data.sequence)[ids], np.asarray(data.number)[ids]
-    before = (sequence[:, None] == sequence) & (number[:, None] >= number)
-    return jax.nn.log_softmax(jnp.asarray(before.astype(np.float32)) @ type_logp, axis=-1)
+    order = np.lexsort((number, sequence))
+    summed = np.cumsum(np.asarray(type_logp, float)[order], axis=0)
+    _, first, of = np.unique(sequence[order], return_index=True, return_inverse=True)
+    before = np.where(first[:, None] > 0, summed[first - 1], 0)[of]
+    together = np.empty_like(summed)
+    together[order] = summed - before
+    return jax.nn.log_softmax(jnp.asarray(together, type_logp.dtype), axis=-1)
 
 
 def rows(
@@ -138,8 +144,12 @@ def rows(
     )
     belief = after.belief
     error = truth - np.asarray(belief.pos_mean_world, float)
-    squared = squared_mahalanobis(error, np.asarray(belief.pos_cov, float))
-    nll = np.asarray(gaussian_nll(truth, np.asarray(belief.pos_mean_world), np.asarray(belief.pos_cov)))
+    prior_error, after_error = (
+        rounded(CM_PER_M * np.linalg.norm(miss, axis=1)) for miss in (truth - start, error)
+    )
+    squared = rounded(squared_mahalanobis(error, np.asarray(belief.pos_cov, float)))
+    nll = gaussian_nll(truth, np.asarray(belief.pos_mean_world), np.asarray(belief.pos_cov))
+    nll, match = rounded(np.asarray(nll)), rounded(np.asarray(after.match_probability))
     types = np.exp(np.asarray(belief.type_logp, float))
     peg, hole = (np.asarray(leaf)[ids] for leaf in (interaction.peg_type, interaction.hole_type))
     return [
@@ -149,17 +159,12 @@ def rows(
             "attempt": int(data.number[i]) + 1,
             "actions": actions,
             "pair": [NAMES[peg[k]], NAMES[hole[k]]],
-            "prior_error_cm": _round(CM_PER_M * np.linalg.norm(truth[k] - start[k])),
-            "error_cm": _round(CM_PER_M * np.linalg.norm(error[k])),
-            "squared_mahalanobis": _round(squared[k]),
-            "nll": _round(nll[k]),
-            "match_probability": _round(after.match_probability[k]),
-            "type_probability": [_round(value) for value in types[k]],
+            "prior_error_cm": prior_error[k],
+            "error_cm": after_error[k],
+            "squared_mahalanobis": squared[k],
+            "nll": nll[k],
+            "match_probability": match[k],
+            "type_probability": rounded(types[k]),
         }
         for k, i in enumerate(ids)
     ]
-
-
-def _round(value: Any) -> float:
-    """Five digits are more than a noise draw leaves certain, and keep the file small."""
-    return float(f"{float(value):.5g}")

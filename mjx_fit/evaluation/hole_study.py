@@ -1,7 +1,8 @@
 """An experiment with attempts in a row at one hole: its sensors, its request, and its work in parts."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import compress
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 from jaxtyping import Int
 
 from mjx_fit import config as config_
-from mjx_fit.config import Config
+from mjx_fit.config import Config, SensorConfig, TrainConfig
 from mjx_fit.dataset.sequences import Update
 from mjx_fit.errors import RequestError
 from mjx_fit.evaluation import outcome, parts
@@ -79,28 +80,31 @@ def run(study: Study, config: Config, out: Path, folder: Path, seed: int, engine
     asked = outcome.Asked(out, study.experiment, config, seed, request, engine)
     done = outcome.finished(asked)
     if done is not None:
+        parts.finish(out)
         return done
-    simulator = Reporting(create(engine, config), config, outcome.broken(out))
+    simulator, n_methods = create(engine, config), len(study.methods)
     updates = _updates(study.methods, sensors, config)
-    with Progress(f"{study.experiment}: trials", study.n * len(study.methods)) as progress:
-        finished = 0
+    pieces = parts.pieces(study.n, n_methods, simulator.name)
+    finished = min(parts.kept(out) * len(pieces[0]), study.n) * n_methods
+    with Progress(f"{study.experiment}: trials", study.n * n_methods, finished) as progress:
 
         def attempted(attempts: int) -> None:
             progress(finished, f"{attempts} attempts in this round")
 
         def work(ids: Ids) -> Rows:
             world = study.holes(config, ids)
+            reporting = Reporting(simulator, config, outcome.broken(out) / f"trials-{ids[0]:06d}")
             outcomes = hole.run(
-                config, study.methods, world, study.max_attempts, simulator, updates, attempted
+                config, study.methods, world, study.max_attempts, reporting, updates, attempted
             )
-            return study.rows(ids, world, outcomes)
+            wanted = np.tile(ids < study.n, n_methods)
+            return list(compress(study.rows(ids, world, outcomes), wanted))
 
         def told(rows: Rows) -> None:
             nonlocal finished
-            finished = len(rows)
+            finished = max(finished, len(rows))
             progress(finished)
 
-        pieces = parts.pieces(study.n, len(study.methods))
         rows = parts.in_parts(asked, pieces, work, told)
     result = outcome.write(asked, study.summarise(rows), rows)
     parts.finish(out)
@@ -113,18 +117,24 @@ def _sensors(
     """Sensors by method, the configuration with the run's network, and in what it differs from training's."""
     sensors, differs = {}, []
     for method in methods:
-        if method.reads == "filter":
-            sensors[method.name], trained = checkpoint.load_sensor(folder)
-            config = outcome.with_network_of(trained, config)
-            differs = config_.differences(trained, config)
-        elif method.reads == "frame":
-            if not (folder / FRAME_BY_FRAME).is_dir():
-                raise RequestError(
-                    f"--run: {folder} is not allowed: {method.name} needs its {FRAME_BY_FRAME}, which is not "
-                    "there; train with a train.baseline_share above 0"
-                )
-            sensors[method.name], _ = checkpoint.load_sensor(folder / FRAME_BY_FRAME)
+        if not method.reads:
+            continue
+        own = folder if method.reads == "filter" else folder / FRAME_BY_FRAME
+        if method.reads == "frame" and not own.is_dir():
+            raise RequestError(
+                f"--run: {folder} is not allowed: {method.name} needs its {FRAME_BY_FRAME}, which is not "
+                "there; train with a train.baseline_share above 0"
+            )
+        sensors[method.name], trained = checkpoint.load_sensor(own)
+        # The baseline's network and training are the run's, but for what makes it the baseline.
+        like = outcome.with_network_of(trained, config) if method.reads == "filter" else config
+        differs = differs or config_.differences(*(_without_network(one) for one in (trained, like)))
+        config = like
     return sensors, config, differs
+
+
+def _without_network(config: Config) -> Config:
+    return replace(config, sensor=SensorConfig(), train=TrainConfig())
 
 
 def _updates(

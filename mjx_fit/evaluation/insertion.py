@@ -14,12 +14,11 @@ from mjx_fit.evaluation.hole_study import Ids, Outcomes, Study
 from mjx_fit.evaluation.parts import Rows
 from mjx_fit.evaluation.results import Result, by_method
 from mjx_fit.evaluation.statistics import (
-    Interval,
     Row,
     bootstrap_mean,
+    clustered_rate,
     holm,
     sign_flip,
-    wilson,
 )
 from mjx_fit.randomness import root_key
 from mjx_fit.shapes import NAMES
@@ -79,7 +78,7 @@ def summarise(trials: Rows) -> list[Row]:
         needed[method] = attempts
         for k in range(1, ATTEMPTS + 1):
             within = attempts <= k
-            rows.append(Row.of(method, "success_rate", str(k), _rate(within, draws), len(own)))
+            rows.append(Row.of(method, "success_rate", str(k), clustered_rate(within, draws), len(own)))
         rows.append(Row.of(method, "attempts", "all", bootstrap_mean(attempts, draws), len(own)))
         force = [np.nanmax(np.array(trial["peak_force_n"], float)) for trial in own]
         rows.append(Row.of(method, "peak_force_n", "all", bootstrap_mean(np.array(force), draws), len(own)))
@@ -92,14 +91,6 @@ def summarise(trials: Rows) -> list[Row]:
             rows.append(Row.of("full", "attempts_saved", method, bootstrap_mean(saved[method], draws), n))
             rows.append(Row("full", "p_value", method, p_value, None, None, n))
     return rows
-
-
-def _rate(happened: np.ndarray, draws: list[int]) -> Interval:
-    """A share, by bootstrap over draws; where all or none are in it, Wilson's for that many draws."""
-    if happened.all() or not happened.any():
-        n = len(set(draws))
-        return wilson(n if happened.all() else 0, n)
-    return bootstrap_mean(happened, draws)
 
 
 def _holes(config: Config, ids: Ids, seeds: int, seed: int) -> hole.Holes:

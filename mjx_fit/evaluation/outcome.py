@@ -102,5 +102,5 @@ def with_network_of(trained: Config, config: Config) -> Config:
             word = next(
                 word for word in config_.differences(trained, config) if word.startswith(f"{section}.")
             )
-            raise RequestError(f"config: {word}: it is a property of the --run and cannot be changed")
+            raise RequestError(f"config: {word}: it belongs to the trained sensor and cannot be changed")
     return replace(config, sensor=trained.sensor, train=trained.train)

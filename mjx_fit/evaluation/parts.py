@@ -16,18 +16,28 @@ from mjx_fit.simulate.engine import even_batch
 
 Rows = list[dict[str, Any]]
 ASKED = "request.json"
-ROWS = 1024
-"""Rows of a part: enough to fill the engine, and a minute or two of work."""
+ROWS, ROWS_ON_ACCELERATOR = 1024, 16384
+"""Most rows of a part: enough to fill the engine, and a minute or two of work."""
 
 
-def pieces(n: int, rows_each: int) -> list[Int[np.ndarray, "m"]]:
-    """The ids of n trials in parts of one size, each of about ``ROWS`` rows, the last filled by what is left.
+def pieces(n: int, rows_each: int, engine: str) -> list[Int[np.ndarray, "m"]]:
+    """The ids of n trials in parts of one size; the last is filled up with ids that are not asked for.
 
-    On an accelerator everything is one part: it is filled best by all at once, and is soon done.
+    Arithmetic may differ in the last bit from one shape to another, and each shape is compiled anew.
+
+    Args:
+        n: Trials.
+        rows_each: Worlds that each of them takes.
+        engine: As resolved.
     """
-    at_most = n if jax.default_backend() != "cpu" else max(1, ROWS // rows_each)
-    size = even_batch(n, at_most)
-    return [np.arange(start, min(start + size, n)) for start in range(0, n, size)]
+    rows = ROWS if engine == "native" or jax.default_backend() == "cpu" else ROWS_ON_ACCELERATOR
+    size = even_batch(n, max(1, rows // rows_each))
+    return [np.arange(start, start + size) for start in range(0, n, size)]
+
+
+def kept(out: Path) -> int:
+    """How many parts are there already."""
+    return len(list(out.with_suffix(".parts").glob("part-*.json")))
 
 
 def in_parts(

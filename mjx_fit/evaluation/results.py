@@ -16,7 +16,7 @@ from typing_extensions import TypedDict
 
 from mjx_fit import files
 from mjx_fit.errors import RequestError
-from mjx_fit.evaluation.statistics import Interval, Row, bootstrap_mean, wilson
+from mjx_fit.evaluation.statistics import Row, bootstrap_mean, clustered_rate, wilson
 
 ATTEMPT_METHOD = "spiral"
 """The method in the rows of the attempt experiment: it has but one, Algorithm 4."""
@@ -37,7 +37,7 @@ class AssemblyTrial(TypedDict):
     human: list[bool]
     holes: NotRequired[list[str]]
     tried: NotRequired[list[list[int]]]
-    peak_force_n: NotRequired[list[list[float]]]
+    peak_force_n: NotRequired[list[list[float | None]]]
 
 
 class AttemptTrial(TypedDict):
@@ -215,7 +215,9 @@ def summarise_assembly(trials: list[dict[str, Any]]) -> list[Row]:
             for group, n in groups.items()
         ]
         human = np.array([trial["human"] for trial in own])
-        rows.append(Row.of(method, "intervention_rate", "all", _intervention(human, clusters), human.size))
+        of_peg = np.repeat(clusters, human.shape[1]).tolist()
+        rate = clustered_rate(human.ravel(), of_peg)
+        rows.append(Row.of(method, "intervention_rate", "all", rate, human.size))
     return rows
 
 
@@ -241,13 +243,6 @@ def summarise_attempt(trials: list[dict[str, Any]]) -> list[Row]:
         for group, seen in groups.items()
         if seen
     ]
-
-
-def _intervention(human: np.ndarray, clusters: list[int]) -> Interval:
-    if human.all() or not human.any():
-        n_trials = len(set(clusters))
-        return wilson(n_trials if human.any() else 0, n_trials)
-    return bootstrap_mean(human.ravel(), np.repeat(clusters, human.shape[1]).tolist())
 
 
 def _plain(value: Any) -> Any:

@@ -70,6 +70,18 @@ def bootstrap_mean(
     return Interval(float(mean[0]), float(low[0]), float(high[0]))
 
 
+def clustered_rate(happened: Bool[np.ndarray, " n"], clusters: Sequence[int]) -> Interval:
+    """A share by bootstrap over clusters.
+
+    Where all or none are in it a bootstrap knows no spread: then the interval is Wilson's for that many
+    *clusters*, however what is in one depends on each other.
+    """
+    if happened.all() or not happened.any():
+        n = len(set(clusters))
+        return wilson(n if happened.any() else 0, n)
+    return bootstrap_mean(happened, clusters)
+
+
 def bootstrap_means(
     values: Float[np.ndarray, "n k"] | Bool[np.ndarray, "n k"],
     clusters: Sequence[int] | Int[np.ndarray, " n"],

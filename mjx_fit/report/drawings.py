@@ -89,7 +89,9 @@ def _by_attempt(result: Result) -> list[Drawing]:
 def _calibration(result: Result) -> list[Drawing]:
     actions = max(trial["actions"] for trial in result.trials)
     whole = [trial for trial in result.trials if trial["actions"] == actions]
-    several = [] if {trial["attempt"] for trial in whole} == {1} else _by_attempt(result)
+    # Only a set whose attempts start from this sensor's own beliefs tells what it makes of several.
+    own = result.request.get("beliefs_of") == result.request.get("sensor", {}).get("full", "-")
+    several = _by_attempt(result) if own else []
     return [
         *several,
         (

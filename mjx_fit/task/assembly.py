@@ -17,6 +17,7 @@ from jaxtyping import Bool, Float, Int, Key
 from mjx_fit.config import Config
 from mjx_fit.detector import detect
 from mjx_fit.filters.belief import initial_belief
+from mjx_fit.filters.success import success_probability
 from mjx_fit.policies import SPIRAL
 from mjx_fit.randomness import root_key
 from mjx_fit.scene import place_holes
@@ -24,15 +25,12 @@ from mjx_fit.shapes import NAMES, SHAPES
 from mjx_fit.simulate.engine import Engine
 from mjx_fit.task import pomdp
 from mjx_fit.task.learning import Learn
-from mjx_fit.task.methods import Method
-from mjx_fit.task.success import success_probability
+from mjx_fit.task.methods import KNOWN_VARIANCE_M2, Method
 from mjx_fit.types import Array, Attempt, Belief, Interaction
 from mjx_fit.wrist import peak_force
 
 _LOG_IMPOSSIBLE = -30.0
 """ln ξ of a type that is known to be wrong: small enough to mean never, and finite."""
-_KNOWN_M2 = 1e-8
-"""Variance of a position that is known: (0.1 mm)²."""
 
 
 @dataclass(frozen=True)
@@ -214,12 +212,12 @@ class _Table:
         knows = np.repeat([method.knows_truth for method in self._methods], self._n_trials)
         one_hot = np.arange(len(SHAPES)) == world["hole_type"][..., None]
         beliefs.pos_mean_world[knows] = world["hole_pos_world"][knows]
-        beliefs.pos_cov[knows] = _KNOWN_M2 * np.eye(2)
+        beliefs.pos_cov[knows] = KNOWN_VARIANCE_M2 * np.eye(2)
         beliefs.type_logp[knows] = np.where(one_hot, 0.0, _LOG_IMPOSSIBLE)[knows]
         return beliefs
 
     def _greedy(self, beliefs: Belief, peg_type, filled, tries):
-        alpha = success_probability(self._config.task, beliefs.pos_cov)
+        alpha = success_probability(self._config, beliefs.pos_cov)
         return pomdp.greedy(pomdp.expected_reward(beliefs.type_logp, peg_type, alpha), filled, tries)
 
     def _attempt_keys(self, trial, peg_number, attempt_number):

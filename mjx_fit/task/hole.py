@@ -19,12 +19,9 @@ from mjx_fit.policies import SPIRAL
 from mjx_fit.shapes import SHAPES
 from mjx_fit.simulate.engine import Engine
 from mjx_fit.task.learning import Update
-from mjx_fit.task.methods import HoleMethod
+from mjx_fit.task.methods import KNOWN_VARIANCE_M2, HoleMethod
 from mjx_fit.types import Array, Attempt, Belief, Interaction
 from mjx_fit.wrist import peak_force
-
-MIN_VARIANCE_M2 = 1e-8
-"""(0.1 mm)²: what is believed of a position that is known."""
 
 
 @dataclass(frozen=True)
@@ -129,7 +126,7 @@ def _first_belief(config: Config, methods: tuple[HoleMethod, ...], holes: Holes)
     parts = []
     for method in methods:
         where = holes.hole_pos_world if method.knows_truth else holes.estimate_world
-        std = MIN_VARIANCE_M2**0.5 if method.knows_truth else config.detector.prior_std_m
+        std = KNOWN_VARIANCE_M2**0.5 if method.knows_truth else config.detector.prior_std_m
         parts.append(initial_belief(jnp.asarray(where), std, len(SHAPES)))
     return jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
 

@@ -12,8 +12,8 @@ from jaxtyping import Bool, Key
 from mjx_fit.config import Config
 from mjx_fit.dataset.sequences import Update
 from mjx_fit.filters.belief import update_position, update_type
+from mjx_fit.filters.success import success_probability
 from mjx_fit.sensors.model import ContactSensor
-from mjx_fit.task.success import success_probability
 from mjx_fit.types import Array, Belief, Interaction
 from mjx_fit.wrist import read
 
@@ -36,7 +36,7 @@ def learner(config: Config, sensor: ContactSensor | None) -> Learn:
 
     def learn(state, beliefs, interactions, keys, learns_position, learns_type):
         failed = interactions.valid & ~interactions.inserted
-        alpha = success_probability(config.task, beliefs.pos_cov)
+        alpha = success_probability(config, beliefs.pos_cov)
         updated = update_type(beliefs, None, interactions.peg_type, alpha, hard=hard)
         if graph is not None:
             observation = nnx.merge(graph, state)(_readings(interactions, keys, config))

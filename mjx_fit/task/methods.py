@@ -6,6 +6,9 @@ from typing import Literal, TypeVar
 
 from mjx_fit.errors import RequestError
 
+KNOWN_VARIANCE_M2 = 1e-8
+"""What is believed of a position that is known: (0.1 mm)²."""
+
 
 @dataclass(frozen=True)
 class Method:

@@ -4,11 +4,30 @@ from dataclasses import replace
 from pathlib import Path
 
 from mjx_fit.config import Config
+from mjx_fit.dataset import manifest, store
 from mjx_fit.dataset.episode import Episode
 from mjx_fit.training.loop import train
+from mjx_fit.training.sides import require_chains
 
 FRAME_BY_FRAME = "frame_by_frame"
 """Folder of the baseline's training, in that of the run."""
+
+
+def train_from(folder: Path, config: Config, out: Path, seed: int, members: int = 1) -> None:
+    """Train both on a stored data set, or go on with what was begun.
+
+    Args:
+        folder: Of the data set.
+        config: Everything.
+        out: Folder of the run.
+        seed: Root seed.
+        members: Of an ensemble.
+
+    Raises:
+        RequestError: ``train.sequence`` does not fit the data; and as ``mjx_fit.training.loop.train``.
+    """
+    require_chains(manifest.read(folder).request, config)
+    train_with_baseline(store.load(folder), config, out, seed, members)
 
 
 def train_with_baseline(data: Episode, config: Config, out: Path, seed: int, members: int = 1) -> None:

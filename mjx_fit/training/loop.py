@@ -52,7 +52,8 @@ def train(
     """Train a sensor, or continue its training; ``checkpoint.load_sensor(out)`` loads the best one.
 
     An ensemble is trained at once, vmapped: one split of the data, and for each member its own weights,
-    windows and noise. Member 0 is what is trained alone. Each is a run of its own in ``out/member-M``.
+    windows and noise. Each is a run of its own in ``out/member-M``. Member 0 is what is trained alone, but
+    that early stopping waits for all of them.
 
     Args:
         data: Episodes, stacked along one leading axis.
@@ -81,23 +82,29 @@ def train(
     saver = Saver(out / inside, folders, checkpoint_every_s, config.train.patience)
     if arrays is not None:
         saver.resume(epochs_done, arrays)
+        if len(saver.best_nll) != members:
+            raise RequestError(
+                f"--members: {members} is not allowed: {out} was begun with {len(saver.best_nll)} of them"
+            )
     if epochs_done >= config.train.epochs or saver.is_stale(epochs_done):
         return
     init_keys, epoch_roots, val_key = _keys(seed, members)
     recipe, state = _begin(data, sides[0], config, init_keys)
+    placed_data = placed(data)
+    if members > 1 and isinstance(placed_data.episode, np.ndarray):
+        raise RequestError(f"--members: {members} is not allowed: the data do not fit beside them; train one")
     for folder in folders:
         run_folder.write(folder, config, seed, data_id, np.asarray(data.sequence), episodes)
         run_folder.keep_metrics(folder, epochs_done)
     if arrays is not None:
         state = checkpoint.from_arrays(state, arrays)
-    data = placed(data)
-    if members > 1 and isinstance(data.episode, np.ndarray):
-        raise RequestError(f"--members: {members} is not allowed: the data do not fit beside them; train one")
     with Progress(_title(config, episodes), config.train.epochs, epochs_done) as show:
         for epoch in range(epochs_done, config.train.epochs):
             began = time.monotonic()
             key = jax.vmap(partial(jax.random.fold_in, data=epoch))(epoch_roots)
-            state, *losses = run_epoch(recipe, state, data, sides, key if members > 1 else key[0], val_key)
+            state, *losses = run_epoch(
+                recipe, state, placed_data, sides, key if members > 1 else key[0], val_key
+            )
             rows = _metrics(epoch, members, *losses, seconds=time.monotonic() - began)
             for folder, row in zip(folders, rows, strict=True):
                 run_folder.append_metrics(folder, row)
@@ -164,7 +171,8 @@ def _metrics(epoch: int, members: int, training: Loss, validation: Loss, *, seco
             for loss in (training, validation)
         )
         if not all(map(math.isfinite, [*train_terms.values(), *val_terms.values()])):
-            raise WorkError(f"training diverged: the loss of epoch {epoch} is not finite")
+            who = f" of member {member}" if members > 1 else ""
+            raise WorkError(f"training diverged: the loss{who} of epoch {epoch} is not finite")
         del train_terms["prior_nll"]
         prior_nll = val_terms.pop("prior_nll")
         row = {"epoch": epoch, **train_terms, **{f"val_{name}": term for name, term in val_terms.items()}}

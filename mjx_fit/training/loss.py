@@ -6,9 +6,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Float
 
+from mjx_fit.config import Config
 from mjx_fit.dataset.windows import Sample
 from mjx_fit.filters.belief import update_position, update_type
 from mjx_fit.filters.kalman import gaussian_nll, gaussian_nll_terms
+from mjx_fit.filters.success import success_probability
 from mjx_fit.types import Array, Belief, Observation, pytree
 
 
@@ -45,26 +47,29 @@ def filter_loss(observation: Observation, sample: Sample) -> Loss:
     The type is updated with H taken softly, which can be differentiated, and with α = 0, that is T = 1: a
     window is cut from a random interaction, and how often such a cut would succeed is not known.
     """
-    return _after_update(sample.prior, observation, sample)[1]
+    never_succeeds = jnp.zeros_like(sample.prior.type_logp)
+    return _after_update(sample.prior, observation, sample, never_succeeds)[1]
 
 
-def sequence_loss(observation: Observation, sample: Sample) -> Loss:
+def sequence_loss(observation: Observation, sample: Sample, config: Config) -> Loss:
     """The loss of each window of a chain, with the belief handed on from window to window.
 
     What is felt in the attempts at one hole is not independent: all share the peg, the place and what the
     sensor gets wrong about them. Only a loss after the second and third update sees whether R and H allow
-    for that.
+    for that. The windows are whole attempts, whose failure counts as it does in use.
 
     Args:
         observation: Axes (batch, length).
-        sample: The same axes; of the priors only each chain's first counts.
+        sample: The same axes; of the later priors only the mean is used: from there the attempt started.
+        config: Gives α.
     """
 
     def update(belief: Belief, attempt: tuple[Observation, Sample]) -> tuple[Belief, Loss]:
         seen, sample = attempt
         # h_pos measures from where the attempt started; this filter may have come to stand elsewhere.
         offset = sample.prior.pos_mean_world - belief.pos_mean_world
-        return _after_update(belief, replace(seen, innovation=seen.innovation + offset), sample)
+        seen = replace(seen, innovation=seen.innovation + offset)
+        return _after_update(belief, seen, sample, success_probability(config, belief.pos_cov))
 
     along = jax.tree.map(lambda leaf: jnp.swapaxes(leaf, 0, 1), (observation, sample))
     first = jax.tree.map(lambda leaf: leaf[:, 0], sample.prior)
@@ -84,12 +89,13 @@ def frame_by_frame_loss(observation: Observation, sample: Sample) -> Loss:
     return _loss(seen, prior, sample.hole_pos_world, [zero] * 2, zero, zero)
 
 
-def _after_update(prior: Belief, observation: Observation, sample: Sample) -> tuple[Belief, Loss]:
+def _after_update(
+    prior: Belief, observation: Observation, sample: Sample, alpha: Float[Array, "*batch C"]
+) -> tuple[Belief, Loss]:
     """The updated belief, and its loss."""
     peg_type = sample.reading.peg_type
-    never_succeeds = jnp.zeros(prior.type_logp.shape[-1], prior.type_logp.dtype)
     belief = update_position(prior, observation)
-    belief = update_type(belief, observation, peg_type, never_succeeds, hard=False)
+    belief = update_type(belief, observation, peg_type, alpha, hard=False)
     is_match = sample.hole_type == peg_type
     match_logp = jax.nn.log_softmax(observation.match_logits, axis=-1)
     loss = _loss(

@@ -120,7 +120,7 @@ def summary(out: Path) -> str:
     best = min(rows, key=lambda row: row["val_nll"])
     return (
         f"{sides}; validation NLL {best['val_nll']:.3f} after epoch {best['epoch'] + 1} of {len(rows)}, "
-        f"{best['prior_nll']:.3f} before any update"
+        f"{best['prior_nll']:.3f} before the update"
     )
 
 

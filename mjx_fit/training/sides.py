@@ -53,7 +53,8 @@ def require_chains(request: dict[str, Any], config: Config) -> None:
         config: ``train.sequence`` is used.
 
     Raises:
-        RequestError: Its sequences are too short, or their later estimates were drawn.
+        RequestError: Its sequences are too short, their later estimates were drawn, or windows may be shorter
+            than the attempts: where the second attempt begins tells all that the first one had told.
     """
     wanted, there = config.train.sequence, request["sequence"]
     if wanted == 1:
@@ -67,6 +68,12 @@ def require_chains(request: dict[str, Any], config: Config) -> None:
         raise RequestError(
             f"config: train.sequence: {wanted} is not allowed with these --data: their later attempts start "
             "from drawn estimates; collect them with the --run of a sensor"
+        )
+    whole = min(request["steps"], request["config"]["task"]["attempt_actions"])
+    if config.train.min_window < whole:
+        raise RequestError(
+            f"config: train.min_window: {config.train.min_window} is not allowed with train.sequence "
+            f"{wanted}: it must be at least {whole}, a whole attempt of these --data"
         )
 
 

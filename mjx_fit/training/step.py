@@ -98,4 +98,4 @@ def _losses(recipe, params, scale, sample, weight, dropout) -> Loss:
 def _loss_of(config: Config) -> Callable[[Observation, Sample], Loss]:
     if config.sensor.reference == "final":
         return frame_by_frame_loss
-    return filter_loss if config.train.sequence == 1 else sequence_loss
+    return filter_loss if config.train.sequence == 1 else partial(sequence_loss, config=config)

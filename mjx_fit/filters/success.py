@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from mjx_fit.config import TaskConfig
+from mjx_fit.config import Config
 from mjx_fit.filters.kalman import scale_tril
 from mjx_fit.types import Array
 
@@ -19,24 +19,28 @@ RINGS, ANGLES = 24, 8
 """Of the quadrature: radii at equal steps of probability, angles over half a turn; both are symmetric."""
 
 
-def success_probability(task: TaskConfig, pos_cov: Float[Array, "*batch 2 2"]) -> Float[Array, "*batch C"]:
+def success_probability(config: Config, pos_cov: Float[Array, "*batch 2 2"]) -> Float[Array, "*batch C"]:
     """α_c of an attempt from the mean of a belief, for each type c.
 
     ``constant``: ``task.success_probability``. ``covariance``: ∫ s_c(|e|) N(e; 0, Σ) de, s_c being
-    ``task.success_by_error``, linear between its knots and constant beyond them.
+    ``task.success_by_error``, linear between its knots and constant beyond them; but for a position that
+    nothing was learnt of since the detector: its error is no Gaussian, and the constant was measured for it.
 
     Args:
-        task: Which model, and its numbers.
+        config: ``task`` has the model and its numbers, ``detector`` Σ0.
         pos_cov: Σ of the belief, m².
     """
+    task, variance = config.task, config.detector.prior_std_m**2
+    constant = jnp.asarray(task.success_probability)
+    constant = jnp.broadcast_to(constant, (*pos_cov.shape[:-2], len(task.success_probability)))
     if task.outcome_model == "constant":
-        alpha = jnp.asarray(task.success_probability)
-        return jnp.broadcast_to(alpha, (*pos_cov.shape[:-2], len(alpha)))
+        return constant
+    untouched = jnp.all(jnp.abs(pos_cov - variance * jnp.eye(2)) < 1e-3 * variance, axis=(-2, -1))
     offsets = jnp.einsum("...ij,kj->...ki", scale_tril(pos_cov), _standard_normal())
     distance = jnp.linalg.norm(offsets, axis=-1)
     knots = jnp.asarray(task.error_knots_m)
     rates = [jnp.interp(distance, knots, jnp.asarray(rate)).mean(-1) for rate in task.success_by_error]
-    return jnp.stack(rates, axis=-1)
+    return jnp.where(untouched[..., None], constant, jnp.stack(rates, axis=-1))
 
 
 def _standard_normal() -> Float[np.ndarray, "k 2"]:
