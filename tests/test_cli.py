@@ -315,7 +315,7 @@ def check_own_beliefs(run, tmp_path, settings, capsys):
     assert cli.main([*command, str(resources.folder("weights")), *options]) == 2
     assert "sensor" in capsys.readouterr().err
     drawn = ["train", "--data", str(out), "--out", str(tmp_path / "chained"), *settings]
-    assert cli.main([*drawn, "--set", "train.sequence=2", "--set", "train.epochs=1"]) == 0
+    assert cli.main([*drawn, "--set", "train.sequence=2", "--set", "train.min_window=6"]) == 0
 
 
 def check_calibration(run, tmp_path, settings):

@@ -65,7 +65,9 @@ def in_parts(
         if path.is_file():
             rows += json.loads(path.read_text())
         else:
-            made = work(part)
+            made = work(part)  # first: a request that it refuses leaves nothing behind
+            if not (folder / ASKED).is_file():
+                files.write_text(folder / ASKED, json.dumps(own))
             files.write_text(path, json.dumps(made))
             rows += made
         told(rows)
@@ -93,5 +95,3 @@ def _require_own(folder: Path, asked: dict[str, Any]) -> None:
             )
     elif folder.exists() and any(folder.iterdir()):
         raise RequestError(f"--out: {folder} is not allowed: it holds other files; remove it")
-    else:
-        files.write_text(path, json.dumps(asked))

@@ -25,12 +25,17 @@ def save(path: Path, results: dict[str, Any]) -> None:
     """
     script = os.path.relpath(sys.argv[0])
     origin = {
-        "command": " ".join(["python", script, *sys.argv[1:]]),
+        "command": " ".join(["python", script, *map(_without_folder, sys.argv[1:])]),
         "device": provenance.device(),
         "versions": provenance.versions(),
     }
     files.write_text(path, json.dumps(origin | results, indent=1, default=_plain) + "\n")
     print(json.dumps(results, indent=1, default=_plain))
+
+
+def _without_folder(argument: str) -> str:
+    """A path by its name alone: where it lay is nobody's business and of no use elsewhere."""
+    return Path(argument).name if Path(argument).is_absolute() else argument
 
 
 def draw(path: Path, make: Callable[[], Figure]) -> None:
