@@ -111,6 +111,10 @@ def test_work_that_is_killed_goes_on_with_the_part_that_it_was_in(tmp_path):
     assert worked == [0, 1, 2, 3]
     assert [row["value"] for row in rows] == [0, 2, 4, 6]
     assert seen == [1, 2, 3, 4]
+    damaged = tmp_path / "r.parts" / "part-00001.json"
+    damaged.write_text(damaged.read_text()[:-3])
+    assert parts.in_parts(asked(tmp_path), range(4), work, lambda rows: None) == rows
+    assert worked == [0, 1, 2, 3, 1]
     with pytest.raises(outcome.RequestError, match="its request differs"):
         parts.in_parts(asked(tmp_path, trials=6), range(4), work, lambda rows: None)
     parts.finish(tmp_path / "r.json")
@@ -234,6 +238,8 @@ def test_what_insertion_trials_come_to():
         return {"trial": draw, "seed": seed, "method": method, "shape": "cross", "attempts": attempts,
                 "success": success, "peak_force_n": [30.0]}  # fmt: skip
 
+    broken = trial(0, 0, "full", 10, False) | {"peak_force_n": [None]}
+    assert all(np.isfinite(row.value) for row in insertion.summarise([broken]))
     trials = []
     for draw in range(30):
         for seed in range(2):

@@ -80,7 +80,8 @@ def summarise(trials: Rows) -> list[Row]:
             within = attempts <= k
             rows.append(Row.of(method, "success_rate", str(k), clustered_rate(within, draws), len(own)))
         rows.append(Row.of(method, "attempts", "all", bootstrap_mean(attempts, draws), len(own)))
-        force = [np.nanmax(np.array(trial["peak_force_n"], float)) for trial in own]
+        # Of an attempt whose simulation broke no force is known.
+        force = [max((f for f in trial["peak_force_n"] if f is not None), default=0.0) for trial in own]
         rows.append(Row.of(method, "peak_force_n", "all", bootstrap_mean(np.array(force), draws), len(own)))
     others = [method for method in needed if method not in ("full", "oracle")]
     if "full" in needed and others:

@@ -62,14 +62,13 @@ def in_parts(
     rows: Rows = []
     for number, part in enumerate(parts):
         path = folder / f"part-{number:05d}.json"
-        if path.is_file():
-            rows += json.loads(path.read_text())
-        else:
+        made = _read(path)
+        if made is None:
             made = work(part)  # first: a request that it refuses leaves nothing behind
             if not (folder / ASKED).is_file():
                 files.write_text(folder / ASKED, json.dumps(own))
             files.write_text(path, json.dumps(made))
-            rows += made
+        rows += made
         told(rows)
     return rows
 
@@ -83,10 +82,18 @@ def finish(out: Path) -> None:
         folder.rmdir()
 
 
+def _read(path: Path) -> Any:
+    """What was kept; None where nothing was, or it is damaged: then it is worked out again."""
+    try:
+        return json.loads(path.read_text())
+    except (FileNotFoundError, ValueError):
+        return None
+
+
 def _require_own(folder: Path, asked: dict[str, Any]) -> None:
     path = folder / ASKED
     if path.is_file():
-        there = json.loads(path.read_text())
+        there = _read(path) or {}
         if there != asked:
             name = next(key for key in asked if there.get(key) != asked[key])
             raise RequestError(

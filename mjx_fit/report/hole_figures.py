@@ -69,26 +69,25 @@ def coverage_by_attempt(summary: list[Row]) -> Figure:
     Args:
         summary: Rows of a position result.
     """
-    figure, ax = style.axes()
-    lines = _by_number(summary, "coverage_90", "")
-    _lines(ax, lines)
-    ax.axhline(0.9, color=style.PAPER_COLOUR, linestyle="--", linewidth=1)
-    ax.set(xlabel="Attempts", ylabel="Holes inside the 90 % ellipse", ylim=(0, 1.02))
-    ax.yaxis.set_major_formatter(PercentFormatter(1, decimals=0))
-    style.legend(figure, style.method_handles(list(lines)))
+    figure = _shares(summary, "coverage_90", "Holes inside the 90 % ellipse")
+    figure.axes[0].axhline(0.9, color=style.PAPER_COLOUR, linestyle="--", linewidth=1)
     return figure
 
 
 def success_by_attempts(summary: list[Row]) -> Figure:
-    """Share of the trials that are done within k attempts, and the paper's form of it.
+    """Share of the trials that are done within k attempts: the paper's figure.
 
     Args:
         summary: Rows of an insertion result.
     """
+    return _shares(summary, "success_rate", "Pegs inserted")
+
+
+def _shares(summary: list[Row], metric: str, ylabel: str) -> Figure:
     figure, ax = style.axes()
-    lines = _by_number(summary, "success_rate", "")
+    lines = _by_number(summary, metric, "")
     _lines(ax, lines)
-    ax.set(xlabel="Attempts", ylabel="Pegs inserted", ylim=(-0.02, 1.04))
+    ax.set(xlabel="Attempts", ylabel=ylabel, ylim=(-0.02, 1.04))
     ax.yaxis.set_major_formatter(PercentFormatter(1, decimals=0))
     style.legend(figure, style.method_handles(list(lines)))
     return figure
