@@ -33,6 +33,7 @@ def assembly(methods: dict[str, float], n_trials: int) -> Result:
             needed = rng.geometric(probability, 5)
             trials.append(
                 {"trial": i, "method": method, "pegs": ["cross"] * 5,
+                 "holes": ["cross"] * 5, "tried": [[0] * min(count, 30) for count in needed.tolist()],
                  "attempts": np.minimum(needed, 30).tolist(), "human": (needed > 30).tolist()}
             )  # fmt: skip
     tree = config.to_tree(config.Config())
@@ -144,7 +145,7 @@ def test_the_page_stands_alone(folder: Path, tmp_path: Path):
     text = index.read_text()
     page = Page(text)
     figures = sorted((tmp_path / "out" / "figures").iterdir())
-    assert page.tags.count("svg") == page.tags.count("figcaption") == len(figures) == 3 * 3 + 2 + 1 + 3
+    assert page.tags.count("svg") == page.tags.count("figcaption") == len(figures) == 3 * 4 + 1 + 2 + 1 + 3
     assert len(page.ids) == len(set(page.ids))
     assert "script" not in page.tags
     assert "&lt;script&gt;" in text
@@ -183,7 +184,8 @@ def test_figures_show_the_numbers(folder: Path, tmp_path: Path):
         path.stem: " ".join(ET.parse(path).getroot().itertext())
         for path in (tmp_path / "out" / "figures").iterdir()
     }
-    assert set(texts) == {"assembly-success", "assembly-interventions", "assembly-attempts", "run-training"}
+    assembly_figures = ("success", "interventions", "attempts", "spent", "ratio")
+    assert set(texts) == {"run-training", *(f"assembly-{name}" for name in assembly_figures)}
     rate = next(row for row in results.read(folder / "assembly.json").summary if row.metric != "attempts")
     assert f"{rate.value:.1%} of 40 pegs" in texts["assembly-interventions"]
     assert "Attempts at one peg" in texts["assembly-success"]
@@ -193,7 +195,7 @@ def test_figures_show_the_numbers(folder: Path, tmp_path: Path):
 
 def test_an_input_that_is_given_twice_is_shown_once(folder: Path, tmp_path: Path):
     build([folder / "one.json", folder / "one.json"], tmp_path / "out")
-    assert len(list((tmp_path / "out" / "figures").iterdir())) == 3
+    assert len(list((tmp_path / "out" / "figures").iterdir())) == 4
 
 
 @pytest.mark.parametrize(

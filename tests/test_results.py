@@ -60,6 +60,7 @@ def test_assembly_rows_are_the_hand_count():
         ("failure_only", "attempts", "3"): 52.5,
         ("failure_only", "attempts", "all"): 52.5,
         ("failure_only", "intervention_rate", "all"): 0.5,
+        ("full", "attempts_ratio", "failure_only"): 14 / 105,
     }
     assert rows["full", "attempts", "all"].n == 2
     assert rows["full", "intervention_rate", "all"].n == 6
@@ -68,6 +69,14 @@ def test_assembly_rows_are_the_hand_count():
     assert (row.low, row.high) == (4.0, 30.0)
     row = rows["failure_only", "intervention_rate", "all"]
     assert (row.low, row.high) == pytest.approx((1 / 3, 2 / 3))
+    # In pairs: 6 of 39, 8 of 66, or both of them.
+    row = rows["full", "attempts_ratio", "failure_only"]
+    assert (row.low, row.high) == pytest.approx((8 / 66, 6 / 39))
+
+
+def test_a_ratio_takes_the_trials_that_both_methods_have():
+    rows = summarise_assembly([*ASSEMBLY, trial(2, "full", [9, 9, 9], [False] * 3)])
+    assert [(row.value, row.n) for row in rows if row.metric == "attempts_ratio"] == [(14 / 105, 2)]
 
 
 @pytest.mark.parametrize("human", [False, True])

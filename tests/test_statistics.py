@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.stats import permutation_test
+from scipy.stats import bootstrap, permutation_test
 
 from mjx_fit.evaluation.statistics import (
     Interval,
     Row,
     bootstrap_mean,
     bootstrap_means,
+    bootstrap_ratio,
     holm,
     sign_flip,
     wilson,
@@ -33,6 +34,26 @@ def test_bootstrap_of_independent_values_agrees_with_the_normal_interval():
     mean, low, high = bootstrap_mean(values, range(400))
     assert mean == pytest.approx(values.mean())
     assert (low, high) == pytest.approx((mean - half, mean + half), abs=0.1 * half)
+
+
+def test_bootstrap_of_means_and_ratios_is_scipys():
+    rng = np.random.default_rng(3)
+    hard = rng.uniform(5, 30, 100)  # the same trial is hard for both
+    one, other = hard * rng.uniform(0.3, 0.5, 100), hard * rng.uniform(0.8, 1.2, 100)
+
+    def scipys(data, statistic):
+        found = bootstrap(data, statistic, paired=True, method="percentile", n_resamples=2000, rng=rng)
+        return found.confidence_interval
+
+    mean = bootstrap_mean(one, range(100))
+    assert mean[1:] == pytest.approx(tuple(scipys((one,), np.mean)), rel=0.02)
+    ratio = bootstrap_ratio(one, other)
+    expected = scipys((one, other), lambda a, b, axis: a.mean(axis) / b.mean(axis))
+    assert ratio.value == pytest.approx(one.mean() / other.mean())
+    assert ratio[1:] == pytest.approx(tuple(expected), rel=0.01)
+    # Pairs that were torn apart would make it several times as wide.
+    torn = scipys((one, rng.permutation(other)), lambda a, b, axis: a.mean(axis) / b.mean(axis))
+    assert ratio.high - ratio.low < 0.5 * (torn.high - torn.low)
 
 
 def test_bootstrap_covers_the_mean_of_dependent_observations():

@@ -9,9 +9,7 @@ FOLDER, the table and the figure beside this file. Killed, the same command goes
 
 import argparse
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
@@ -19,6 +17,7 @@ from mjx_fit import config as config_
 from mjx_fit import resources, runtime
 from mjx_fit.evaluation import experiments
 from mjx_fit.evaluation.results import Result
+from mjx_fit.evaluation.statistics import Row
 from mjx_fit.report import script, style
 
 HERE = Path(__file__).parent
@@ -31,14 +30,13 @@ SWEEPS: dict[str, tuple[str, tuple[float, ...], float, str]] = {
 
 
 def main(folder: Path, trials: int) -> None:
-    rows = []
+    rows: list[tuple[str, float, Row]] = []
     for key, (_, values, *_rest) in SWEEPS.items():
         for value in values:
             result = _assembled(folder, key, value, trials)
-            for row in result.summary:
-                if row.group == "all":
-                    rows.append({"key": key, "setting": value, **row.to_json()})
-    script.save(HERE / "sweep.json", {"trials": trials, "rows": rows})
+            rows += [(key, value, row) for row in result.summary if row.group == "all"]
+    table = [{"key": key, "setting": value, **row.to_json()} for key, value, row in rows]
+    script.save(HERE / "sweep.json", {"trials": trials, "rows": table})
     script.draw(HERE / "sweep.png", lambda: _figure(rows))
 
 
@@ -51,7 +49,7 @@ def _assembled(folder: Path, key: str, value: float, trials: int) -> Result:
     return experiments.assembly(config, out, resources.folder("weights"), METHODS, trials, 0, "auto")
 
 
-def _figure(rows: list[dict[str, Any]]) -> Figure:
+def _figure(rows: list[tuple[str, float, Row]]) -> Figure:
     figure = Figure(figsize=(10.5, 5.6))
     axes = figure.subplots(2, len(SWEEPS), sharey="row")
     methods = METHODS.split(",")
@@ -60,14 +58,8 @@ def _figure(rows: list[dict[str, Any]]) -> Figure:
         for line, metric in enumerate(("attempts", "intervention_rate")):
             ax = axes[line, column]
             for name in methods:
-                own = [r for r in rows if (r["key"], r["metric"], r["method"]) == (key, metric, name)]
-                value, low, high = (
-                    np.array([row[end] for row in own], float) for end in ("value", "low", "high")
-                )
-                bars = style.spread(value, low, high)
-                ax.errorbar(
-                    range(len(own)), value, bars, color=colour[name], marker=marker[name], markersize=5
-                )
+                own = [row for of, _, row in rows if (of, row.metric, row.method) == (key, metric, name)]
+                style.points(ax, range(len(own)), own, color=colour[name], marker=marker[name])
             ax.set_xticks(range(len(values)), [text.format(value * scale) for value in values])
             ax.set_xlim(-0.3, len(values) - 0.7)
             ax.set_ylim(0, None)

@@ -16,7 +16,7 @@ from typing_extensions import TypedDict
 
 from mjx_fit import files
 from mjx_fit.errors import RequestError
-from mjx_fit.evaluation.statistics import Row, bootstrap_mean, clustered_rate, wilson
+from mjx_fit.evaluation.statistics import Row, bootstrap_mean, bootstrap_ratio, clustered_rate, wilson
 
 ATTEMPT_METHOD = "spiral"
 """The method in the rows of the attempt experiment: it has but one, Algorithm 4."""
@@ -201,14 +201,17 @@ def summarise_assembly(trials: list[dict[str, Any]]) -> list[Row]:
     counts pegs. The pegs of one trial depend on each other, so both carry a bootstrap over trials. Where no
     peg or every peg was given to a human, a bootstrap knows no spread: then the interval is Wilson's for that
     many *trials*, which also bounds the rate of pegs, however the pegs of a trial depend on each other.
+    ``attempts_ratio`` is the attempts of ``full`` for all pegs over those of another method, its group, in
+    the trials that both have.
 
     Args:
         trials: Rows as in ``AssemblyTrial``.
     """
-    rows = []
+    rows, needed = [], {}
     for method, own in by_method(trials).items():
         clusters = [trial["trial"] for trial in own]
         total = np.cumsum([trial["attempts"] for trial in own], axis=1)
+        needed[method] = dict(zip(clusters, total[:, -1], strict=True))
         groups = {**{str(n + 1): n for n in range(total.shape[1])}, "all": -1}
         rows += [
             Row.of(method, "attempts", group, bootstrap_mean(total[:, n], clusters), len(own))
@@ -218,6 +221,11 @@ def summarise_assembly(trials: list[dict[str, Any]]) -> list[Row]:
         of_peg = np.repeat(clusters, human.shape[1]).tolist()
         rate = clustered_rate(human.ravel(), of_peg)
         rows.append(Row.of(method, "intervention_rate", "all", rate, human.size))
+    for other in needed if "full" in needed else []:
+        both = sorted(needed["full"].keys() & needed[other].keys())
+        if other != "full" and both:
+            above, below = (np.array([needed[name][i] for i in both]) for name in ("full", other))
+            rows.append(Row.of("full", "attempts_ratio", other, bootstrap_ratio(above, below), len(both)))
     return rows
 
 

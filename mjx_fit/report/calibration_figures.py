@@ -15,7 +15,6 @@ from mjx_fit.shapes import NAMES
 Trials = list[dict[str, Any]]
 
 LEVELS = np.linspace(0.05, 0.95, 19)
-_ENDS = ("value", "low", "high")
 HEADED = 45.0
 """Degrees by which the names of pairs are turned."""
 
@@ -29,9 +28,7 @@ def error_by_actions(summary: list[Row]) -> Figure:
         points = _by_actions(summary, name)
         actions = sorted(points)
         rows = [points[count] for count in actions]
-        value, low, high = ([getattr(row, end) for row in rows] for end in _ENDS)
-        bars = style.spread(value, low, high)
-        ax.errorbar(actions, value, bars, color=colour[name], marker=marker[name], markersize=5)
+        style.points(ax, actions, rows, color=colour[name], marker=marker[name])
     prior = next(row for row in summary if (row.method, row.group) == ("prior", "all"))
     ax.axhline(prior.value, color=style.PAPER_COLOUR, linestyle="--", linewidth=1)
     handles = style.method_handles(methods)
@@ -47,9 +44,7 @@ def error_by_attempt(summary: list[Row]) -> Figure:
     after = _by_attempt(summary, "full", "position_error_cm")
     first = _by_attempt(summary, "prior", "position_error_cm")[1]
     attempts = [0, *after]
-    value, low, high = ([getattr(row, end) for row in (first, *after.values())] for end in _ENDS)
-    bars = style.spread(value, low, high)
-    ax.errorbar(attempts, value, bars, color=style.MATCHED_COLOUR, marker="o", markersize=5)
+    style.points(ax, attempts, [first, *after.values()], color=style.MATCHED_COLOUR)
     ax.set(xlabel="Failed attempts", ylabel="Position error (cm)", yscale="log", xticks=attempts)
     ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     ax.yaxis.set_major_formatter(FormatStrFormatter("%g"))
@@ -62,10 +57,7 @@ def coverage_by_attempt(summary: list[Row]) -> Figure:
     kinds = ((90, style.MATCHED_COLOUR, "o"), (50, style.MISMATCHED_COLOUR, "s"))
     for level, colour, marker in kinds:
         rows = _by_attempt(summary, "full", f"coverage_{level}")
-        value, low, high = ([getattr(row, end) for row in rows.values()] for end in _ENDS)
-        ax.errorbar(
-            list(rows), value, style.spread(value, low, high), color=colour, marker=marker, markersize=5
-        )
+        style.points(ax, list(rows), list(rows.values()), color=colour, marker=marker)
         ax.axhline(level / 100, color=colour, linestyle="--", linewidth=1)
         ax.set_xticks(list(rows))
     ax.set(xlabel="Failed attempts", ylabel="Holes inside the ellipse", ylim=(0.3, 1))
@@ -118,9 +110,7 @@ def match_by_pair(summary: list[Row]) -> Figure:
     names = [name for name in pairs if not name.startswith("actions")]
     rows = [pairs[name] for name in names]
     figure, ax = style.axes()
-    value, low, high = ([getattr(row, end) for row in rows] for end in _ENDS)
-    bars = style.spread(value, low, high)
-    ax.errorbar(range(len(rows)), value, bars, linestyle="none", marker="o", color=style.MATCHED_COLOUR)
+    style.points(ax, range(len(rows)), rows, linestyle="none", color=style.MATCHED_COLOUR)
     ax.axhline(0.5, color=style.PAPER_COLOUR, linestyle="--", linewidth=1)
     texts = ["{} peg,\n{} hole".format(*name.split(":")) for name in names]
     ax.set_xticks(range(len(rows)), texts, rotation=HEADED, ha="right", rotation_mode="anchor")

@@ -27,7 +27,7 @@ def of_result(result: Result) -> list[Drawing]:
 def _assembly(result: Result) -> list[Drawing]:
     most = max(max(trial["attempts"]) for trial in result.trials)
     cap = max(result.config.get("task", {}).get("max_attempts", most), most)
-    return [
+    shown: list[Drawing] = [
         (
             "success",
             "Share of all pegs that the robot inserted within that many attempts at the peg; bands are 95 % "
@@ -47,6 +47,16 @@ def _assembly(result: Result) -> list[Drawing]:
             lambda: figures.attempts_histogram(result.trials),
         ),
     ]
+    if all("tried" in trial and "holes" in trial for trial in result.trials):
+        caption = "What the attempts of an assembly were spent on, on average over the trials."
+        shown.append(("spent", caption, lambda: figures.where_attempts_went(result.trials)))
+    if any(row.metric == "attempts_ratio" for row in result.summary):
+        caption = (
+            "Attempts of full for all pegs as a multiple of each other method's in the same trials, with 95 % "
+            "intervals by bootstrap over trials: left of the dashed line full needs fewer."
+        )
+        shown.append(("ratio", caption, lambda: figures.attempts_ratio(result.summary)))
+    return shown
 
 
 def _attempt(result: Result) -> list[Drawing]:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import MaxNLocator, PercentFormatter
+from matplotlib.ticker import FormatStrFormatter, MaxNLocator, PercentFormatter
 
 from mjx_fit.evaluation.results import by_method
 from mjx_fit.evaluation.statistics import Row, bootstrap_means, wilson
@@ -100,6 +100,59 @@ def intervention_rate(summary: Sequence[Row]) -> Figure:
     ax.set_xlim(0, min(1.02, max(0.05, 1.15 * max(highest))))
     ax.set_xlabel("Pegs inserted by a human")
     return figure
+
+
+def attempts_ratio(summary: Sequence[Row]) -> Figure:
+    """Attempts of ``full`` for all pegs as a multiple of each other method's in the same trials.
+
+    Args:
+        summary: Rows of an assembly result.
+    """
+    rows = [row for row in summary if row.metric == "attempts_ratio"]
+    figure = style.against(rows, [f"over those of\n{style.label(row.group)}" for row in rows], 1, "Attempts")
+    ax = figure.axes[0]
+    ax.set_xlim(0, None)
+    ax.xaxis.set_major_formatter(FormatStrFormatter("%g ×"))
+    return figure
+
+
+def where_attempts_went(trials: Trials) -> Figure:
+    """What the attempts of an assembly were spent on, on average over the trials of each method.
+
+    Args:
+        trials: Rows of an assembly result, with ``holes`` and ``tried``.
+    """
+    methods = by_method(trials)
+    figure, ax = style.axes(1.4 + 0.5 * len(methods))
+    spent = np.array([np.mean([_spent(trial) for trial in own], axis=0) for own in methods.values()])
+    left = np.zeros(len(methods))
+    for (word, colour), share in zip(_SPENT, spent.T, strict=True):
+        ax.barh(np.arange(len(methods)), share, 0.6, left=left, color=colour, label=word)
+        left += share
+    ax.set_yticks(np.arange(len(methods)), [style.label(name) for name in methods])
+    ax.set_ylim(len(methods) - 0.5, -0.5)
+    ax.grid(axis="y", visible=False)
+    ax.set_xlabel("Attempts for all pegs")
+    style.legend(figure, ax.get_legend_handles_labels()[0])
+    return figure
+
+
+_SPENT = (
+    ("inserted", "#0072B2"),
+    ("failed, hole matches", "#56B4E9"),
+    ("failed, other hole", "#D55E00"),
+)
+
+
+def _spent(trial: dict[str, Any]) -> tuple[int, int, int]:
+    """Attempts of one trial that succeeded, that failed at a matching hole, and that failed at another."""
+    inserted = sum(not human for human in trial["human"])
+    fits = sum(
+        trial["holes"][hole] == peg
+        for peg, tried in zip(trial["pegs"], trial["tried"], strict=True)
+        for hole in tried
+    )
+    return inserted, fits - inserted, sum(trial["attempts"]) - fits
 
 
 def attempt_success(summary: Sequence[Row]) -> Figure:

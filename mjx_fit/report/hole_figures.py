@@ -12,7 +12,6 @@ from mjx_fit.evaluation.statistics import Row
 from mjx_fit.report import style
 
 Trials = list[dict[str, Any]]
-_ENDS = ("value", "low", "high")
 
 
 def error_by_attempt(summary: list[Row], kind: str = "") -> Figure:
@@ -101,16 +100,8 @@ def attempts_saved(summary: list[Row]) -> Figure:
     """
     rows = [row for row in summary if row.metric == "attempts_saved"]
     p_values = {row.group: row.value for row in summary if row.metric == "p_value"}
-    figure, ax = style.axes(1.2 + 0.55 * len(rows))
-    value, low, high = ([getattr(row, end) for row in rows] for end in _ENDS)
-    at = np.arange(len(rows))
-    ax.errorbar(value, at, xerr=style.spread(value, low, high), fmt="o", color=style.MATCHED_COLOUR)
-    ax.axvline(0, color=style.PAPER_COLOUR, linestyle="--", linewidth=1)
     words = [f"than {style.label(row.group)},\np {_p(p_values[row.group])}" for row in rows]
-    ax.set_yticks(at, words)
-    ax.set_ylim(len(rows) - 0.5, -0.5)
-    ax.set_xlabel("Attempts fewer")
-    return figure
+    return style.against(rows, words, 0, "Attempts fewer")
 
 
 def _p(value: float) -> str:
@@ -130,7 +121,5 @@ def _by_number(summary: list[Row], metric: str, kind: str) -> dict[str, dict[int
 def _lines(ax, lines: dict[str, dict[int, Row]]) -> None:
     colour, marker = style.colours(list(lines)), style.markers(list(lines))
     for name, rows in lines.items():
-        value, low, high = (np.array([getattr(row, end) for row in rows.values()], float) for end in _ENDS)
-        bars = style.spread(value, low, high)
-        ax.errorbar(list(rows), value, bars, color=colour[name], marker=marker[name], markersize=5)
+        style.points(ax, list(rows), list(rows.values()), color=colour[name], marker=marker[name])
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))

@@ -13,6 +13,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from mjx_fit.evaluation.statistics import Row
+
 RC: Any = {  # matplotlib has a type of its own for the keys
     "figure.figsize": (5.2, 3.6),  # inches: narrow, so that the text is still legible on a phone
     "figure.constrained_layout.use": True,
@@ -117,6 +119,29 @@ def method_handles(methods: Sequence[str]) -> list[Line2D]:
         Line2D([], [], color=colour[name], marker=marker[name], markersize=5, label=label(name))
         for name in methods
     ]
+
+
+def points(ax: Axes, at: Sequence[float], rows: Sequence[Row], *, lying: bool = False, **look: Any) -> None:
+    """Values of a summary with their intervals, upwards or, of rows that are written one below another, lying."""
+    value, low, high = ([getattr(row, end) for row in rows] for end in ("value", "low", "high"))
+    ends = spread(value, low, high)
+    look = {"marker": "o", "markersize": 5} | look
+    if lying:
+        ax.errorbar(value, at, xerr=ends, **look)
+    else:
+        ax.errorbar(at, value, yerr=ends, **look)
+
+
+def against(rows: Sequence[Row], words: Sequence[str], equal: float, xlabel: str) -> Figure:
+    """One method against each of others, a line of text for each; dashed is where it is no better."""
+    figure, ax = axes(1.2 + 0.55 * len(rows))
+    at = list(range(len(rows)))
+    points(ax, at, rows, lying=True, linestyle="none", color=MATCHED_COLOUR)
+    ax.axvline(equal, color=PAPER_COLOUR, linestyle="--", linewidth=1)
+    ax.set_yticks(at, list(words))
+    ax.set_ylim(len(rows) - 0.5, -0.5)
+    ax.set_xlabel(xlabel)
+    return figure
 
 
 def spread(value: Any, low: Any, high: Any) -> np.ndarray:
