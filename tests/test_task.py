@@ -123,6 +123,20 @@ def test_learning_the_position_ends_failures_at_the_right_hole():
     assert max(max(row["attempts"]) for row in rows) <= 9
 
 
+def test_a_perfect_sensor_needs_one_failure_at_each_hole_at_most():
+    """The estimate is good enough or it fails once; no hole is tried again by a peg of another type."""
+    trials, _, rows = play("perfect_sensor", n_trials=20)
+    near = np.linalg.norm(trials.estimate_world - trials.hole_pos_world, axis=-1) < 0.005
+    for trial, row in enumerate(rows):
+        tried = [(peg, hole) for peg, holes in zip(row["pegs"], row["tried"], strict=True) for hole in holes]
+        failures = [hole for peg, holes in zip(row["pegs"], row["tried"], strict=True) for hole in holes[:-1]]
+        assert len(set(failures)) == len(failures)
+        # At the end each hole was filled; one whose estimate was bad had to be felt before.
+        assert len(tried) == 4 + len(failures)
+        assert set(np.flatnonzero(~near[trial])) <= set(failures)
+        assert not any(row["human"])
+
+
 def test_methods_share_the_wiggles_and_done_rows_are_not_simulated():
     _, engine, rows = play("failure_only,oracle", n_trials=3)
     keys, active = engine.seen[0]

@@ -3,8 +3,8 @@
     python experiments/learning/ablation.py FOLDER [ROW ...]
 
 Data and runs go to FOLDER, outside the checkout; the table to ``ablation.json`` beside this file. Killed, the
-same command goes on. Every row trains for about ``STEPS`` steps of 32 windows, with seed 0 and, where the default
-hangs on it, two more, and is judged by one update after each failed spiral of the same set.
+same command goes on. Every row trains for about ``STEPS`` steps of 32 windows, with seed 0 and, where the
+default hangs on it, two more, and is judged by one update after each failed spiral of the same set.
 """
 
 import json

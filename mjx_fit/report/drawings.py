@@ -52,7 +52,7 @@ def _assembly(result: Result) -> list[Drawing]:
         shown.append(("spent", caption, lambda: figures.where_attempts_went(result.trials)))
     if any(row.metric == "attempts_ratio" for row in result.summary):
         caption = (
-            "Attempts of full for all pegs as a multiple of each other method's in the same trials, with 95 % "
+            "Attempts of full for all pegs over those of each other method in the same trials, with 95 % "
             "intervals by bootstrap over trials: left of the dashed line full needs fewer."
         )
         shown.append(("ratio", caption, lambda: figures.attempts_ratio(result.summary)))

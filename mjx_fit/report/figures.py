@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FormatStrFormatter, MaxNLocator, PercentFormatter
+from matplotlib.ticker import MaxNLocator, PercentFormatter
 
 from mjx_fit.evaluation.results import by_method
 from mjx_fit.evaluation.statistics import Row, bootstrap_means, wilson
@@ -103,16 +103,15 @@ def intervention_rate(summary: Sequence[Row]) -> Figure:
 
 
 def attempts_ratio(summary: Sequence[Row]) -> Figure:
-    """Attempts of ``full`` for all pegs as a multiple of each other method's in the same trials.
+    """Attempts of ``full`` for all pegs over those of each other method in the same trials.
 
     Args:
         summary: Rows of an assembly result.
     """
     rows = [row for row in summary if row.metric == "attempts_ratio"]
-    figure = style.against(rows, [f"over those of\n{style.label(row.group)}" for row in rows], 1, "Attempts")
-    ax = figure.axes[0]
-    ax.set_xlim(0, None)
-    ax.xaxis.set_major_formatter(FormatStrFormatter("%g ×"))
+    words = [f"full /\n{style.label(row.group)}" for row in rows]
+    figure = style.against(rows, words, 1, "Ratio of the attempts for all pegs")
+    figure.axes[0].set_xlim(0, None)
     return figure
 
 

@@ -44,6 +44,7 @@ _COLOURS = {
     "frame_by_frame": "#009E73",
     "no_update": "#CC79A7",
     "sample": "#56B4E9",
+    "perfect_sensor": "#009E73",
     "oracle": "#4d4d4d",
     "spiral": "#0072B2",
 }
@@ -122,7 +123,7 @@ def method_handles(methods: Sequence[str]) -> list[Line2D]:
 
 
 def points(ax: Axes, at: Sequence[float], rows: Sequence[Row], *, lying: bool = False, **look: Any) -> None:
-    """Values of a summary with their intervals, upwards or, of rows that are written one below another, lying."""
+    """Values of a summary with their intervals: upright, or lying where the rows stand one below another."""
     value, low, high = ([getattr(row, end) for row in rows] for end in ("value", "low", "high"))
     ends = spread(value, low, high)
     look = {"marker": "o", "markersize": 5} | look

@@ -8,6 +8,7 @@ all methods.
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -160,12 +161,15 @@ class _Table:
         """Updates the beliefs about the holes that were tried."""
         rows = np.arange(len(chosen))
         before = jax.tree.map(lambda leaf: leaf[rows, chosen], self._beliefs)
-        position = np.repeat([method.learns_position for method in self._methods], self._n_trials)
-        kind = np.repeat([method.learns_type for method in self._methods], self._n_trials)
+        position = self._of(lambda method: method.learns_position)
+        kind = self._of(lambda method: method.learns_type)
         after = learn(before, interactions, noise_keys, position, kind)
         open_rows = rows[self.active]
         for leaf, new in zip(jax.tree.leaves(self._beliefs), jax.tree.leaves(after), strict=True):
             leaf[open_rows, chosen[open_rows]] = np.asarray(new)[open_rows]
+        told = self._of(lambda method: method.learns_truth) & interactions.valid & ~interactions.inserted
+        told_rows = rows[self.active & np.asarray(told)]
+        _make_known(self._beliefs, self._world, (told_rows, chosen[told_rows]))
 
     def record(self, chosen: Int[np.ndarray, "R"], interactions: Interaction) -> None:
         """Counts the attempts, fills holes, lets a human help at the cap, and hands out the next pegs."""
@@ -209,12 +213,12 @@ class _Table:
             jnp.asarray(world["estimate_world"]), self._config.detector.prior_std_m, len(SHAPES)
         )
         beliefs = jax.tree.map(np.array, detected)
-        knows = np.repeat([method.knows_truth for method in self._methods], self._n_trials)
-        one_hot = np.arange(len(SHAPES)) == world["hole_type"][..., None]
-        beliefs.pos_mean_world[knows] = world["hole_pos_world"][knows]
-        beliefs.pos_cov[knows] = KNOWN_VARIANCE_M2 * np.eye(2)
-        beliefs.type_logp[knows] = np.where(one_hot, 0.0, _LOG_IMPOSSIBLE)[knows]
+        _make_known(beliefs, world, self._of(lambda method: method.knows_truth))
         return beliefs
+
+    def _of(self, trait: Callable[[Method], bool]) -> Bool[np.ndarray, "R"]:
+        """Whether each row's method has a trait."""
+        return np.repeat([trait(method) for method in self._methods], self._n_trials)
 
     def _greedy(self, beliefs: Belief, peg_type, filled, tries):
         alpha = success_probability(self._config, beliefs.pos_cov)
@@ -235,3 +239,11 @@ class _Table:
 
     def _attempt_number(self) -> Int[np.ndarray, "R"]:
         return self._attempts[np.arange(len(self._trial)), self._peg_number()]
+
+
+def _make_known(beliefs: Belief, world: dict[str, np.ndarray], which: Any) -> None:
+    """Puts the truth in the place of the beliefs about some holes, an index into (R, n)."""
+    one_hot = np.arange(len(SHAPES)) == world["hole_type"][which][..., None]
+    beliefs.pos_mean_world[which] = world["hole_pos_world"][which]
+    beliefs.pos_cov[which] = KNOWN_VARIANCE_M2 * np.eye(2)
+    beliefs.type_logp[which] = np.where(one_hot, 0.0, _LOG_IMPOSSIBLE)

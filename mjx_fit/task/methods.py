@@ -19,12 +19,15 @@ class Method:
         learns_position: Whether the trace updates the belief about the position.
         learns_type: Whether the trace updates the belief about the type.
         knows_truth: Whether it starts with the true positions and types: a bound that nobody can beat.
+        learns_truth: Whether one failed attempt tells it the true position and type of that hole: a bound
+            that no sensor can beat.
     """
 
     name: str
     learns_position: bool = False
     learns_type: bool = False
     knows_truth: bool = False
+    learns_truth: bool = False
 
     @property
     def needs_sensor(self) -> bool:
@@ -35,6 +38,7 @@ ASSEMBLY = (
     Method("failure_only"),
     Method("failure_position", learns_position=True),
     Method("full", learns_position=True, learns_type=True),
+    Method("perfect_sensor", learns_truth=True),
     Method("oracle", knows_truth=True),
 )
 
