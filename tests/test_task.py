@@ -14,8 +14,10 @@ from mjx_fit.errors import RequestError
 from mjx_fit.filters.belief import initial_belief
 from mjx_fit.filters.success import success_probability
 from mjx_fit.task import assembly, learning, methods, pomdp
+from mjx_fit.task import trials as trials_
 from mjx_fit.types import Attempt, Observation
 
+COLUMNS = ("tried", "match_probability", "error_cm", "match_after", "error_after_cm", "peak_force_n")
 CONFIG = dataclasses.replace(Config(), task=dataclasses.replace(Config().task, n_holes=4, max_attempts=6))
 
 
@@ -50,18 +52,18 @@ def test_ties_go_to_the_least_tried_then_the_first():
 
 
 def test_trials_are_fair():
-    trials = assembly.draw_trials(CONFIG, 3, np.arange(8))
+    trials = trials_.draw_trials(CONFIG, 3, np.arange(8))
     assert np.array_equal(np.sort(trials.peg_type, 1), np.sort(trials.hole_type, 1))
     error = np.abs(trials.estimate_world - trials.hole_pos_world)
     assert 0.01 < error.max() <= 0.02 + 1e-6
-    fewer = assembly.draw_trials(CONFIG, 3, np.arange(5))
+    fewer = trials_.draw_trials(CONFIG, 3, np.arange(5))
     assert np.array_equal(fewer.hole_type, trials.hole_type[:5])
     assert np.array_equal(fewer.hole_pos_world, trials.hole_pos_world[:5])
     assert np.array_equal(fewer.estimate_world, trials.estimate_world[:5])
 
 
 def play(names, n_trials=6, seed=0, config=CONFIG, learn=None):
-    trials = assembly.draw_trials(config, seed, np.arange(n_trials))
+    trials = trials_.draw_trials(config, seed, np.arange(n_trials))
     engine = FakeEngine()
     learn = learn or learning.learner(config, None)
     rows = assembly.run(
@@ -137,6 +139,25 @@ def test_a_perfect_sensor_needs_one_failure_at_each_hole_at_most():
         assert not any(row["human"])
 
 
+def test_the_diary_says_what_was_believed_before_and_after():
+    """First attempts: the detector's error and a third; what failure alone and what the truth make of them."""
+    trials, _, rows = play("failure_only,perfect_sensor")
+    error = 100 * np.linalg.norm(trials.estimate_world - trials.hole_pos_world, axis=-1)
+    assert all(len(row[name][i]) == row["attempts"][i] for row in rows for i in range(4) for name in COLUMNS)
+    for row in rows:
+        first, trial, peg = row["tried"][0][0], row["trial"], trials.peg_type[row["trial"], 0]
+        before, after = (tuple(row[name][0][0] for name in COLUMNS[i : i + 2]) for i in (1, 3))
+        assert before == pytest.approx((1 / 3, error[trial, first]), abs=1e-4)
+        a = CONFIG.task.success_probability[peg]
+        matches = float(trials.hole_type[trial, first] == peg)
+        if row["attempts"][0] == 1:
+            assert after == before
+        elif row["method"] == "failure_only":
+            assert after == pytest.approx(((1 - a) / (3 - a), before[1]), abs=1e-4)
+        else:
+            assert after == pytest.approx((matches, 0), abs=1e-4)
+
+
 def test_methods_share_the_wiggles_and_done_rows_are_not_simulated():
     _, engine, rows = play("failure_only,oracle", n_trials=3)
     keys, active = engine.seen[0]
@@ -170,7 +191,7 @@ def test_each_method_learns_what_it_may_and_no_more(hard):
     mean of that and of H(mismatch | c) under the sensor's own 1 / (1 + e).
     """
     n = 6
-    trials = assembly.draw_trials(CONFIG, 0, np.arange(n))
+    trials = trials_.draw_trials(CONFIG, 0, np.arange(n))
     before = initial_belief(jnp.asarray(trials.estimate_world[:, 0]), 0.01, 3)
     done = FakeEngine().run(dataclasses.replace(_attempts(trials), peg_type=np.zeros(n, int)), 2)
     done = dataclasses.replace(done, inserted=np.arange(n) >= 3, valid=np.ones(n, bool))
@@ -192,7 +213,7 @@ def test_each_method_learns_what_it_may_and_no_more(hard):
 
 def test_success_and_broken_worlds_leave_beliefs_alone():
     config = CONFIG
-    trials = assembly.draw_trials(config, 0, np.arange(3))
+    trials = trials_.draw_trials(config, 0, np.arange(3))
     beliefs = initial_belief(jnp.asarray(trials.estimate_world[:, 0]), 0.01, 3)
     interaction = FakeEngine().run(dataclasses.replace(_attempts(trials), peg_type=np.zeros(3, int)), 2)
     interaction = dataclasses.replace(

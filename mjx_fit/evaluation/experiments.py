@@ -22,6 +22,7 @@ from mjx_fit.simulate.engine import create, even_batch
 from mjx_fit.task import assembly as assembly_
 from mjx_fit.task.learning import learner
 from mjx_fit.task.methods import ASSEMBLY, chosen
+from mjx_fit.task.trials import draw_trials
 from mjx_fit.training import checkpoint
 from mjx_fit.types import Attempt, Interaction
 from mjx_fit.wrist import peak_force
@@ -119,7 +120,7 @@ def assembly(
     with Progress("assembly: pegs", trials * pegs_each, before) as progress:
 
         def work(ids: Int[np.ndarray, "n"]) -> parts.Rows:
-            drawn = assembly_.draw_trials(config, seed, ids)
+            drawn = draw_trials(config, seed, ids)
             reporting = Reporting(simulator, config, outcome.broken(out) / f"trials-{ids[0]:06d}")
 
             def at_work(pegs: int, text: str) -> None:

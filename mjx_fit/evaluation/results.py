@@ -26,8 +26,9 @@ class AssemblyTrial(TypedDict):
     """One trial of the assembly experiment; lists run over the pegs in the order in which they were grasped.
 
     A peg that a human inserted (``human``) has as many attempts as were allowed. ``holes`` are the shapes of
-    the holes; ``tried`` and ``peak_force_n`` say, for each peg and attempt, which of them it was and the
-    largest tared force.
+    the holes. The rest says, for each peg and attempt, which of them was ``tried``; how likely it was
+    believed to match and how far from its true place it was thought to be, before (``match_probability``,
+    ``error_cm``) and after (``match_after``, ``error_after_cm``); and the largest tared force.
     """
 
     trial: int
@@ -37,7 +38,11 @@ class AssemblyTrial(TypedDict):
     human: list[bool]
     holes: NotRequired[list[str]]
     tried: NotRequired[list[list[int]]]
+    match_probability: NotRequired[list[list[float]]]
+    error_cm: NotRequired[list[list[float]]]
     peak_force_n: NotRequired[list[list[float | None]]]
+    match_after: NotRequired[list[list[float]]]
+    error_after_cm: NotRequired[list[list[float]]]
 
 
 class AttemptTrial(TypedDict):

@@ -6,65 +6,30 @@ all methods.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int, Key
+from jaxtyping import Bool, Int, Key
 
 from mjx_fit.config import Config
-from mjx_fit.detector import detect
 from mjx_fit.filters.belief import initial_belief
 from mjx_fit.filters.success import success_probability
 from mjx_fit.policies import SPIRAL
 from mjx_fit.randomness import root_key
-from mjx_fit.scene import place_holes
 from mjx_fit.shapes import NAMES, SHAPES
 from mjx_fit.simulate.engine import Engine
 from mjx_fit.task import pomdp
+from mjx_fit.task.diary import Diary, believed
 from mjx_fit.task.learning import Learn
 from mjx_fit.task.methods import KNOWN_VARIANCE_M2, Method
+from mjx_fit.task.trials import Trials
 from mjx_fit.types import Array, Attempt, Belief, Interaction
 from mjx_fit.wrist import peak_force
 
 _LOG_IMPOSSIBLE = -30.0
 """ln ξ of a type that is known to be wrong: small enough to mean never, and finite."""
-
-
-@dataclass(frozen=True)
-class Trials:
-    """What the world holds in each of T trials.
-
-    Attributes:
-        trial: (T,), ids, on which all draws depend.
-        hole_type: (T, n).
-        hole_pos_world: (T, n, 2), m.
-        estimate_world: (T, n, 2), what the detector says, m.
-        peg_type: (T, n), pegs in the order in which they are grasped.
-    """
-
-    trial: Int[np.ndarray, "T"]
-    hole_type: Int[np.ndarray, "T n"]
-    hole_pos_world: Float[np.ndarray, "T n 2"]
-    estimate_world: Float[np.ndarray, "T n 2"]
-    peg_type: Int[np.ndarray, "T n"]
-
-
-def draw_trials(config: Config, seed: int, trials: Int[np.ndarray, "T"]) -> Trials:
-    """Draws holes of random types at random places, pegs that match them in random order, and detections."""
-    n = config.task.n_holes
-    rngs = [np.random.default_rng([seed, trial]) for trial in trials]
-    hole_type = np.stack([rng.integers(len(SHAPES), size=n) for rng in rngs])
-    peg_type = np.stack([rng.permutation(row) for rng, row in zip(rngs, hole_type, strict=True)])
-    hole_pos = np.stack([place_holes(rng, n, config.scene) for rng in rngs]).astype(np.float32)
-    fold = jax.vmap(jax.random.fold_in, (None, 0))
-    of_trial = fold(root_key(seed, "assembly: detector"), jnp.asarray(trials))
-    keys = jax.vmap(fold, (0, None))(of_trial, jnp.arange(n))
-    estimate = jax.vmap(jax.vmap(partial(detect, config=config.detector)))(keys, jnp.asarray(hole_pos))
-    return Trials(np.asarray(trials), hole_type, hole_pos, np.asarray(estimate), peg_type)
 
 
 def run(
@@ -83,7 +48,7 @@ def run(
     Args:
         config: Task, detector and physics.
         methods: What to compare.
-        trials: Drawn by ``draw_trials``.
+        trials: Drawn by ``mjx_fit.task.trials.draw_trials``.
         seed: Root seed of wiggles and sensor noise.
         engine: Simulates the attempts.
         learn: Updates beliefs, made by ``mjx_fit.task.learning.learner``.
@@ -118,9 +83,7 @@ class _Table:
         self._filled = np.zeros((n_rows, n), bool)
         self._tries = np.zeros((n_rows, n), np.int32)
         self._attempts, self._human = np.zeros((n_rows, n), int), np.zeros((n_rows, n), bool)
-        # Where each row tried what, and how hard it pressed: attempt by attempt, for each peg.
-        self._tried: list[list[list[int]]] = [[[] for _ in range(n)] for _ in range(n_rows)]
-        self._force: list[list[list[float]]] = [[[] for _ in range(n)] for _ in range(n_rows)]
+        self._diary = Diary(n_rows, n)
         self.pegs_done = np.zeros(n_rows, int)
         self._root = root_key(seed, "assembly: attempts")
         self._keys = jax.jit(jax.vmap(self._attempt_keys))
@@ -160,7 +123,7 @@ class _Table:
     ) -> None:
         """Updates the beliefs about the holes that were tried."""
         rows = np.arange(len(chosen))
-        before = jax.tree.map(lambda leaf: leaf[rows, chosen], self._beliefs)
+        before = self._belief_about(chosen)
         position = self._of(lambda method: method.learns_position)
         kind = self._of(lambda method: method.learns_type)
         after = learn(before, interactions, noise_keys, position, kind)
@@ -170,14 +133,12 @@ class _Table:
         told = self._of(lambda method: method.learns_truth) & interactions.valid & ~interactions.inserted
         told_rows = rows[self.active & np.asarray(told)]
         _make_known(self._beliefs, self._world, (told_rows, chosen[told_rows]))
+        self._note(chosen, interactions, before)
 
     def record(self, chosen: Int[np.ndarray, "R"], interactions: Interaction) -> None:
         """Counts the attempts, fills holes, lets a human help at the cap, and hands out the next pegs."""
         rows, inserted = np.flatnonzero(self.active), np.asarray(interactions.inserted)
         peg, hole = self.pegs_done[rows], chosen[rows]
-        for row, number, where, force in zip(rows, peg, hole, peak_force(interactions)[rows], strict=True):
-            self._tried[row][number].append(int(where))
-            self._force[row][number].append(round(float(force), 1))
         self._attempts[rows, peg] += 1
         self._tries[rows, hole] += 1
         helped = ~inserted[rows] & (self._attempts[rows, peg] == self._config.task.max_attempts)
@@ -200,11 +161,31 @@ class _Table:
                 "attempts": self._attempts[row].tolist(),
                 "human": self._human[row].tolist(),
                 "holes": [NAMES[hole] for hole in self._world["hole_type"][row]],
-                "tried": self._tried[row],
-                "peak_force_n": self._force[row],
+                **self._diary.of(row),
             }
             for row in range(len(self._trial))
         ]
+
+    def _belief_about(self, chosen: Int[np.ndarray, "R"]) -> Belief:
+        """What each row believes of one of its holes."""
+        return jax.tree.map(lambda leaf: leaf[np.arange(len(chosen)), chosen], self._beliefs)
+
+    def _note(self, chosen: Int[np.ndarray, "R"], interactions: Interaction, before: Belief) -> None:
+        """What was tried, what was believed of it before and after, and how hard it pressed."""
+        rows = np.flatnonzero(self.active)
+        position = self._world["hole_pos_world"][np.arange(len(chosen)), chosen]
+        match, error = believed(before, self._peg(), position)
+        match_after, error_after = believed(self._belief_about(chosen), self._peg(), position)
+        columns = {
+            "tried": chosen,
+            "match_probability": match,
+            "error_cm": error,
+            "peak_force_n": np.round(peak_force(interactions), 1),
+            "match_after": match_after,
+            "error_after_cm": error_after,
+        }
+        own = {name: values[rows] for name, values in columns.items()}
+        self._diary.write(rows, self.pegs_done[rows], **own)
 
     def _initial_beliefs(self) -> Belief:
         """Beliefs (R, n) as writable arrays: the detector's, or the truth for a method that knows it."""

@@ -1,0 +1,71 @@
+"""The figures of this page, and the rows of its tables: ``python experiments/paper/page.py``."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from mjx_fit.evaluation import results
+from mjx_fit.evaluation.results import Result
+from mjx_fit.evaluation.statistics import Row
+from mjx_fit.report import figures, hole_figures, script
+
+HERE = Path(__file__).parent
+CAP = 30
+GROUPS = {
+    "attempt": ("matched", "mismatched"),
+    "position": tuple("012345"),
+    "insertion": ("1", "3", "10", "all", "no_update", "sample", "frame_by_frame"),
+    "assembly": ("1", "all", "failure_only", "failure_position", "perfect_sensor", "oracle"),
+}
+"""What of a summary is worth a line of the page."""
+
+
+def main() -> None:
+    found = {path.stem: results.read(path) for path in sorted(HERE.glob("*.json")) if _is_result(path)}
+    for name, result in found.items():
+        _print(name, result)
+        for kind, draw in _figures(result).items():
+            script.draw(HERE / f"{name}_{kind}.png", draw)
+
+
+def _is_result(path: Path) -> bool:
+    return path.stem.split("_")[0] in GROUPS
+
+
+def _figures(result: Result) -> dict[str, Callable[[], Figure]]:
+    trials, summary = result.trials, result.summary
+    if result.experiment == "position":
+        return {
+            "error": lambda: hole_figures.error_by_attempt(summary),
+            "coverage": lambda: hole_figures.coverage_by_attempt(summary),
+        }
+    if result.experiment == "insertion":
+        return {
+            "success": lambda: hole_figures.success_by_attempts(summary),
+            "saved": lambda: hole_figures.attempts_saved(summary),
+        }
+    if result.experiment == "assembly" and len(result.request["methods"]) > 1:
+        return {
+            "attempts": lambda: figures.attempts_histogram(trials),
+            "success": lambda: figures.success_curve(trials, CAP),
+            "spent": lambda: figures.where_attempts_went(trials),
+            "ratio": lambda: figures.attempts_ratio(summary),
+        }
+    return {}
+
+
+def _print(name: str, result: Result) -> None:
+    print(f"\n{name}: seed {result.seed}, {result.engine}, {result.device}")
+    for row in result.summary:
+        if row.group in GROUPS[result.experiment] or row.group.startswith("matched:"):
+            print(f"| {row.method} | {row.metric} | {row.group} | {_words(row)} | {row.n} |")
+
+
+def _words(row: Row) -> str:
+    ends = "" if row.low is None else f" ({row.low:.4g} to {row.high:.4g})"
+    return f"{row.value:.4g}{ends}"
+
+
+if __name__ == "__main__":
+    main()

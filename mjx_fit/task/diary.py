@@ -1,0 +1,48 @@
+"""What happened in each trial of an assembly: attempt by attempt, for each peg."""
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int, Shaped
+
+from mjx_fit.types import Belief
+
+DIGITS = 4
+CM_PER_M = 100.0
+
+
+class Diary:
+    """Columns of values, a list for each peg of each row, as the trials of a result file have them."""
+
+    def __init__(self, n_rows: int, n_pegs: int):
+        self._n_pegs = n_pegs
+        self._of_row: list[dict[str, list[list[Any]]]] = [{} for _ in range(n_rows)]
+
+    def write(
+        self, rows: Int[np.ndarray, "R"], peg: Int[np.ndarray, "R"], **columns: Shaped[np.ndarray, "R"]
+    ) -> None:
+        """Notes one attempt of each of these rows.
+
+        Args:
+            rows: Which.
+            peg: The number of the peg in hand.
+            columns: What is noted: whole numbers, or floats of which ``DIGITS`` decimals are kept.
+        """
+        for name, values in columns.items():
+            kept = (
+                values if np.issubdtype(values.dtype, np.integer) else np.round(values.astype(float), DIGITS)
+            )
+            for row, number, value in zip(rows, peg, kept.tolist(), strict=True):
+                self._of_row[row].setdefault(name, [[] for _ in range(self._n_pegs)])[number].append(value)
+
+    def of(self, row: int) -> dict[str, list[list[Any]]]:
+        """All that was noted of a row, by column."""
+        return self._of_row[row]
+
+
+def believed(
+    belief: Belief, peg_type: Int[np.ndarray, "R"], hole_pos_world: Float[np.ndarray, "R 2"]
+) -> tuple[Float[np.ndarray, "R"], Float[np.ndarray, "R"]]:
+    """How likely a hole is believed to match the peg, and how far from the truth it is thought to be, cm."""
+    match = np.exp(np.take_along_axis(np.asarray(belief.type_logp), peg_type[:, None], axis=1)[:, 0])
+    return match, CM_PER_M * np.linalg.norm(np.asarray(belief.pos_mean_world) - hole_pos_world, axis=1)
