@@ -140,7 +140,7 @@ def test_a_perfect_sensor_needs_one_failure_at_each_hole_at_most():
 
 
 def test_the_diary_says_what_was_believed_before_and_after():
-    """First attempts: the detector's error and a third; what failure alone and what the truth make of them."""
+    """First attempts: the detector's error and a third; what failure or truth make of them."""
     trials, _, rows = play("failure_only,perfect_sensor")
     error = 100 * np.linalg.norm(trials.estimate_world - trials.hole_pos_world, axis=-1)
     assert all(len(row[name][i]) == row["attempts"][i] for row in rows for i in range(4) for name in COLUMNS)
