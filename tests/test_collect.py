@@ -230,6 +230,12 @@ def test_folder_of_another_run_is_refused_and_untouched(folder, collect, tmp_pat
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
 
 
+def test_how_a_sensor_is_built_and_trained_makes_no_other_data(folder, collect):
+    before = files_of(folder)
+    collect(folder, load(None, ["sensor.noise=trace", "train.epochs=7"]))
+    assert files_of(folder) == before
+
+
 def test_what_other_versions_began_is_not_continued(collect, tmp_path):
     out = collect(tmp_path / "old")
     there = manifest.read(out)

@@ -1,11 +1,11 @@
 """What a data set is asked to be."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
 from mjx_fit import config as config_
-from mjx_fit.config import Config
+from mjx_fit.config import Config, SensorConfig, TrainConfig
 from mjx_fit.dataset.draws import POLICIES
 from mjx_fit.dataset.manifest import Manifest
 from mjx_fit.errors import RequestError
@@ -73,7 +73,12 @@ class Plan:
         return f"mjx-fit collect --out {out} " + " ".join(options)
 
     def request(self, config: Config) -> dict[str, Any]:
-        """What makes the whole what it is, JSON-ready: the same in all its parts."""
+        """What makes the whole what it is, JSON-ready: the same in all its parts.
+
+        How a sensor is built and trained is left at its defaults: no interaction depends on that, but on the
+        sensor that was made, which is named.
+        """
+        config = replace(config, sensor=SensorConfig(), train=TrainConfig())
         whole = ("episodes", "steps", "policy", "seed", "batch", "sequence")
         return {
             **{name: getattr(self, name) for name in whole},
