@@ -10,7 +10,7 @@ demo: $(READY)
 	$(RUN)/mjx-fit demo
 
 test: lint
-	$(RUN)/pytest
+	$(RUN)/pytest -n 2 --dist loadfile
 
 lint: $(READY)
 	$(RUN)/ruff check .
