@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mjx_fit import config as config_
-from mjx_fit import resources, runtime
+from mjx_fit import provenance, resources, runtime
 from mjx_fit.config import Config
 from mjx_fit.dataset import store
 from mjx_fit.dataset.collect import collect
@@ -81,6 +81,7 @@ def main(folder: Path, names: list[str]) -> None:
         rows[name] = {
             "interactions": row.data.episodes,
             "changes": list(row.changes),
+            "device": provenance.device(),
             **scores,
             "other_seeds": others,
         }

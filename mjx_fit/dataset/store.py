@@ -29,9 +29,14 @@ def load(folder: Path, without: Collection[str] = ()) -> Episode:
         without: Names of shards to leave out, such as those that ``damages`` names.
 
     Raises:
-        RequestError: The folder holds no data set, an unfinished one, or a damaged shard.
+        RequestError: The folder holds no data set, an unfinished one, a damaged shard, or other shapes.
     """
     manifest = manifest_.read_complete(folder)
+    if manifest.shapes != NAMES:
+        raise RequestError(
+            f"data: {folder} is not allowed: its shapes are {', '.join(manifest.shapes)}, and here they are "
+            f"{', '.join(NAMES)}"
+        )
     wanted = [shard for shard in manifest.shards if shard.name not in without]
     if not wanted:
         raise RequestError(f"data: {folder} is not allowed: no shard is left to be read")

@@ -11,7 +11,6 @@ from mjx_fit import config as config_
 from mjx_fit import provenance
 from mjx_fit.config import Config
 from mjx_fit.dataset import manifest, store
-from mjx_fit.errors import RequestError
 from mjx_fit.evaluation import calibration, held_out, outcome
 from mjx_fit.evaluation.results import Result
 from mjx_fit.evaluation.statistics import Interval, Row, bootstrap_mean
@@ -19,6 +18,7 @@ from mjx_fit.progress import Progress
 from mjx_fit.shapes import NAMES
 from mjx_fit.training import checkpoint
 from mjx_fit.training.baseline import FRAME_BY_FRAME
+from mjx_fit.training.kinship import require_new, require_world
 from mjx_fit.training.sides import require_sound
 
 RESAMPLES = 500
@@ -37,7 +37,7 @@ def calibrate(config: Config, out: Path, run: Path, data: Path, seed: int) -> Re
         config: ``task`` and ``wrist`` are used; ``sensor`` and ``train`` are the run's.
         out: The result file.
         run: Folder of a training run.
-        data: Folder of a data set that it was not trained on.
+        data: Folder of a data set that it was not trained on, nor at its holes.
         seed: Root of the sensor's noise.
 
     Raises:
@@ -49,7 +49,9 @@ def calibrate(config: Config, out: Path, run: Path, data: Path, seed: int) -> Re
     sensors = {"full": sensor}
     if (run / FRAME_BY_FRAME).is_dir():
         sensors["frame_by_frame"] = checkpoint.load_sensor(run / FRAME_BY_FRAME)[0]
-    episodes, asked_for = store.load(data), manifest.read(data).request
+    asked_for = manifest.read(data).request
+    require_world(asked_for, config)
+    episodes = store.load(data)
     actions = min(config.task.attempt_actions, int(np.asarray(episodes.interaction.trace.contact).shape[1]))
     ids = held_out.failed_attempts(episodes, actions)
     require_sound(episodes, np.isin(np.arange(len(episodes.episode)), ids))
@@ -60,7 +62,7 @@ def calibrate(config: Config, out: Path, run: Path, data: Path, seed: int) -> Re
         "sensor": {name: checkpoint.fingerprint_of(one) for name, one in sensors.items()},
         "differs_from_training": config_.differences(trained, config),
     }
-    _require_new(run, request["data"])
+    require_new(run, episodes, request["data"])
     asked = outcome.Asked(out, "calibration", config, seed, request, asked_for["engine"])
     done = outcome.finished(asked)
     if done is not None:
@@ -194,9 +196,3 @@ def _bootstrap(
         values.append(measure(score[drawn], positive[drawn]))
     low, high = np.nanquantile(values, [0.025, 0.975])
     return Interval(measure(score, positive), float(low), float(high))
-
-
-def _require_new(run: Path, data: str) -> None:
-    """Refuse the very data that the run was trained on."""
-    if checkpoint.data_of(run) == data:
-        raise RequestError("--data: the data that the run was trained on are not allowed: collect others")

@@ -6,6 +6,7 @@ from pathlib import Path
 from mjx_fit.config import Config
 from mjx_fit.dataset import manifest, store
 from mjx_fit.dataset.episode import Episode
+from mjx_fit.training.kinship import require_world
 from mjx_fit.training.loop import train
 from mjx_fit.training.sides import require_chains
 
@@ -24,9 +25,12 @@ def train_from(folder: Path, config: Config, out: Path, seed: int, members: int 
         members: Of an ensemble.
 
     Raises:
-        RequestError: ``train.sequence`` does not fit the data; and as ``mjx_fit.training.loop.train``.
+        RequestError: The data are of another scene or controller, ``train.sequence`` does not fit them; and
+            as ``mjx_fit.training.loop.train``.
     """
-    require_chains(manifest.read(folder).request, config)
+    request = manifest.read(folder).request
+    require_world(request, config)
+    require_chains(request, config)
     train_with_baseline(store.load(folder), config, out, seed, members)
 
 

@@ -5,7 +5,6 @@ on an accelerator can be read on a CPU. Orbax writes under a temporary name and 
 checkpoint before.
 """
 
-import json
 from pathlib import Path
 
 import jax
@@ -102,12 +101,6 @@ def load_sensor(run: Path) -> tuple[ContactSensor, Config]:
 def fingerprint_of(sensor: ContactSensor) -> str:
     """What tells a trained sensor from all others."""
     return provenance.fingerprint(to_arrays(nnx.state(sensor)))
-
-
-def data_of(run: Path) -> str:
-    """Fingerprint of the data that a run was trained on; empty where its folder does not say."""
-    path = run / "run.json"
-    return json.loads(path.read_text()).get("data", "") if path.is_file() else ""
 
 
 def _named(tree) -> dict:

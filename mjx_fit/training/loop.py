@@ -28,6 +28,7 @@ from mjx_fit.sensors.model import ContactSensor, InputScale
 from mjx_fit.shapes import SHAPES
 from mjx_fit.training import checkpoint, run_folder
 from mjx_fit.training.epoch import run_epoch
+from mjx_fit.training.kinship import first_hole
 from mjx_fit.training.loss import Loss
 from mjx_fit.training.saver import Saver
 from mjx_fit.training.sides import usable_sides
@@ -94,7 +95,7 @@ def train(
     if members > 1 and isinstance(placed_data.episode, np.ndarray):
         raise RequestError(f"--members: {members} is not allowed: the data do not fit beside them; train one")
     for folder in folders:
-        run_folder.write(folder, config, seed, data_id, np.asarray(data.sequence), episodes)
+        run_folder.write(folder, config, seed, data_id, first_hole(data), np.asarray(data.sequence), episodes)
         run_folder.keep_metrics(folder, epochs_done)
     if arrays is not None:
         state = checkpoint.from_arrays(state, arrays)

@@ -6,6 +6,7 @@ One folder is one run: the same configuration but for the number of epochs, the 
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Int
@@ -80,6 +81,7 @@ def write(
     config: Config,
     seed: int,
     data: str,
+    first_hole: dict[str, Any],
     sequences: Int[np.ndarray, "episodes"],
     sides: tuple[Int[np.ndarray, "n"], Int[np.ndarray, "m"]],
 ) -> None:
@@ -90,6 +92,7 @@ def write(
         config: The configuration.
         seed: Root seed.
         data: Fingerprint of the data.
+        first_hole: Of the data, by which others at the same holes are known.
         sequences: Which sequence, that is which hole, each episode belongs to.
         sides: Indices of the training and of the validation episodes.
     """
@@ -99,6 +102,7 @@ def write(
         run = {
             "seed": seed,
             "data": data,
+            "first_hole": first_hole,
             **{
                 side: {"interactions": len(ids), "holes": len(np.unique(np.asarray(sequences)[ids]))}
                 for side, ids in zip(("training", "validation"), sides, strict=True)
@@ -115,12 +119,13 @@ def summary(out: Path) -> str:
     sides = " and ".join(
         f"{verb} on {run[side]['interactions']:,} interactions at {run[side]['holes']:,} holes"
         for verb, side in (("trained", "training"), ("validated", "validation"))
+        if side in run  # earlier runs did not count them
     )
     rows = [json.loads(line) for line in (out / METRICS).read_text().splitlines()]
     best = min(rows, key=lambda row: row["val_nll"])
     return (
-        f"{sides}; validation NLL {best['val_nll']:.3f} after epoch {best['epoch'] + 1} of {len(rows)}, "
-        f"{best['prior_nll']:.3f} before the update"
+        f"{sides or 'trained'}; validation NLL {best['val_nll']:.3f} after epoch {best['epoch'] + 1} of "
+        f"{len(rows)}, {best['prior_nll']:.3f} before the update"
     )
 
 

@@ -1,0 +1,62 @@
+"""Whether a sensor may be judged, or trained, on a data set."""
+
+import json
+from dataclasses import replace
+
+import pytest
+
+from mjx_fit import provenance
+from mjx_fit.config import load
+from mjx_fit.dataset import manifest, store
+from mjx_fit.errors import RequestError
+from mjx_fit.training import kinship
+from mjx_fit.training.baseline import train_from
+
+
+@pytest.fixture(scope="module")
+def folder(collect, tmp_path_factory):
+    return collect(tmp_path_factory.mktemp("kin") / "set")
+
+
+@pytest.fixture
+def run(folder, tmp_path):
+    """A run folder that says what it was trained on."""
+    data = store.load(folder)
+    told = {"data": provenance.fingerprint(data), "first_hole": kinship.first_hole(data)}
+    (tmp_path / "run.json").write_text(json.dumps(told))
+    return tmp_path
+
+
+def judge(run, data):
+    kinship.require_new(run, data, provenance.fingerprint(data))
+
+
+def test_the_data_of_the_training_are_refused(run, folder):
+    with pytest.raises(RequestError, match="data that the run was trained on are not allowed"):
+        judge(run, store.load(folder))
+
+
+def test_the_holes_of_the_training_are_refused_however_many(run, collect, tmp_path):
+    more = store.load(collect(tmp_path / "more", episodes=7))
+    with pytest.raises(RequestError, match="holes that the run was trained at are not allowed"):
+        judge(run, more)
+
+
+def test_other_holes_are_new(run, collect, tmp_path):
+    judge(run, store.load(collect(tmp_path / "other", seed=6)))
+
+
+def test_data_of_another_world_are_refused(folder, tmp_path):
+    for key, value in (("scene.clearance_m", 0.002), ("control.kp_position", 500.0)):
+        config = load(None, [f"{key}={value}"])
+        with pytest.raises(RequestError, match=rf"--data: .*{key} is .* there and {value} here"):
+            train_from(folder, config, tmp_path / "run", seed=0)
+    assert not (tmp_path / "run").exists()
+    kinship.require_world(manifest.read(folder).request, load(None, ["wrist.force_noise_n=0.2"]))
+
+
+def test_data_of_other_shapes_are_refused(collect, tmp_path):
+    out = collect(tmp_path / "set")
+    manifest.write(out, replace(manifest.read(out), shapes=("cross", "disc", "square")))
+    with pytest.raises(RequestError, match="its shapes are cross, disc, square, and here they are"):
+        store.load(out)
