@@ -3,11 +3,12 @@
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 from matplotlib.figure import Figure
 
 from mjx_fit.evaluation import results
 from mjx_fit.evaluation.results import Result
-from mjx_fit.evaluation.statistics import Row
+from mjx_fit.evaluation.statistics import Row, bootstrap_mean
 from mjx_fit.report import figures, hole_figures, script
 
 HERE = Path(__file__).parent
@@ -25,6 +26,8 @@ def main() -> None:
     found = {path.stem: results.read(path) for path in sorted(HERE.glob("*.json")) if _is_result(path)}
     for name, result in found.items():
         _print(name, result)
+        if result.experiment == "position":
+            _print_paired(result)
         for kind, draw in _figures(result).items():
             script.draw(HERE / f"{name}_{kind}.png", draw)
 
@@ -53,6 +56,21 @@ def _figures(result: Result) -> dict[str, Callable[[], Figure]]:
             "ratio": lambda: figures.attempts_ratio(summary),
         }
     return {}
+
+
+def _print_paired(result: Result) -> None:
+    """By how much ``full`` is nearer than ``frame_by_frame`` at the same mismatched hole, cm."""
+    errors = {
+        method: {t["trial"]: t["error_cm"] for t in rows if t["pair"][0] != t["pair"][1]}
+        for method, rows in results.by_method(result.trials).items()
+    }
+    holes = sorted(errors["full"])
+    gain = np.array([np.subtract(errors["frame_by_frame"][i], errors["full"][i]) for i in holes])
+    for attempt, values in enumerate(gain.T):
+        mean, low, high = bootstrap_mean(values, holes)
+        print(
+            f"| frame_by_frame - full | error_cm | {attempt} | {mean:.3f} ({low:.3f} to {high:.3f}) |"
+        )
 
 
 def _print(name: str, result: Result) -> None:
