@@ -68,9 +68,7 @@ def _print_paired(result: Result) -> None:
     gain = np.array([np.subtract(errors["frame_by_frame"][i], errors["full"][i]) for i in holes])
     for attempt, values in enumerate(gain.T):
         mean, low, high = bootstrap_mean(values, holes)
-        print(
-            f"| frame_by_frame - full | error_cm | {attempt} | {mean:.3f} ({low:.3f} to {high:.3f}) |"
-        )
+        print(f"| frame_by_frame - full | error_cm | {attempt} | {mean:.3f} ({low:.3f} to {high:.3f}) |")
 
 
 def _print(name: str, result: Result) -> None:
