@@ -11,7 +11,10 @@ from mjx_fit.config import Config
 from mjx_fit.errors import RequestError, WorkError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from mjx_fit.dataset.sequences import Update
+    from mjx_fit.evaluation.recording import Recording
 
 # Each command imports what it needs: `mjx-fit --help` answers at once.
 
@@ -161,6 +164,33 @@ def report(args: argparse.Namespace) -> None:
     from mjx_fit.report.build import beside, build
 
     print(build(args.inputs, args.out or beside(args.inputs[0])))
+
+
+def render(args: argparse.Namespace) -> None:
+    from mjx_fit.picture.render import render, require
+
+    require(args.out, args.fps, args.speed)
+    recording = _recording(args)
+    recording = recording if args.attempt is None else recording.only(args.attempt)
+    print(render(recording, args.out, args.fps, args.speed))
+
+
+def view(args: argparse.Namespace) -> None:
+    from mjx_fit.picture.view import view
+
+    view(lambda watch: _recording(args, watch), args.attempt, args.speed, args.browser, args.port)
+
+
+def _recording(args: argparse.Namespace, watch: "Callable[[Recording], None] | None" = None) -> "Recording":
+    """What is asked for to be looked at, played."""
+    from mjx_fit.evaluation import recording, results
+
+    asked = _run(args), args.method, args.trial
+    if args.result is None:
+        return recording.record(_config(args), *asked, args.seed, args.engine, watch)
+    if args.config is not None or args.set or args.seed:
+        raise RequestError("--config, --set, --seed: none is allowed beside a result: it brings its own")
+    return recording.replay(results.read(args.result), *asked, watch)
 
 
 def bench(args: argparse.Namespace) -> None:

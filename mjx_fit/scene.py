@@ -20,7 +20,7 @@ from jaxtyping import Float
 from mjx_fit import resources
 from mjx_fit.config import SceneConfig
 from mjx_fit.errors import RequestError
-from mjx_fit.shapes import SHAPES, Boxes, hole_boxes, peg_boxes, plate_top_m
+from mjx_fit.shapes import SHAPES, Boxes, Shape, hole_boxes, peg_boxes, plate_top_m
 
 JOINTS = tuple(f"joint{i}" for i in range(1, 8))
 HOLE_WORKSPACE_M = ((0.35, 0.65), (-0.3, 0.3))
@@ -28,6 +28,7 @@ HOLE_WORKSPACE_M = ((0.35, 0.65), (-0.3, 0.3))
 
 _PEG_BIT, _HOLE_BIT = 1, 2
 _SPARE_HALF_M = 0.001
+_PLACED_ABOVE_FLOOR_M = 0.002
 
 
 @dataclass(frozen=True)
@@ -68,13 +69,20 @@ def simulation_scene(config: SceneConfig) -> Scene:
 
 
 def picture_scene(
-    config: SceneConfig, peg_type: int, hole_types: Sequence[int], hole_pos_world: Float[np.ndarray, "n 2"]
+    config: SceneConfig, hole_types: Sequence[int], hole_pos_world: Float[np.ndarray, "n 2"]
 ) -> mujoco.MjModel:
-    """The scene of a whole assembly, for pictures: one arm and n hole boxes named ``hole0``, ``hole1`` ..."""
+    """The scene of a whole assembly, for pictures: nothing in it can touch.
+
+    One arm and n hole boxes. In the hand is a peg of every shape, geoms ``hand_<shape>_<i>``, and in every
+    hole the peg that belongs there, geoms ``placed_<hole>_<i>``; a picture colours and hides them.
+    """
     spec = _arm_on_table(config)
-    _add_peg(spec, config, peg_boxes(SHAPES[peg_type], config))
+    for shape in SHAPES:
+        _add_picture_peg(spec.body("peg"), config, shape, f"hand_{shape.name}", np.zeros(3))
     for i, (kind, position) in enumerate(zip(hole_types, hole_pos_world, strict=True)):
         _add_hole(spec, config, hole_boxes(SHAPES[kind], config), f"hole{i}", position, mocap=False)
+        depth = np.array([0.0, 0.0, _PLACED_ABOVE_FLOOR_M - config.hole_depth_m])
+        _add_picture_peg(spec.body(f"hole{i}"), config, SHAPES[kind], f"placed_{i}", depth)
     return spec.compile()
 
 
@@ -124,6 +132,21 @@ def _add_peg(spec: mujoco.MjSpec, config: SceneConfig, boxes: Boxes) -> None:
     for i, (centre, half) in enumerate(zip(boxes.centre, boxes.half, strict=True)):
         spec.body("peg").add_geom(
             name=f"peg_box{i}", pos=centre, size=half, material="peg", **_contact(config, _PEG_BIT, _HOLE_BIT)
+        )
+
+
+def _add_picture_peg(
+    body: mujoco.MjsBody, config: SceneConfig, shape: Shape, name: str, offset: Float[np.ndarray, "3"]
+) -> None:
+    boxes = peg_boxes(shape, config)
+    for i, (centre, half) in enumerate(zip(boxes.centre, boxes.half, strict=True)):
+        body.add_geom(
+            name=f"{name}_{i}",
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            pos=centre + offset,
+            size=half,
+            contype=0,
+            conaffinity=0,
         )
 
 

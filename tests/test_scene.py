@@ -83,5 +83,5 @@ def test_holes_never_overlap_and_stay_in_the_workspace(seed, n):
 
 def test_picture_scene_compiles_with_every_hole_named():
     centres = place_holes(np.random.default_rng(1), 5, SceneConfig())
-    model = picture_scene(SceneConfig(), 0, [0, 1, 2, 0, 1], centres)
+    model = picture_scene(SceneConfig(), [0, 1, 2, 0, 1], centres)
     assert np.allclose([model.body(f"hole{i}").pos[:2] for i in range(5)], centres)

@@ -1,0 +1,219 @@
+"""What each command may be asked for."""
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+from typing import NoReturn
+
+from mjx_fit import commands
+from mjx_fit.errors import RequestError
+
+_RUN = "folder of a training run (default: the weights that come with the package)"
+
+
+class _Parser(argparse.ArgumentParser):
+    """argparse, but with a refusal in one line."""
+
+    def error(self, message: str) -> NoReturn:
+        raise RequestError(f"{message}; see {self.prog} --help")
+
+
+def parser() -> argparse.ArgumentParser:
+    root = _Parser(prog="mjx-fit", description="Contact-rich assembly under uncertainty, on JAX and MuJoCo.")
+    parsers = root.add_subparsers(required=True, metavar="COMMAND")
+
+    demo = _command(parsers, "demo", commands.demo, "data, training, evaluation and report, small")
+    demo.add_argument("--out", type=Path, default=Path("runs/demo"), metavar="DIR")
+    _configurable(demo)
+
+    collect = _command(parsers, "collect", commands.collect, "simulate interactions and store them")
+    collect.add_argument("--out", type=Path, required=True, metavar="DIR")
+    collect.add_argument(
+        "--episodes", type=int, default=3000, metavar="N", help="interactions (default 3000)"
+    )
+    collect.add_argument(
+        "--steps", type=int, default=200, metavar="J", help="most actions in one (default 200)"
+    )
+    collect.add_argument("--policy", default="random", help="random, spiral or mixed (default random)")
+    collect.add_argument(
+        "--batch", type=int, default=250, metavar="B", help="most interactions in one file (default 250)"
+    )
+    collect.add_argument(
+        "--sequence", type=int, default=1, metavar="K", help="attempts in a row at one hole (default 1)"
+    )
+    collect.add_argument(
+        "--run",
+        type=Path,
+        metavar="RUN",
+        help="later attempts start from what the sensor of this run believes (default: drawn beliefs)",
+    )
+    collect.add_argument(
+        "--shard-index", type=int, default=0, metavar="I", help="which part of the whole (default 0)"
+    )
+    collect.add_argument(
+        "--num-shards", type=int, default=1, metavar="N", help="of how many parts, on as many machines"
+    )
+    _simulating(collect)
+    _configurable(collect)
+
+    _data(parsers.add_parser("data", help="look at a data set, check, join or convert it"))
+
+    train = _command(parsers, "train", commands.train, "train sensors and noise models; goes on by itself")
+    train.add_argument("--data", type=Path, required=True, metavar="DIR")
+    train.add_argument("--out", type=Path, required=True, metavar="RUN")
+    train.add_argument("--epochs", type=int, metavar="N", help="instead of the configuration's")
+    train.add_argument("--seed", type=int, default=0, metavar="S", help="root seed (default 0)")
+    train.add_argument(
+        "--members", type=int, default=1, metavar="K", help="train K sensors at once, into RUN/member-0, ..."
+    )
+    _configurable(train)
+
+    _evaluations(parsers.add_parser("evaluate", help="run an experiment"))
+
+    paper = _command(parsers, "paper", commands.paper, "the paper: data, training, all experiments, report")
+    paper.add_argument("--out", type=Path, required=True, metavar="DIR")
+    paper.add_argument("--size", default="cpu", help="quick, cpu or full (default cpu)")
+    paper.add_argument("--seed", type=int, default=0, metavar="S", help="root seed (default 0)")
+    _configurable(paper)
+
+    report = _command(parsers, "report", commands.report, "one page from results, runs and data sets")
+    report.add_argument("inputs", type=Path, nargs="+", metavar="FILE.json|DIR")
+    report.add_argument("--out", type=Path, metavar="DIR", help="default: report in the first input's folder")
+
+    _pictures(parsers)
+
+    bench = _command(parsers, "bench", commands.bench, "speed of the engines, side by side")
+    bench.add_argument("--json", action="store_true")
+    _configurable(bench)
+
+    info = _command(parsers, "info", commands.info, "versions, devices and the engine that auto means")
+    info.add_argument("--json", action="store_true")
+    return root
+
+
+def _pictures(parsers: argparse._SubParsersAction) -> None:
+    render = _command(parsers, "render", commands.render, "a video of an assembly and of what is believed")
+    render.set_defaults(draws=True)
+    render.add_argument("--out", type=Path, required=True, metavar="VIDEO", help=".mp4 or .gif")
+    render.add_argument("--fps", type=int, default=20, metavar="N", help="frames per second (default 20)")
+    view = _command(parsers, "view", commands.view, "watch an assembly as it is played")
+    view.add_argument(
+        "--browser", action="store_true", help="in a browser, with viser, though there is a display"
+    )
+    view.add_argument(
+        "--port", type=int, default=8080, metavar="P", help="of the browser's page (default 8080)"
+    )
+    for command, speed in ((render, 8.0), (view, 2.0)):
+        command.add_argument(
+            "result",
+            type=Path,
+            nargs="?",
+            metavar="RESULT.json",
+            help="of evaluate assembly (default: an assembly of its own, by --config, --set and --seed)",
+        )
+        command.add_argument("--run", type=Path, metavar="RUN", help=_RUN)
+        command.add_argument("--method", default="full", metavar="A", help="default: full")
+        command.add_argument("--trial", type=int, default=0, metavar="N", help="from 0 (default 0)")
+        command.add_argument("--attempt", type=int, metavar="K", help="only this one of the trial, from 1")
+        command.add_argument(
+            "--speed", type=float, default=speed, metavar="X", help=f"times as fast (default {speed:g})"
+        )
+        _simulating(command)
+        _configurable(command)
+
+
+def _data(data: argparse.ArgumentParser) -> None:
+    whats = data.add_subparsers(required=True, metavar="WHAT")
+    info = _command(whats, "info", commands.data_info, "what a data set holds")
+    info.add_argument("folder", type=Path, metavar="DIR")
+    info.add_argument("--json", action="store_true")
+    check = _command(whats, "check", commands.data_check, "find every damaged, missing or foreign file")
+    check.add_argument("folder", type=Path, metavar="DIR")
+    merge = _command(whats, "merge", commands.data_merge, "join parts made with --num-shards")
+    merge.add_argument("folders", type=Path, nargs="+", metavar="DIR")
+    merge.add_argument("--out", type=Path, required=True, metavar="DIR")
+    export = _command(whats, "export", commands.data_export, "one file for others")
+    export.add_argument("folder", type=Path, metavar="DIR")
+    export.add_argument(
+        "--out", type=Path, required=True, metavar="FILE", help=".npz, or .hdf5 as robomimic has it"
+    )
+
+
+def _evaluations(evaluate: argparse.ArgumentParser) -> None:
+    experiments = evaluate.add_subparsers(required=True, metavar="EXPERIMENT")
+    attempt = _command(experiments, "attempt", commands.evaluate_attempt, "success rate of single attempts")
+    assembly = _command(
+        experiments, "assembly", commands.evaluate_assembly, "assemblies under several methods"
+    )
+    position = _command(
+        experiments, "position", commands.evaluate_position, "attempts at one hole: its position"
+    )
+    insertion = _command(
+        experiments, "insertion", commands.evaluate_insertion, "attempts at one hole: insertion"
+    )
+    compared = {
+        position: "full,frame_by_frame,oracle",
+        insertion: "full,no_update,sample,frame_by_frame,oracle",
+        assembly: "failure_only,failure_position,full,oracle",
+    }
+    for command, methods in compared.items():
+        command.add_argument("--run", type=Path, metavar="RUN", help=_RUN)
+        command.add_argument("--methods", default=methods, metavar="A,B", help="default: %(default)s")
+    insertion.add_argument(
+        "--seeds", type=int, default=5, metavar="K", help="of the wiggles, for each draw (default 5)"
+    )
+    calibration = _command(
+        experiments,
+        "calibration",
+        commands.evaluate_calibration,
+        "a trained sensor on attempts of a data set",
+    )
+    calibration.add_argument("--run", type=Path, metavar="RUN", help=_RUN)
+    calibration.add_argument(
+        "--data", type=Path, required=True, metavar="DIR", help="a data set that it was not trained on"
+    )
+    calibration.add_argument("--out", type=Path, required=True, metavar="FILE.json")
+    calibration.add_argument(
+        "--seed", type=int, default=0, metavar="S", help="root seed of noise (default 0)"
+    )
+    _configurable(calibration)
+    trials = {
+        attempt: (100, "matched attempts for each shape, and mismatched ones in all"),
+        position: (100, "holes that do not match, and as many that do"),
+        insertion: (150, "draws of a hole and its detection"),
+        assembly: (100, "assemblies under each method"),
+    }
+    for command, (count, what) in trials.items():
+        command.add_argument("--out", type=Path, required=True, metavar="FILE.json")
+        command.add_argument(
+            "--trials", type=int, default=count, metavar="N", help=f"{what} (default {count})"
+        )
+        _simulating(command)
+        _configurable(command)
+
+
+def _command(
+    parsers: argparse._SubParsersAction, name: str, run: Callable[[argparse.Namespace], None], text: str
+) -> argparse.ArgumentParser:
+    parser = parsers.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".")
+    parser.set_defaults(command=run, computes=False, draws=False)
+    return parser
+
+
+def _simulating(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--engine", default="auto", help="auto, mjx or native (default auto)")
+    parser.add_argument("--seed", type=int, default=0, metavar="S", help="root seed (default 0)")
+
+
+def _configurable(parser: argparse.ArgumentParser) -> None:
+    parser.set_defaults(computes=True)
+    parser.add_argument(
+        "--config", type=Path, metavar="FILE", help="YAML with what differs from the defaults"
+    )
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="PATH=VALUE",
+        help="e.g. scene.clearance_m=0.002; repeatable",
+    )

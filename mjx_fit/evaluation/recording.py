@@ -1,0 +1,193 @@
+"""One assembly, played again from its result file's request: every attempt with all that was believed."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import jax
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from mjx_fit import config as config_
+from mjx_fit.config import Config
+from mjx_fit.errors import RequestError
+from mjx_fit.evaluation import outcome
+from mjx_fit.evaluation.results import Result
+from mjx_fit.progress import Progress
+from mjx_fit.simulate.engine import create
+from mjx_fit.task import assembly
+from mjx_fit.task.assembly import Round
+from mjx_fit.task.learning import learner
+from mjx_fit.task.methods import ASSEMBLY, chosen
+from mjx_fit.task.trials import draw_trials
+from mjx_fit.training import checkpoint
+from mjx_fit.types import Belief, Interaction
+
+
+@dataclass(frozen=True)
+class Step:
+    """One attempt.
+
+    Attributes:
+        number: Of the attempt in the assembly, from 1.
+        peg: Number of the peg in hand, from 0.
+        attempt: Number of the attempt with it, from 1.
+        hole: Which hole was tried.
+        interaction: What happened.
+        before: What was believed of all n holes as it began.
+        after: What was believed once it had been learned from.
+        filled: Which holes were filled as it began.
+        helped: The hole that a human filled thereafter, or None.
+    """
+
+    number: int
+    peg: int
+    attempt: int
+    hole: int
+    interaction: Interaction
+    before: Belief
+    after: Belief
+    filled: Bool[np.ndarray, "n"]
+    helped: int | None
+
+
+@dataclass(frozen=True)
+class Recording:
+    """One assembly under one method.
+
+    Attributes:
+        method: Its name.
+        trial: Its id.
+        config: The configuration.
+        hole_type: (n,).
+        hole_pos_world: (n, 2), m.
+        peg_type: (n,), in the order in which they were grasped.
+        steps: Every attempt in order.
+    """
+
+    method: str
+    trial: int
+    config: Config
+    hole_type: Int[np.ndarray, "n"]
+    hole_pos_world: Float[np.ndarray, "n 2"]
+    peg_type: Int[np.ndarray, "n"]
+    steps: tuple[Step, ...]
+
+    def only(self, number: int) -> "Recording":
+        """The attempt with a number, alone.
+
+        Raises:
+            RequestError: There is none.
+        """
+        if not 1 <= number <= len(self.steps):
+            raise RequestError(f"--attempt: {number} is not allowed: it must be from 1 to {len(self.steps)}")
+        return replace(self, steps=(self.steps[number - 1],))
+
+
+def record(
+    config: Config,
+    run: Path | None,
+    method: str,
+    trial: int,
+    seed: int,
+    engine: str = "auto",
+    watch: Callable[[Recording], None] | None = None,
+) -> Recording:
+    """Plays one assembly; under the same configuration, seed and engine it is that of the experiment.
+
+    Args:
+        config: The configuration.
+        run: Folder of the trained sensor, for a method that reads traces.
+        method: Its name.
+        trial: Its id.
+        seed: Root seed.
+        engine: ``auto``, ``mjx`` or ``native``.
+        watch: Told after every attempt what has been played so far.
+
+    Raises:
+        RequestError: There is no such method, or it needs a sensor and there is none.
+    """
+    if trial < 0:
+        raise RequestError(f"--trial: {trial} is not allowed: it must be at least 0")
+    picked = chosen(method, ASSEMBLY)
+    sensor = None
+    if picked[0].needs_sensor:
+        if run is None:
+            raise RequestError(f"--run: none is not allowed: {method} needs the folder of a training run")
+        sensor, trained = checkpoint.load_sensor(run)
+        config = outcome.with_network_of(trained, config)
+    drawn = draw_trials(config, seed, np.array([trial]))
+    steps: list[Step] = []
+
+    def so_far() -> Recording:
+        holes = drawn.hole_type[0], drawn.hole_pos_world[0]
+        return Recording(method, trial, config, *holes, drawn.peg_type[0], tuple(steps))
+
+    def note(round_: Round) -> None:
+        steps.append(_step_of(round_, steps))
+        if watch:
+            watch(so_far())
+
+    simulator, learn = create(engine, config), learner(config, sensor)
+    with Progress("playing: pegs", config.task.n_holes) as progress:
+        assembly.run(config, picked, drawn, seed, simulator, learn, progress, note)
+    return so_far()
+
+
+def replay(
+    result: Result, run: Path, method: str, trial: int, watch: Callable[[Recording], None] | None = None
+) -> Recording:
+    """Plays a trial of an assembly result again.
+
+    Args:
+        result: Of the assembly experiment.
+        run: Folder of the sensor that it was made with.
+        method: One of its methods.
+        trial: One of its trials.
+        watch: Told after every attempt what has been played so far.
+
+    Raises:
+        RequestError: The result is of another experiment or has no such trial, the run is of another sensor,
+            or the same choices do not come out, as after a change of versions or engine.
+    """
+    if result.experiment != "assembly":
+        raise RequestError(
+            f"render: a result of {result.experiment!r} is not allowed: give one of 'assembly'"
+        )
+    rows = {(row["method"], row["trial"]): row for row in result.trials}
+    if (method, trial) not in rows:
+        methods = ", ".join(result.request["methods"])
+        raise RequestError(
+            f"--method, --trial: {method}, {trial} are not in the result: "
+            f"it has {methods} and trials 0 to {max(row['trial'] for row in result.trials)}"
+        )
+    reads = chosen(method, ASSEMBLY)[0].needs_sensor
+    if reads and checkpoint.fingerprint_of(checkpoint.load_sensor(run)[0]) != result.request["sensor"]:
+        raise RequestError(f"--run: {run} is not allowed: the result was made with another sensor")
+    config = config_.from_tree(result.config)
+    recording = record(config, run, method, trial, result.seed, result.engine, watch)
+    expected = [hole for holes in rows[method, trial].get("tried", []) for hole in holes]
+    if expected and expected != [step.hole for step in recording.steps]:
+        raise RequestError(
+            f"render: {method}, trial {trial} does not come out as in the result: "
+            "it was made with other versions or on another machine; make the result anew"
+        )
+    return recording
+
+
+def _step_of(round_: Round, so_far: list[Step]) -> Step:
+    """The only row of a round."""
+    peg = int(round_.before.peg[0])
+    first = jax.tree.map(lambda leaf: np.asarray(leaf)[0], round_.interactions)
+    newly = np.flatnonzero(round_.after.filled[0] & ~round_.before.filled[0])
+    return Step(
+        number=len(so_far) + 1,
+        peg=peg,
+        attempt=1 + sum(step.peg == peg for step in so_far),
+        hole=int(round_.chosen[0]),
+        interaction=first,
+        before=jax.tree.map(lambda leaf: leaf[0], round_.before.beliefs),
+        after=jax.tree.map(lambda leaf: leaf[0], round_.learned.beliefs),
+        filled=round_.before.filled[0],
+        helped=int(newly[0]) if len(newly) and not first.inserted else None,
+    )

@@ -1,0 +1,119 @@
+"""From a recording to the moments of a video: where the tip is, what is believed, what has been felt."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import jax
+import numpy as np
+from jaxtyping import Bool, Float
+
+from mjx_fit.evaluation.recording import Recording, Step
+from mjx_fit.shapes import plate_top_m
+from mjx_fit.types import Belief
+
+ACTIONS_PER_S = 10
+HOME_M = (0.45, 0.0, 0.28)
+CLEAR_M = 0.09
+"""Height of the tip over the plates between attempts."""
+MOVE_S, LEARN_S, END_S = 0.8, 0.7, 1.2
+"""Seconds of the video that a movement, an update of the beliefs and the end take, whatever its speed."""
+
+
+@dataclass(frozen=True)
+class Moment:
+    """What one frame shows.
+
+    Attributes:
+        step: Which of the recording's steps it belongs to.
+        phase: The arm moves to the hole, attempts, or what was felt is learned.
+        actions: Actions of the attempt so far, fractional.
+        tip_pos_world: Where the tip is, m.
+        belief: What is believed of all holes.
+        filled: Which holes are.
+        holding: Whether the peg is in the hand.
+    """
+
+    step: int
+    phase: Literal["move", "attempt", "learn"]
+    actions: float
+    tip_pos_world: Float[np.ndarray, "3"]
+    belief: Belief
+    filled: Bool[np.ndarray, "n"]
+    holding: bool
+
+
+def moments(recording: Recording, fps: int, speed: float) -> list[Moment]:
+    """All moments of a recording.
+
+    Args:
+        recording: What was played.
+        fps: Frames in a second of the video.
+        speed: Seconds of an attempt in a second of the video.
+    """
+    shown: list[Moment] = []
+    tip = np.array(HOME_M)
+    for index in range(len(recording.steps)):
+        shown += moments_of(recording, index, tip, fps, speed)
+        tip = shown[-1].tip_pos_world
+    return shown + [shown[-1]] * round(END_S * fps)
+
+
+def moments_of(
+    recording: Recording, index: int, tip: Float[np.ndarray, "3"], fps: int, speed: float
+) -> list[Moment]:
+    """The moments of one step, from where the tip is: it moves there, attempts, learns and lifts."""
+    step, clear = recording.steps[index], plate_top_m(recording.config.scene) + CLEAR_M
+    shown = [*_move(index, step, tip, clear, fps), *_attempt(index, step, fps, speed)]
+    return [*shown, *_learn(index, step, shown[-1].tip_pos_world, clear, fps)]
+
+
+def _move(number: int, step: Step, tip, clear: float, fps: int) -> Iterator[Moment]:
+    start = _path(step)[0]
+    over = np.array([*start[:2], clear])
+    way = np.stack([tip, [*tip[:2], max(clear, tip[2])], over, start])
+    for share in _smooth(round(MOVE_S * fps)):
+        yield Moment(number, "move", 0.0, _along(way, share), step.before, step.filled, True)
+
+
+def _attempt(number: int, step: Step, fps: int, speed: float) -> Iterator[Moment]:
+    path, length = _path(step), int(step.interaction.length)
+    frames = max(2, round(length / ACTIONS_PER_S / speed * fps))
+    for at in np.linspace(0, length, frames):
+        whole, rest = min(int(at), length - 1), at - min(int(at), length - 1)
+        place = (1 - rest) * path[whole] + rest * path[whole + 1]
+        yield Moment(number, "attempt", at, place, step.before, step.filled, True)
+
+
+def _learn(number: int, step: Step, tip, clear: float, fps: int) -> Iterator[Moment]:
+    filled = step.filled.copy()
+    done = bool(step.interaction.inserted) or step.helped is not None
+    if done:
+        filled[step.hole if step.helped is None else step.helped] = True
+    up = np.stack([tip, [*tip[:2], clear]])
+    for share in _smooth(round(LEARN_S * fps)):
+        belief = jax.tree.map(lambda a, b, share=share: (1 - share) * a + share * b, step.before, step.after)
+        yield Moment(
+            number, "learn", float(step.interaction.length), _along(up, share), belief, filled, not done
+        )
+
+
+def _path(step: Step) -> Float[np.ndarray, "steps 3"]:
+    """Where the tip was before the first action and after each."""
+    tips = step.interaction.trace.tip_pos_world[: int(step.interaction.length)]
+    first = np.array([*step.interaction.estimate_world, tips[0, 2]])
+    return np.concatenate([first[None], tips])
+
+
+def _smooth(frames: int) -> Float[np.ndarray, "frames"]:
+    """From 0 to 1 with no jerk at the ends: 10 s³ - 15 s⁴ + 6 s⁵."""
+    s = np.linspace(0, 1, max(frames, 2))
+    return s**3 * (10 - 15 * s + 6 * s**2)
+
+
+def _along(way: Float[np.ndarray, "k 3"], share: float) -> Float[np.ndarray, "3"]:
+    """The point that lies a share of a polygon's length from its beginning."""
+    legs = np.linalg.norm(np.diff(way, axis=0), axis=1)
+    at = np.concatenate([[0], np.cumsum(legs)])
+    keep = np.concatenate([[True], legs > 0])
+    return np.array([np.interp(share * at[-1], at[keep], way[keep, axis]) for axis in range(3)])

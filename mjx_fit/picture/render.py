@@ -1,0 +1,121 @@
+"""A recording as a video: the robot on the left, its belief and what it felt on the right."""
+
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+
+import imageio_ffmpeg
+import numpy as np
+from jaxtyping import UInt8
+from PIL import Image
+
+from mjx_fit import files
+from mjx_fit.errors import RequestError, WorkError
+from mjx_fit.evaluation.recording import Recording
+from mjx_fit.picture.motion import moments
+from mjx_fit.picture.panel import WIDTH_SHARE, Panel
+from mjx_fit.picture.puppet import Puppet
+from mjx_fit.picture.stage import Stage
+from mjx_fit.progress import Progress
+from mjx_fit.shapes import plate_top_m
+
+FORMATS = (".mp4", ".gif")
+SIZE_PX = (1280, 720)
+Frame = UInt8[np.ndarray, "h w 3"]
+
+
+def require(out: Path, fps: int, speed: float) -> None:
+    """Refuse a video that cannot be made, before an assembly is played for it.
+
+    Raises:
+        RequestError: A value is not allowed.
+    """
+    if out.suffix not in FORMATS:
+        raise RequestError(f"--out: {out} is not allowed: it must end in {' or '.join(FORMATS)}")
+    if not 1 <= fps <= 60:
+        raise RequestError(f"--fps: {fps} is not allowed: it must be from 1 to 60")
+    if not 0.1 <= speed <= 100:
+        raise RequestError(f"--speed: {speed} is not allowed: it must be from 0.1 to 100")
+    files.require_writable(out)
+
+
+def render(recording: Recording, out: Path, fps: int, speed: float, size: tuple[int, int] = SIZE_PX) -> Path:
+    """Writes the video of a recording, whole or not at all.
+
+    Args:
+        recording: What was played.
+        out: An ``.mp4`` (H.264) or ``.gif``.
+        fps: Frames per second.
+        speed: Seconds of an attempt in a second of the video.
+        size: Width and height, px; even numbers.
+
+    Raises:
+        RequestError: A value is not allowed.
+        WorkError: The encoder failed.
+    """
+    require(out, fps, speed)
+    frames = _frames(recording, fps, speed, size)
+    write = _write_gif if out.suffix == ".gif" else _write_mp4
+    files.replace_with(out, lambda hidden: write(frames, hidden, fps, size))
+    return out
+
+
+def still(recording: Recording, share: float, size: tuple[int, int] = SIZE_PX) -> Frame:
+    """One frame of the video: the one at a share of its length."""
+    shown = moments(recording, 20, 8.0)
+    return next(_drawn(recording, [shown[round(share * (len(shown) - 1))]], size))
+
+
+def _frames(recording: Recording, fps: int, speed: float, size: tuple[int, int]) -> Iterator[Frame]:
+    shown = moments(recording, fps, speed)
+    with Progress("drawing: frames", len(shown)) as progress:
+        for number, frame in enumerate(_drawn(recording, shown, size), 1):
+            yield frame
+            progress(number)
+
+
+def _drawn(recording: Recording, shown, size: tuple[int, int]) -> Iterator[Frame]:
+    width, height = size
+    beside = round(width * WIDTH_SHARE)
+    acting, panel = Puppet(recording), Panel(recording, beside, height)
+    stage = Stage(acting, width - beside, height)
+    scene = recording.config.scene
+    corner = [0.72 * scene.plate_half_width_m, -0.72 * scene.plate_half_width_m, plate_top_m(scene)]
+    numbers = np.pad(recording.hole_pos_world, ((0, 0), (0, 1))) + corner
+    postures = acting.postures(np.stack([moment.tip_pos_world for moment in shown]))
+    try:
+        for moment, qpos in zip(shown, postures, strict=True):
+            step = recording.steps[moment.step]
+            acting.pose(moment, step, qpos)
+            image = stage.draw(moment)
+            places = [stage.on_image(point) for point in numbers]
+            image = panel.label(image, places, step.hole)
+            yield np.concatenate([image, panel.draw(moment)], axis=1)
+    finally:
+        stage.close()
+
+
+def _write_mp4(frames: Iterator[Frame], path: Path, fps: int, size: tuple[int, int]) -> None:
+    writer = imageio_ffmpeg.write_frames(
+        str(path),
+        size,
+        fps=fps,
+        codec="libx264",
+        output_params=["-preset", "fast", "-movflags", "+faststart", "-f", "mp4"],
+        macro_block_size=2,
+    )
+    with warnings.catch_warnings():
+        # JAX warns of any fork; this one becomes the encoder at once.
+        warnings.filterwarnings("ignore", "os.fork", RuntimeWarning)
+        writer.send(None)
+    try:
+        for frame in frames:
+            writer.send(np.ascontiguousarray(frame))
+        writer.close()
+    except OSError as error:
+        raise WorkError(f"render: the video could not be encoded: {error}") from None
+
+
+def _write_gif(frames: Iterator[Frame], path: Path, fps: int, size: tuple[int, int]) -> None:
+    images = [Image.fromarray(frame).quantize(128) for frame in frames]
+    images[0].save(path, "GIF", save_all=True, append_images=images[1:], duration=round(1000 / fps), loop=0)

@@ -1,0 +1,132 @@
+"""Watching an assembly as it is played: in MuJoCo's viewer where there is a display, or in a browser."""
+
+import os
+import sys
+import time
+from collections.abc import Callable
+from typing import Protocol
+
+import numpy as np
+
+from mjx_fit.errors import RequestError
+from mjx_fit.evaluation.recording import Recording
+from mjx_fit.picture.motion import HOME_M, Moment, moments_of
+from mjx_fit.picture.panel import Panel
+from mjx_fit.picture.puppet import Puppet
+
+FPS = 25
+PANEL_PX = (460, 720)
+
+
+class Screen(Protocol):
+    """What shows a puppet to somebody."""
+
+    def show(self, moment: Moment, words: list[tuple[str, str]], panel: np.ndarray) -> None:
+        """Shows the puppet as it is posed, the marks of the moment, and beside them words or the panel."""
+        ...
+
+    def is_open(self) -> bool:
+        """Whether anybody can still look."""
+        ...
+
+
+class _ClosedError(Exception):
+    """Nobody looks any more."""
+
+
+def view(
+    play: Callable[[Callable[[Recording], None]], Recording],
+    attempt: int | None,
+    speed: float,
+    browser: bool,
+    port: int,
+) -> None:
+    """Plays an assembly and shows every attempt once it has been simulated; stays open at the end.
+
+    Args:
+        play: Plays, and tells what was played after every attempt.
+        attempt: Show only the one with this number.
+        speed: Seconds of an attempt in a second of the show.
+        browser: Whether to show it in a browser though there is a display.
+        port: Of the browser's page.
+
+    Raises:
+        RequestError: A value is not allowed, or there is neither a display nor viser.
+    """
+    if not 0.1 <= speed <= 100:
+        raise RequestError(f"--speed: {speed} is not allowed: it must be from 0.1 to 100")
+    if not 1 <= port <= 65535:
+        raise RequestError(f"--port: {port} is not allowed: it must be from 1 to 65535")
+    if attempt is not None and attempt < 1:
+        raise RequestError(f"--attempt: {attempt} is not allowed: it must be at least 1")
+    show = _Show(_open_browser(port) if browser or not _has_display() else _open_window, speed, attempt)
+    try:
+        recording = play(show)
+        if attempt is not None:
+            recording.only(attempt)
+        while True:
+            show.rest()
+    except _ClosedError:
+        return
+
+
+class _Show:
+    """Opens a screen at the first attempt, and shows each in the time that it takes."""
+
+    def __init__(self, open_screen: Callable[[Puppet], Screen], speed: float, attempt: int | None):
+        self._open, self._speed, self._attempt = open_screen, speed, attempt
+        self._puppet: Puppet | None = None
+        self._screen: Screen | None = None
+        self._tip = np.array(HOME_M)
+
+    def __call__(self, recording: Recording) -> None:
+        if self._puppet is None or self._screen is None:
+            self._puppet = Puppet(recording)
+            self._screen = self._open(self._puppet)
+        step = recording.steps[-1]
+        if self._attempt not in (None, step.number):
+            return
+        shown = moments_of(recording, len(recording.steps) - 1, self._tip, FPS, self._speed)
+        panel = Panel(recording, *PANEL_PX)
+        began = time.monotonic()
+        for number, moment in enumerate(shown):
+            late = time.monotonic() - began - number / FPS
+            if late > 1 / FPS and number < len(shown) - 1:
+                continue  # a slow screen drops frames, it does not run behind
+            qpos = self._puppet.postures(moment.tip_pos_world[None])[0]
+            self._puppet.pose(moment, step, qpos)
+            self._screen.show(moment, panel.words(moment), panel.draw(moment))
+            if not self._screen.is_open():
+                raise _ClosedError
+            time.sleep(max(0.0, began + (number + 1) / FPS - time.monotonic()))
+        self._tip = shown[-1].tip_pos_world
+
+    def rest(self) -> None:
+        """Waits a little."""
+        if self._screen is None or not self._screen.is_open():
+            raise _ClosedError
+        time.sleep(0.2)
+
+
+def _has_display() -> bool:
+    """Whether MuJoCo's viewer can open: on a Mac it would have to own the process (``mjpython``)."""
+    if sys.platform == "darwin":
+        return False
+    return sys.platform == "win32" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
+def _open_window(puppet: Puppet) -> Screen:
+    from mjx_fit.picture.window import Window
+
+    return Window(puppet)
+
+
+def _open_browser(port: int) -> Callable[[Puppet], Screen]:
+    try:
+        from mjx_fit.picture.browser import Browser
+    except ImportError:
+        raise RequestError(
+            "view: there is no display, and viser, which shows it in a browser, is not installed: "
+            "pip install 'mjx-fit[view]'"
+        ) from None
+    return lambda puppet: Browser(puppet, port)

@@ -1,0 +1,253 @@
+import dataclasses
+import os
+import subprocess
+import sys
+
+import jax
+import mujoco
+import numpy as np
+import pytest
+from fakes import FakeEngine
+from PIL import Image
+
+from mjx_fit.config import Config
+from mjx_fit.errors import RequestError
+from mjx_fit.evaluation import experiments, recording, results
+from mjx_fit.picture import gl, render
+from mjx_fit.picture.motion import HOME_M, moments
+from mjx_fit.picture.panel import Panel
+from mjx_fit.picture.puppet import RADIUS_90, TYPE_RGB, Puppet, mixed
+from mjx_fit.shapes import NAMES
+
+TASK = dataclasses.replace(Config().task, n_holes=3, max_attempts=4)
+CONFIG = dataclasses.replace(Config(), task=TASK)
+
+
+class PathEngine(FakeEngine):
+    """The tip goes 2 mm in x with each of two actions."""
+
+    def run(self, attempts, actions, active=None, horizon=None):
+        done = super().run(attempts, actions, active, horizon)
+        start = np.pad(np.asarray(attempts.estimate_world), ((0, 0), (0, 1)), constant_values=0.042)
+        way = start[:, None] + np.array([[0.002, 0, 0], [0.004, 0, 0]])
+        return dataclasses.replace(done, trace=dataclasses.replace(done.trace, tip_pos_world=way))
+
+
+@pytest.fixture
+def played(monkeypatch):
+    monkeypatch.setattr(recording, "create", lambda name, config: PathEngine())
+    return recording.record(CONFIG, None, "failure_only", trial=1, seed=5)
+
+
+@pytest.fixture
+def result(monkeypatch, tmp_path):
+    for module in (recording, experiments):
+        monkeypatch.setattr(module, "create", lambda name, config: PathEngine())
+    out = tmp_path / "assembly.json"
+    return experiments.assembly(CONFIG, out, None, "failure_only,oracle", 3, 5, "native")
+
+
+def test_a_recording_is_the_experiments_trial(result, tmp_path):
+    row = next(row for row in result.trials if (row["method"], row["trial"]) == ("failure_only", 2))
+    again = recording.replay(result, tmp_path, "failure_only", 2)
+    assert [step.hole for step in again.steps] == [hole for holes in row["tried"] for hole in holes]
+    assert [NAMES[kind] for kind in again.peg_type] == row["pegs"]
+    assert [NAMES[kind] for kind in again.hole_type] == row["holes"]
+    assert [step.number for step in again.steps] == list(range(1, sum(row["attempts"]) + 1))
+    assert [step.attempt for step in again.steps] == [k for n in row["attempts"] for k in range(1, n + 1)]
+    assert sum(step.helped is not None for step in again.steps) == sum(row["human"])
+    matches = [
+        round(float(np.exp(step.before.type_logp[step.hole, again.peg_type[step.peg]])), 4)
+        for step in again.steps
+    ]
+    assert matches == [match for peg in row["match_probability"] for match in peg]
+
+
+def test_what_cannot_be_played_is_refused(result, tmp_path):
+    with pytest.raises(RequestError, match="--method, --trial: full, 0"):
+        recording.replay(result, tmp_path, "full", 0)
+    with pytest.raises(RequestError, match="trials 0 to 2"):
+        recording.replay(result, tmp_path, "oracle", 3)
+    with pytest.raises(RequestError, match="'attempt' is not allowed"):
+        recording.replay(dataclasses.replace(result, experiment="attempt"), tmp_path, "oracle", 0)
+    result.trials[0]["tried"][0][0] += 1
+    with pytest.raises(RequestError, match="does not come out as in the result"):
+        recording.replay(result, tmp_path, "failure_only", 0)
+
+
+def test_a_single_attempt_of_a_recording(played):
+    assert [step.number for step in played.only(2).steps] == [2]
+    with pytest.raises(RequestError, match=f"--attempt: 0 .* from 1 to {len(played.steps)}"):
+        played.only(0)
+
+
+def test_the_tip_moves_without_jumps_through_what_was_recorded(played):
+    shown = moments(played, fps=25, speed=0.1)
+    tips = np.array([moment.tip_pos_world for moment in shown])
+    assert np.linalg.norm(np.diff(tips, axis=0), axis=1).max() < 0.06
+    assert np.allclose(tips[0], HOME_M)
+    for number, step in enumerate(played.steps):
+        own = [m for m in shown if (m.step, m.phase) == (number, "attempt")]
+        ways = np.array([moment.tip_pos_world[0] for moment in own]) - step.interaction.estimate_world[0]
+        assert (ways[0], ways[-1]) == pytest.approx((0, 0.004), abs=1e-6)
+        half = min(own, key=lambda m: abs(m.actions - 1.0))  # the first action ends 2 mm further
+        assert half.tip_pos_world[0] - step.interaction.estimate_world[0] == pytest.approx(0.002, abs=2e-4)
+
+
+def test_beliefs_turn_from_before_to_after_and_holes_stay_filled(played):
+    shown = moments(played, fps=10, speed=1.0)
+    for number, step in enumerate(played.steps):
+        last = [m for m in shown if m.step == number][-1]
+        assert np.allclose(last.belief.type_logp, step.after.type_logp, atol=1e-6)
+    counts = [int(moment.filled.sum()) for moment in shown]
+    assert counts == sorted(counts)
+    assert counts[-1] == 3
+    assert not shown[-1].holding
+
+
+def test_the_puppet_holds_its_tip_where_the_moment_says(played):
+    puppet = Puppet(played)
+    shown = moments(played, fps=4, speed=1.0)
+    postures = puppet.postures(np.array([moment.tip_pos_world for moment in shown]))
+    for moment, qpos in zip(shown, postures, strict=True):
+        puppet.pose(moment, played.steps[moment.step], qpos)
+        assert np.allclose(puppet.data.site("tip").xpos, moment.tip_pos_world, atol=1e-4)
+        held = {
+            puppet.model.geom(i).name.split("_")[1]
+            for i in range(puppet.model.ngeom)
+            if puppet.model.geom(i).name.startswith("hand_") and puppet.model.geom_rgba[i, 3] > 0
+        }
+        peg = NAMES[played.peg_type[played.steps[moment.step].peg]]
+        assert held == ({peg} if moment.holding else set())
+    assert puppet.data.ncon == 0
+
+
+def test_the_marks_are_the_regions_of_90_percent(played):
+    puppet, moment = Puppet(played), moments(played, 4, 1.0)[0]
+    cov = np.array([[4e-5, 1.2e-5], [1.2e-5, 1e-5]])
+    belief = dataclasses.replace(moment.belief, pos_cov=np.tile(cov, (3, 1, 1)))
+    discs = puppet.marks(dataclasses.replace(moment, belief=belief))[::2]
+    assert len(discs) == 3
+    for disc in discs:
+        axes = disc.frame_world[:2, :2] * disc.size[:2]
+        assert np.allclose(axes @ axes.T, RADIUS_90**2 * cov, atol=1e-9)
+        assert np.linalg.det(disc.frame_world) == pytest.approx(1)
+    inside = np.random.default_rng(0).multivariate_normal([0, 0], cov, 20000)
+    within = np.einsum("ni,ij,nj->n", inside, np.linalg.inv(axes @ axes.T), inside) <= 1
+    assert within.mean() == pytest.approx(0.9, abs=0.01)
+
+
+def test_colours_of_beliefs_go_from_pale_to_the_types_own():
+    assert mixed(np.array([0.0, 1.0, 0.0])) == pytest.approx(TYPE_RGB[1])
+    pale = mixed(np.array([1, 1, 1]) / 3)
+    assert max(pale) - min(pale) < 0.05
+
+
+@pytest.mark.parametrize("n", [1, 8])
+def test_the_panel_has_room_for_any_number_of_holes(monkeypatch, n):
+    monkeypatch.setattr(recording, "create", lambda name, config: PathEngine())
+    config = dataclasses.replace(CONFIG, task=dataclasses.replace(TASK, n_holes=n, max_attempts=1))
+    played = recording.record(config, None, "failure_only", 0, 0)
+    panel, shown = Panel(played, 460, 720), moments(played, 4, 1.0)
+    image = panel.draw(shown[0])
+    assert image.shape == (720, 460, 3)
+    assert (image[-1] == 255).all()
+    assert (image[:, -1] == 255).all()
+    sure = jax.tree.map(np.copy, shown[0].belief)
+    sure.type_logp[0] = np.log([0.98, 0.01, 0.01])
+    assert (panel.draw(dataclasses.replace(shown[0], belief=sure)) != image).any()
+    assert [what for what, _ in panel.words(shown[-1])][2:] == [f"hole {k + 1}" for k in range(n)]
+
+
+def test_values_that_make_no_video(played, tmp_path):
+    for values, word in (((tmp_path / "a.avi", 20, 8.0), "--out"), ((tmp_path / "a.mp4", 0, 8.0), "--fps")):
+        with pytest.raises(RequestError, match=word):
+            render.render(played, *values)
+    with pytest.raises(RequestError, match="--speed"):
+        render.render(played, tmp_path / "a.gif", 20, 0.0)
+    assert not list(tmp_path.iterdir())
+
+
+def run(*words, **environment):
+    return subprocess.run(
+        [sys.executable, "-m", "mjx_fit", *words],
+        env=os.environ | environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+def test_what_cannot_draw_is_one_line(tmp_path):
+    done = run("render", "--out", str(tmp_path / "a.gif"), MUJOCO_GL="glx")
+    assert done.returncode == 2
+    assert done.stderr.startswith("mjx-fit: MUJOCO_GL: 'glx' is not allowed")
+    assert done.stderr.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.fixture(scope="module")
+def drawing():
+    """A backend that draws here, if there is one."""
+    found = [name for name in gl.BACKENDS if gl.draws(name)]
+    if not found:
+        pytest.skip("no OpenGL here")
+    return found[0]
+
+
+def test_a_video_from_command_to_file(tmp_path, drawing):
+    out = tmp_path / "one.gif"
+    small = ("--set", "task.n_holes=1", "--set", "task.max_attempts=1", "--set", "task.attempt_actions=3")
+    done = run(
+        "render", "--out", str(out), "--method", "failure_only", *small, "--fps", "4", MUJOCO_GL=drawing
+    )
+    assert done.returncode == 0, done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["one.gif"]
+    with Image.open(out) as video:
+        assert video.size == render.SIZE_PX
+        frames = []
+        for index in range(getattr(video, "n_frames", 1)):
+            video.seek(index)
+            frames.append(np.asarray(video.convert("RGB"), float))
+    assert len(frames) >= 4
+    robot, panel = np.split(np.array([frame.mean(2) for frame in (frames[0], frames[-1])]), [800], axis=2)
+    assert robot.std() > 20
+    assert np.abs(np.diff(robot, axis=0)).max() > 50
+    assert panel.mean() > 200
+
+
+def test_a_point_of_the_world_lies_where_it_is_drawn(drawing):
+    script = """
+import numpy as np
+from mjx_fit.picture.stage import Stage
+import mujoco
+class Bare:
+    model = mujoco.MjModel.from_xml_string('<mujoco><worldbody><light pos="0 0 3"/>'
+        '<geom type="sphere" size="0.02" pos="0.5 0.1 0.05" rgba="1 0 0 1"/></worldbody></mujoco>')
+    data = mujoco.MjData(model)
+    def marks(self, moment): return []
+mujoco.mj_forward(Bare.model, Bare.data)
+stage = Stage(Bare(), 640, 480)
+red = stage.draw(None)[..., 0] > 60
+y, x = np.argwhere(red).mean(0)
+print(np.hypot(*np.subtract(stage.on_image(np.array([0.5, 0.1, 0.05])), (x, y))))
+stage.close()
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", script],
+        env=os.environ | {"MUJOCO_GL": drawing},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert float(done.stdout) < 2.0
+
+
+def test_results_and_own_settings_do_not_mix(result, tmp_path):
+    out = tmp_path / "result.json"
+    results.write(out, result)
+    done = run("view", str(out), "--seed", "3", "--browser")
+    assert done.returncode == 2
+    assert "none is allowed beside a result" in done.stderr
+    assert mujoco.__version__ in result.versions.values()
