@@ -22,8 +22,15 @@ def parser() -> argparse.ArgumentParser:
     root = _Parser(prog="mjx-fit", description="Contact-rich assembly under uncertainty, on JAX and MuJoCo.")
     parsers = root.add_subparsers(required=True, metavar="COMMAND")
 
-    demo = _command(parsers, "demo", commands.demo, "data, training, evaluation and report, small")
-    demo.add_argument("--out", type=Path, default=Path("runs/demo"), metavar="DIR")
+    demo = _command(
+        parsers, "demo", commands.demo, "what it is about: assemblies, a video and a page within minutes"
+    )
+    demo.add_argument(
+        "--out", type=Path, metavar="DIR", help="default: runs/demo, or runs/demo-train with --train"
+    )
+    demo.add_argument(
+        "--train", action="store_true", help="collect a little data and train on them, instead of our weights"
+    )
     _configurable(demo)
 
     collect = _command(parsers, "collect", commands.collect, "simulate interactions and store them")

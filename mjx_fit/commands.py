@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 def demo(args: argparse.Namespace) -> None:
     from mjx_fit.demo import Size, demo
 
-    demo(_config(args, preset="quick"), args.out, Size())
+    out = args.out or Path("runs", "demo-train" if args.train else "demo")
+    demo(_config(args, preset="quick" if args.train else None), out, Size(), args.train)
 
 
 def collect(args: argparse.Namespace) -> None:

@@ -1,10 +1,13 @@
-"""The whole pipeline, small: data, training, evaluation and report within minutes on two cores."""
+"""What it is about, in minutes: assemblies with the weights that come with it, or a small training first."""
 
+import subprocess
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 
 from rich.console import Console
 
+from mjx_fit import resources
 from mjx_fit.config import Config
 from mjx_fit.dataset.collect import collect
 from mjx_fit.dataset.plan import Plan
@@ -17,42 +20,66 @@ from mjx_fit.training.baseline import train_from
 
 METHODS = "failure_only,full,oracle"
 POLICY = "spiral"
+VIDEO = "assembly.mp4"
 
 
 @dataclass(frozen=True)
 class Size:
-    """How much the demo does: about eight minutes on two cores by default.
+    """How much the demo does: by default three minutes on two cores, and eight with a training.
 
     Attributes:
-        episodes: Interactions that are collected.
-        steps: Most actions in one.
-        attempts: Single attempts for each shape, and mismatched ones in all.
         assemblies: Trials of the assembly experiment.
+        episodes: Interactions that are collected for a training.
+        steps: Most actions in one.
+        fps: Frames per second of the video.
+        speed: Seconds of an attempt in a second of it.
     """
 
+    assemblies: int = 8
     episodes: int = 1500
     steps: int = 100
-    attempts: int = 50
-    assemblies: int = 8
+    fps: int = 15
+    speed: float = 10.0
 
 
-def demo(config: Config, out: Path, size: Size) -> None:
+def demo(config: Config, out: Path, size: Size, train: bool) -> None:
     """Runs every stage into ``out``; a stage that is done is not done again.
+
+    Args:
+        config: The configuration.
+        out: The folder.
+        size: How much is done.
+        train: Whether to collect data and train on them, instead of the weights that come with the package.
 
     Raises:
         RequestError: The folder holds the demo of another configuration, or other files.
     """
-    parts = {"data", "train", "attempt.json", "assembly.json", "figures", "index.html"}
+    parts = {"data", "train", "assembly.json", "assembly.parts", VIDEO, "figures", "index.html"}
     foreign = sorted({path.name for path in out.iterdir()} - parts) if out.is_dir() else []
     if foreign:
         raise RequestError(f"--out: {out} is not allowed: it holds other files ({foreign[0]})")
     console = Console(highlight=False)
-    data, run = out / "data", out / "train"
+    run = resources.folder("weights")
+    if train:
+        run = out / "train"
+        _train(config, out / "data", run, size, console)
 
-    console.rule(f"1/4  {size.episodes} interactions of up to {size.steps} actions")
+    console.rule(f"{size.assemblies} assemblies of {config.task.n_holes} pegs, each under {METHODS}")
+    result = out / "assembly.json"
+    print_summary(experiments.assembly(config, result, run, METHODS, size.assemblies, 0, "auto"))
+
+    console.rule("a video of one of them")
+    if not (out / VIDEO).exists():
+        _video(result, run, out / VIDEO, size, console)
+
+    console.rule("report")
+    console.print(str(build([out], out)), soft_wrap=True)
+
+
+def _train(config: Config, data: Path, run: Path, size: Size, console: Console) -> None:
+    console.rule(f"{size.episodes} interactions of up to {size.steps} actions")
     collect(config, data, Plan(size.episodes, size.steps, POLICY))
-
-    console.rule("2/4  train sensors and filters on them")
+    console.rule("train sensors and filters on them")
     train_from(data, config, run, seed=0)
     best = min(read_metrics(run / "metrics.jsonl"), key=lambda row: row["val_nll"])
     console.print(
@@ -60,11 +87,10 @@ def demo(config: Config, out: Path, size: Size) -> None:
         f"(epoch {best['epoch'] + 1})"
     )
 
-    console.rule("3/4  evaluate")
-    attempts = experiments.attempt(config, out / "attempt.json", size.attempts, 0, "auto")
-    assemblies = experiments.assembly(config, out / "assembly.json", run, METHODS, size.assemblies, 0, "auto")
-    print_summary(attempts)
-    print_summary(assemblies)
 
-    console.rule("4/4  report")
-    console.print(str(build([out], out)), soft_wrap=True)
+def _video(result: Path, run: Path, video: Path, size: Size, console: Console) -> None:
+    """In a process of its own: MuJoCo chooses its OpenGL when it is imported, and here it has been."""
+    words = ["render", result, "--run", run, "--out", video, "--fps", size.fps, "--speed", size.speed]
+    done = subprocess.run([sys.executable, "-m", "mjx_fit", *map(str, words)], check=False)
+    if done.returncode:
+        console.print("no video, then; everything else is there")

@@ -238,3 +238,61 @@ def test_out_must_not_be_a_file(tmp_path: Path):
     (tmp_path / "out").write_text("")
     with pytest.raises(RequestError, match="out"):
         build([run_folder(tmp_path / "run")], tmp_path / "out")
+
+
+def told() -> Result:
+    """Three assemblies of two pegs: of 2, 3 and 5 attempts, the last with help at a cap of 3."""
+    trials = []
+    for i, (attempts, human) in enumerate((([1, 1], False), ([2, 1], False), ([2, 3], True))):
+        columns = {
+            "tried": [[0, 1][:n] + [1] * (n - 2) for n in attempts],
+            "match_probability": [[0.25] * n for n in attempts],
+            "error_cm": [[1.57] * n for n in attempts],
+            "match_after": [[0.75] * n for n in attempts],
+            "error_after_cm": [[0.13] * n for n in attempts],
+            "peak_force_n": [[41.2] * n for n in attempts],
+        }
+        trials.append(
+            {"trial": i, "method": "full", "pegs": ["cross", EVIL], "holes": ["square", "cross"],
+             "attempts": attempts, "human": [False, human], **columns}
+        )  # fmt: skip
+    return replace(assembly({"full": 1.0}, 1), trials=trials, summary=summarise_assembly(trials))
+
+
+def test_the_page_tells_a_usual_and_the_hardest_assembly(tmp_path: Path):
+    results.write(tmp_path / "told.json", told())
+    text = build([tmp_path / "told.json"], tmp_path / "out").read_text()
+    Page(text)
+    usual = text.index("The usual assembly of 3 under full: trial 1, 3 attempts")
+    hardest = text.index("The hardest assembly of 3 under full: trial 2, 5 attempts")
+    assert "Peg 1, a cross: in after 2 attempts" in text[usual:hardest]
+    rows = (
+        ("1 (square)", "25%", "15.7 mm", "41 N", "failed", "75%", "1.3 mm"),
+        ("2 (cross)", "25%", "15.7 mm", "41 N", "inserted", "", ""),
+    )
+    table = "".join("<tr>" + "".join(f"<td>{cell}</td>" for cell in row) + "</tr>" for row in rows)
+    assert table in text[usual:hardest]
+    assert "not in after 3: a human helps" in text[hardest:]
+    assert text[hardest:].count("failed") == 4
+    assert "<script>" not in text
+
+
+def test_a_video_comes_first_and_inside_the_page(tmp_path: Path):
+    results.write(tmp_path / "in" / "told.json", told())
+    for name in ("z.mp4", "y.gif"):
+        (tmp_path / "in" / name).write_bytes(b"moving")
+    text = build([tmp_path / "in"], tmp_path / "out").read_text()
+    page = Page(text)
+    assert [link[:15] for link in page.links if link.startswith("data:")] == [
+        "data:image/gif;",
+        "data:video/mp4;",
+    ]
+    assert text.index("<video") < text.index("<svg")
+
+
+def test_a_video_that_is_too_large_for_a_page(tmp_path: Path):
+    with (tmp_path / "long.mp4").open("wb") as file:
+        file.truncate(21_000_000)
+    with pytest.raises(RequestError, match=r"long\.mp4 is not allowed: it has 21 MB"):
+        build([tmp_path / "long.mp4"], tmp_path / "out")
+    assert not (tmp_path / "out").exists()

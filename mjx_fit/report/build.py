@@ -19,8 +19,8 @@ def build(inputs: list[Path], out: Path) -> Path:
     """Writes ``index.html`` and ``figures/*.svg``.
 
     Args:
-        inputs: Result files; folders of a training run (``metrics.jsonl``) or a data set (``manifest.json``);
-            folders that hold these, themselves or one level down.
+        inputs: Result files; videos; folders of a training run (``metrics.jsonl``) or a data set
+            (``manifest.json``); folders that hold these, themselves or one level down.
         out: Folder of the report.
 
     Returns:
@@ -43,6 +43,7 @@ def build(inputs: list[Path], out: Path) -> Path:
         found |= here
     slugs = _unique([name for name, _ in found.values()])
     made = [make(slug) for slug, (_, make) in zip(slugs, found.values(), strict=True)]
+    made.sort(key=lambda section: not section.video)  # what people would rather look at comes first
     for section in made:
         for picture in section.pictures:
             files.write_text(out / "figures" / f"{picture.name}.svg", picture.svg)
@@ -69,6 +70,8 @@ def _require_ours(inputs: list[Path], out: Path) -> None:
 
 def _find(path: Path, depth: int = 1) -> dict[Path, tuple[str, _Maker]]:
     """What can be shown at a path: for each source its name and what makes its section."""
+    if path.suffix in sections.VIDEOS and path.is_file():
+        return {path.resolve(): (path.stem, partial(sections.of_video, path=path))}
     if path.is_file():
         return {path.resolve(): (path.stem, partial(_of_result, path=path))}
     found: dict[Path, tuple[str, _Maker]] = {}
@@ -78,7 +81,8 @@ def _find(path: Path, depth: int = 1) -> dict[Path, tuple[str, _Maker]]:
     if (path / "metrics.jsonl").is_file():
         found[path.resolve() / "metrics.jsonl"] = (name, partial(sections.of_run, folder=path))
     for entry in sorted(path.iterdir()):
-        if entry.suffix == ".json" and entry.is_file() and _is_result(entry):
+        result = entry.suffix == ".json" and entry.is_file() and _is_result(entry)
+        if result or entry.suffix in sections.VIDEOS:
             found |= _find(entry)
         elif entry.is_dir() and depth:
             found |= _find(entry, depth - 1)

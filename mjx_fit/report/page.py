@@ -5,8 +5,10 @@ from html import escape
 from itertools import groupby
 
 from mjx_fit.evaluation.statistics import Row
+from mjx_fit.report import story as story_
 from mjx_fit.report.paper import PAPER
 from mjx_fit.report.sections import Section
+from mjx_fit.report.story import Story
 from mjx_fit.report.style import Picture
 
 _CSS = """
@@ -31,6 +33,8 @@ th.number,td.number{text-align:right}
 tbody+tbody{border-top:1px solid #e4e4e4}
 th.name{font-weight:normal;overflow-wrap:anywhere;min-width:4.5rem}
 td span{white-space:nowrap}
+.video{display:block;width:100%;max-width:1080px;height:auto;border:1px solid #ddd}
+details{margin:.8rem 0}
 pre{overflow-x:auto;background:#f6f6f6;padding:.8rem;font-size:.8rem}
 summary{cursor:pointer}
 @media (max-width:600px){th,td{padding-right:.5rem}table{font-size:.82rem}}
@@ -57,10 +61,13 @@ def page(sections: Sequence[Section]) -> str:
 def _section(section: Section) -> str:
     facts = "".join(f"<dt>{escape(name)}</dt><dd>{escape(value)}</dd>" for name, value in section.facts)
     parts = [f'<section>\n<h2 id="{section.slug}">{escape(section.title)}</h2>', f"<dl>{facts}</dl>"]
+    if section.video:
+        parts.append(_video(section))
     if section.rows:
         parts.append(_table(section.rows))
     if section.pictures:
         parts.append('<div class="pictures">' + "\n".join(map(_figure, section.pictures)) + "</div>")
+    parts += map(_told, section.stories)
     if section.config:
         parts.append(
             f"<details><summary>Configuration</summary><pre>{escape(section.config)}</pre></details>"
@@ -72,6 +79,26 @@ def _figure(picture: Picture) -> str:
     svg = picture.svg[picture.svg.index("<svg") :]
     svg = svg.replace("<svg", f'<svg role="img" aria-label="{escape(picture.caption)}"', 1)
     return f"<figure>\n{svg}<figcaption>{escape(picture.caption)}</figcaption>\n</figure>"
+
+
+def _video(section: Section) -> str:
+    label = f'aria-label="{escape(section.title)}" src="{section.video}"'
+    if section.video.startswith("data:image"):
+        return f'<img class="video" alt="{escape(section.title)}" src="{section.video}">'
+    return f'<video class="video" controls loop muted playsinline {label}></video>'
+
+
+def _told(story: Story) -> str:
+    head = "".join(f"<th>{name}</th>" for name in story_.COLUMNS)
+    bodies = [
+        f'<tbody><tr><th class="metric" colspan="{len(story_.COLUMNS)}">{escape(heading)}</th></tr></tbody>'
+        + "<tbody>"
+        + "".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
+        + "</tbody>"
+        for heading, rows in story.pegs
+    ]
+    table = f'<div class="table"><table><thead><tr>{head}</tr></thead>{"".join(bodies)}</table></div>'
+    return f"<details><summary>{escape(story.title)}</summary>{table}</details>"
 
 
 def _table(rows: Sequence[Row]) -> str:

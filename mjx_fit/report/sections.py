@@ -1,5 +1,6 @@
 """What a report says about one input: facts, rows and pictures."""
 
+import base64
 import json
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,9 +15,14 @@ from mjx_fit.dataset.episode import happened
 from mjx_fit.errors import RequestError
 from mjx_fit.evaluation.results import Result
 from mjx_fit.evaluation.statistics import Row
-from mjx_fit.report import data_figures, drawings, run_figures
+from mjx_fit.report import data_figures, drawings, run_figures, story
 from mjx_fit.report.drawings import Drawing
+from mjx_fit.report.story import Story
 from mjx_fit.report.style import Picture, picture
+
+VIDEOS = {".mp4": "video/mp4", ".gif": "image/gif"}
+LARGEST_VIDEO = 20_000_000
+"""Bytes: more than that a page had better not hold."""
 
 
 @dataclass(frozen=True)
@@ -30,6 +36,8 @@ class Section:
         config: Resolved configuration as text; empty where it is not known.
         rows: Summary of a result; empty for a data set or a run.
         pictures: Figures in order.
+        stories: Single trials in words.
+        video: One to be shown, as ``data:`` address.
     """
 
     slug: str
@@ -37,7 +45,9 @@ class Section:
     facts: tuple[tuple[str, str], ...]
     config: str
     rows: tuple[Row, ...]
-    pictures: tuple[Picture, ...]
+    pictures: tuple[Picture, ...] = ()
+    stories: tuple[Story, ...] = ()
+    video: str = ""
 
 
 def of_result(slug: str, result: Result) -> Section:
@@ -45,9 +55,25 @@ def of_result(slug: str, result: Result) -> Section:
     facts = _provenance(vars(result))
     config = yaml.safe_dump(result.config, sort_keys=False)
     title = f"Experiment: {result.experiment}" + (f" ({slug})" if slug != result.experiment else "")
-    return Section(
-        slug, title, facts, config, tuple(result.summary), _pictures(slug, drawings.of_result(result))
-    )
+    pictures = _pictures(slug, drawings.of_result(result))
+    return Section(slug, title, facts, config, tuple(result.summary), pictures, story.of_result(result))
+
+
+def of_video(slug: str, path: Path) -> Section:
+    """The section of a video, which the page carries in itself.
+
+    Raises:
+        RequestError: It is too large for that.
+    """
+    size = path.stat().st_size
+    if size > LARGEST_VIDEO:
+        raise RequestError(
+            f"report: {path} is not allowed: it has {size / 1e6:.0f} MB, and a page takes videos up to "
+            f"{LARGEST_VIDEO / 1e6:.0f} MB"
+        )
+    kind = VIDEOS[path.suffix]
+    content = base64.b64encode(path.read_bytes()).decode()
+    return Section(slug, f"Video: {path.stem}", (), "", (), video=f"data:{kind};base64,{content}")
 
 
 def of_run(slug: str, folder: Path) -> Section:
