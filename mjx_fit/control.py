@@ -21,9 +21,9 @@ import numpy as np
 from jaxtyping import Float
 
 from mjx_fit import spd
-from mjx_fit.config import ControlConfig
 from mjx_fit.kinematics import STRAIGHT_DOWN, jacobian, posture_towards, rotation_error
 from mjx_fit.lanes import column, times, total
+from mjx_fit.settings import ControlConfig
 from mjx_fit.types import Array, pytree
 
 TORQUE_LIMIT_NM = np.array([87, 87, 87, 87, 12, 12, 12], np.float32)

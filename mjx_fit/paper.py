@@ -70,7 +70,7 @@ WINDOW_IN_ACTIONS = 9.0
 """What a window costs in training, in simulated actions: 3 ms against 0.33 ms on two cores."""
 PROBE, PROBE_ACTIONS = 256, 5
 HELD_OUT, OWN = 1, 2
-"""Added to the seed of what is held out, and of what starts from the sensor's own beliefs: other holes each."""
+"""Added to the seed of what is held out, and of what starts from the sensor's own beliefs: other holes."""
 RESULTS = (
     "calibration",
     "calibration_by_attempt",

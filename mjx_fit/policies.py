@@ -9,7 +9,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Float, Int, Key
 
-from mjx_fit.config import Config, RandomConfig, SpiralConfig
+from mjx_fit.config import Config
+from mjx_fit.settings import RandomConfig, SpiralConfig
 from mjx_fit.types import Array, Attempt
 
 Policy = Callable[[Attempt, Int[Array, ""], int, Float[Array, "3"], Config], Float[Array, "3"]]

@@ -18,9 +18,9 @@ import numpy as np
 from jaxtyping import Float
 
 from mjx_fit import resources
-from mjx_fit.config import SceneConfig
 from mjx_fit.errors import RequestError
-from mjx_fit.shapes import SHAPES, Boxes, Shape, hole_boxes, peg_boxes, plate_top_m
+from mjx_fit.settings import N_TYPES, SceneConfig, Shape
+from mjx_fit.shapes import Boxes, hole_boxes, peg_boxes, plate_top_m
 
 JOINTS = tuple(f"joint{i}" for i in range(1, 8))
 HOLE_WORKSPACE_M = ((0.35, 0.65), (-0.3, 0.3))
@@ -36,7 +36,7 @@ class Scene:
     """The compiled models of the simulation scene.
 
     Attributes:
-        models: One model for each pair; ``models[peg_type * len(SHAPES) + hole_type]``.
+        models: One model for each pair; ``models[peg_type * N_TYPES + hole_type]``.
         config: What they were made from.
     """
 
@@ -50,15 +50,15 @@ class Scene:
 
 def pair_index(peg_type, hole_type):
     """Index of a pair's model in ``Scene.models``; works on ints and on arrays."""
-    return peg_type * len(SHAPES) + hole_type
+    return peg_type * N_TYPES + hole_type
 
 
 def simulation_scene(config: SceneConfig) -> Scene:
     """The scene that is simulated: one arm, one peg, one hole box, all nine pairs."""
-    n_peg = max(len(peg_boxes(shape, config).centre) for shape in SHAPES)
-    n_hole = max(len(hole_boxes(shape, config).centre) for shape in SHAPES)
+    n_peg = max(len(peg_boxes(shape, config).centre) for shape in config.shapes)
+    n_hole = max(len(hole_boxes(shape, config).centre) for shape in config.shapes)
     models = []
-    for peg, hole in product(SHAPES, SHAPES):
+    for peg, hole in product(config.shapes, config.shapes):
         spec = _arm_on_table(config)
         _add_peg(spec, config, _padded(peg_boxes(peg, config), n_peg))
         boxes = _padded(hole_boxes(hole, config), n_hole)
@@ -77,12 +77,12 @@ def picture_scene(
     hole the peg that belongs there, geoms ``placed_<hole>_<i>``; a picture colours and hides them.
     """
     spec = _arm_on_table(config)
-    for shape in SHAPES:
+    for shape in config.shapes:
         _add_picture_peg(spec.body("peg"), config, shape, f"hand_{shape.name}", np.zeros(3))
     for i, (kind, position) in enumerate(zip(hole_types, hole_pos_world, strict=True)):
-        _add_hole(spec, config, hole_boxes(SHAPES[kind], config), f"hole{i}", position, mocap=False)
+        _add_hole(spec, config, hole_boxes(config.shapes[kind], config), f"hole{i}", position, mocap=False)
         depth = np.array([0.0, 0.0, _PLACED_ABOVE_FLOOR_M - config.hole_depth_m])
-        _add_picture_peg(spec.body(f"hole{i}"), config, SHAPES[kind], f"placed_{i}", depth)
+        _add_picture_peg(spec.body(f"hole{i}"), config, config.shapes[kind], f"placed_{i}", depth)
     return spec.compile()
 
 

@@ -1,4 +1,4 @@
-"""The catalogue of pegs and holes: a shape is a set of boxes, its hole the complement in a square plate.
+"""From cross-sections to boxes: a peg's, and the complement of its hole in a square plate.
 
 A box is ``(centre, half)``, both (3,) in metres. Pegs are given in the frame of the body ``peg``: its origin
 is the sensor's face, its z points along the tool to the tip. Hole boxes are given in the frame of the plate's
@@ -6,34 +6,14 @@ upper face, z up.
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float
 
-from mjx_fit.config import SceneConfig
+from mjx_fit.settings import SceneConfig, Shape
 
 FLOOR_THICKNESS_M = 0.01
-
-
-@dataclass(frozen=True)
-class Shape:
-    """A prism: the union of centred rectangles, extruded.
-
-    Attributes:
-        name: What it is called in files and figures.
-        rectangles: Half sizes (x, y) of each rectangle, m.
-    """
-
-    name: str
-    rectangles: tuple[tuple[float, float], ...]
-
-
-SHAPES = (
-    Shape("cross", ((0.020, 0.010), (0.010, 0.020))),
-    Shape("rectangle", ((0.020, 0.0125),)),
-    Shape("square", ((0.015, 0.015),)),
-)
-NAMES = tuple(shape.name for shape in SHAPES)
 
 
 @dataclass(frozen=True)
@@ -62,32 +42,57 @@ def plate_top_m(scene: SceneConfig) -> float:
 
 def peg_boxes(shape: Shape, scene: SceneConfig) -> Boxes:
     """The boxes of a peg, one for each rectangle, in the frame of the body ``peg``."""
-    low = [[-a, -b, 0.0] for a, b in shape.rectangles]
-    high = [[a, b, scene.peg_length_m] for a, b in shape.rectangles]
+    low = [[x0, y0, 0.0] for x0, y0, _, _ in shape.rectangles]
+    high = [[x1, y1, scene.peg_length_m] for _, _, x1, y1 in shape.rectangles]
     return Boxes.between(low, high)
 
 
 def hole_boxes(shape: Shape, scene: SceneConfig) -> Boxes:
     """The boxes of a plate with a hole that is wider than the peg by the clearance on every side.
 
-    A floor, four walls around the hole's bounding rectangle and, for a shape that does not fill it, the four
-    corners that it leaves. Together they fill the plate but for the hole, and do not overlap.
+    A floor, four walls around the hole's bounding rectangle, and what of that rectangle the hole leaves.
+    Together they fill the plate but for the hole, and do not overlap.
     """
     gap, width, bottom = scene.clearance_m, scene.plate_half_width_m, -scene.hole_depth_m
-    sides = np.asarray(shape.rectangles) + gap
-    a, b = sides.max(0)
+    open_ = [(x0 - gap, y0 - gap, x1 + gap, y1 + gap) for x0, y0, x1, y1 in shape.rectangles]
+    left, front = (min(rectangle[i] for rectangle in open_) for i in (0, 1))
+    right, back = (max(rectangle[i] for rectangle in open_) for i in (2, 3))
     low = [
         [-width, -width, bottom - FLOOR_THICKNESS_M],
         [-width, -width, bottom],
-        [a, -width, bottom],
-        [-a, -width, bottom],
-        [-a, b, bottom],
+        [right, -width, bottom],
+        [left, -width, bottom],
+        [left, back, bottom],
     ]
-    high = [[width, width, bottom], [-a, width, 0], [width, width, 0], [a, -b, 0], [a, width, 0]]
-    if len(shape.rectangles) == 2:
-        c, d = sides.min(0)
-        for x0, x1 in ((-a, -c), (c, a)):
-            for y0, y1 in ((-b, -d), (d, b)):
-                low.append([x0, y0, bottom])
-                high.append([x1, y1, 0])
+    high = [
+        [width, width, bottom],
+        [left, width, 0],
+        [width, width, 0],
+        [right, front, 0],
+        [right, width, 0],
+    ]
+    for x0, y0, x1, y1 in _left_over(open_):
+        low.append([x0, y0, bottom])
+        high.append([x1, y1, 0])
     return Boxes.between(low, high)
+
+
+_Rectangle = tuple[float, float, float, float]
+
+
+def _left_over(open_: list[_Rectangle]) -> list[_Rectangle]:
+    """What rectangles leave of their bounding rectangle, in strips along y."""
+    xs = sorted({edge for x0, _, x1, _ in open_ for edge in (x0, x1)})
+    ys = sorted({edge for _, y0, _, y1 in open_ for edge in (y0, y1)})
+    found: list[_Rectangle] = []
+    for x0, x1 in pairwise(xs):
+        strip: list[_Rectangle] = []
+        for y0, y1 in pairwise(ys):
+            if any(a < x1 and x0 < c and b < y1 and y0 < d for a, b, c, d in open_):
+                continue
+            if strip and strip[-1][3] == y0:
+                strip[-1] = (x0, strip[-1][1], x1, y1)
+            else:
+                strip.append((x0, y0, x1, y1))
+        found += strip
+    return found

@@ -2,7 +2,7 @@
 
 SI units throughout. Quaternions are w x y z. ``*batch`` is any number of leading axes; inside one episode
 time comes first: ``J`` actions of ``SUBSTEPS`` simulation steps each. Shape and type indices follow
-``mjx_fit.shapes.SHAPES``.
+``scene.shapes``.
 """
 
 from dataclasses import dataclass

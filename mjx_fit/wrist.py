@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int, Key
 
-from mjx_fit.config import SceneConfig, WristConfig
+from mjx_fit.settings import SceneConfig, WristConfig
 from mjx_fit.shapes import plate_top_m
 from mjx_fit.types import Array, Interaction, Reading
 

@@ -9,7 +9,8 @@ import pytest
 
 from mjx_fit.bench import reference, run, training
 from mjx_fit.bench.engines import CONTENDERS, attempts_of
-from mjx_fit.config import Config, SensorConfig, TrainConfig
+from mjx_fit.config import Config
+from mjx_fit.settings import SensorConfig, TrainConfig
 
 CONFIG = Config()
 

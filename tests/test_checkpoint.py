@@ -14,7 +14,7 @@ import yaml
 from synthetic import make_episodes
 
 from mjx_fit import cli
-from mjx_fit.config import WristConfig
+from mjx_fit.settings import WristConfig
 from mjx_fit.training.checkpoint import load_sensor
 from mjx_fit.wrist import read
 

@@ -6,8 +6,8 @@ import pytest
 
 from mjx_fit import control
 from mjx_fit.bench import reference
-from mjx_fit.config import ControlConfig
 from mjx_fit.kinematics import POSTURE, STRAIGHT_DOWN, chain_of, inverse, rotation_error
+from mjx_fit.settings import ControlConfig
 
 GAINS = ControlConfig()
 

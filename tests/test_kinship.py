@@ -6,9 +6,10 @@ from dataclasses import replace
 import pytest
 
 from mjx_fit import provenance
-from mjx_fit.config import load
+from mjx_fit.config import Config, load
 from mjx_fit.dataset import manifest, store
 from mjx_fit.errors import RequestError
+from mjx_fit.settings import SHAPES, Shape
 from mjx_fit.training import kinship
 from mjx_fit.training.baseline import train_from
 
@@ -56,7 +57,9 @@ def test_data_of_another_world_are_refused(folder, tmp_path):
 
 
 def test_data_of_other_shapes_are_refused(collect, tmp_path):
-    out = collect(tmp_path / "set")
-    manifest.write(out, replace(manifest.read(out), shapes=("cross", "disc", "square")))
-    with pytest.raises(RequestError, match="its shapes are cross, disc, square, and here they are"):
-        store.load(out)
+    folder = collect(tmp_path / "set")
+    bar = Shape("bar", SHAPES[0].rectangles)
+    config = replace(Config(), scene=replace(Config().scene, shapes=(bar, *SHAPES[1:])))
+    with pytest.raises(RequestError, match=r"--data: .*scene.shapes is .*cross.* there and .*bar.* here"):
+        train_from(folder, config, tmp_path / "run", seed=0)
+    assert not (tmp_path / "run").exists()

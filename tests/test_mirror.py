@@ -4,8 +4,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from mjx_fit.config import Config, WristConfig
+from mjx_fit.config import Config
 from mjx_fit.dataset.mirror import mirror_belief, mirror_place, mirror_reading
+from mjx_fit.settings import WristConfig
 from mjx_fit.simulate.native import NativeEngine
 from mjx_fit.types import Attempt, Belief
 from mjx_fit.wrist import centre_of_pressure, read

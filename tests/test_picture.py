@@ -17,7 +17,7 @@ from mjx_fit.picture import gl, render
 from mjx_fit.picture.motion import HOME_M, moments
 from mjx_fit.picture.panel import Panel
 from mjx_fit.picture.puppet import RADIUS_90, TYPE_RGB, Puppet, mixed
-from mjx_fit.shapes import NAMES
+from mjx_fit.settings import NAMES
 
 TASK = dataclasses.replace(Config().task, n_holes=3, max_attempts=4)
 CONFIG = dataclasses.replace(Config(), task=TASK)

@@ -4,9 +4,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjx_fit.config import SceneConfig
 from mjx_fit.scene import HOLE_WORKSPACE_M, pair_index, picture_scene, place_holes
-from mjx_fit.shapes import SHAPES, hole_boxes, peg_boxes
+from mjx_fit.settings import N_TYPES, SHAPES, SceneConfig
+from mjx_fit.shapes import hole_boxes, peg_boxes
 
 MASS = {
     "link1": 4.970684, "link2": 0.646926, "link3": 3.228604, "link4": 3.587895, "link5": 1.225946,
@@ -32,8 +32,8 @@ def test_forward_kinematics_at_home_is_the_vendors(scene):
 
 
 def test_each_model_holds_its_pair(scene):
-    for peg in range(len(SHAPES)):
-        for hole in range(len(SHAPES)):
+    for peg in range(N_TYPES):
+        for hole in range(N_TYPES):
             model = scene.models[pair_index(peg, hole)]
             for name, boxes in (
                 ("peg", peg_boxes(SHAPES[peg], scene.config)),

@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic import make_interactions
 
-from mjx_fit.config import SceneConfig, SensorConfig, WristConfig
 from mjx_fit.errors import RequestError
 from mjx_fit.sensors.model import ContactSensor, InputScale, row_features
+from mjx_fit.settings import SceneConfig, SensorConfig, WristConfig
 from mjx_fit.types import Observation, Reading
 from mjx_fit.wrist import read
 

@@ -6,8 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjx_fit.config import SceneConfig
-from mjx_fit.shapes import NAMES, SHAPES, hole_boxes, peg_boxes, plate_top_m
+from mjx_fit.config import load
+from mjx_fit.errors import RequestError
+from mjx_fit.settings import SHAPES, SceneConfig, Shape
+from mjx_fit.shapes import hole_boxes, peg_boxes, plate_top_m
 
 SCENE = SceneConfig()
 
@@ -19,29 +21,38 @@ def inside(boxes, points):
 
 def section(shape, points):
     """Whether each point (n, 2) lies in a shape's cross-section, straight from its rectangles."""
-    return (np.abs(points[:, None]) < np.asarray(shape.rectangles)).all(-1).any(1)
+    low, high = np.split(np.asarray(shape.rectangles), 2, axis=1)
+    return ((points[:, None] > low) & (points[:, None] < high)).all(-1).any(1)
+
+
+ELL = Shape("ell", ((-0.020, -0.020, 0.000, 0.020), (0.000, -0.020, 0.020, 0.000)))
+TEE = Shape("tee", ((-0.020, -0.020, 0.000, 0.020), (0.000, -0.008, 0.020, 0.008)))
+ALL = (*SHAPES, ELL, TEE)
 
 
 def test_sizes_are_the_design_pages():
-    extent = {shape.name: tuple(2 * np.max(shape.rectangles, 0)) for shape in SHAPES}
+    extent = {shape.name: tuple(2 * np.max(shape.rectangles, 0)[2:]) for shape in SHAPES}
     assert extent == {"cross": (0.04, 0.04), "rectangle": (0.04, 0.025), "square": (0.03, 0.03)}
-    assert SHAPES[0].rectangles == ((0.02, 0.01), (0.01, 0.02))
+    assert SHAPES[0].rectangles == ((-0.02, -0.01, 0.02, 0.01), (-0.01, -0.02, 0.01, 0.02))
 
 
-@pytest.mark.parametrize("shape", SHAPES, ids=NAMES)
+@pytest.mark.parametrize("shape", ALL, ids=lambda shape: shape.name)
 @given(clearance=st.floats(0.0002, 0.004), seed=st.integers(0, 2**32 - 1))
 def test_hole_is_the_complement_of_the_widened_peg(shape, clearance, seed):
     scene = dataclasses.replace(SCENE, clearance_m=clearance)
     low = [-scene.plate_half_width_m] * 2 + [-scene.hole_depth_m]
     points = np.random.default_rng(seed).uniform(low, [scene.plate_half_width_m] * 2 + [0], (2000, 3))
     widened = dataclasses.replace(
-        shape, rectangles=tuple((a + clearance, b + clearance) for a, b in shape.rectangles)
+        shape,
+        rectangles=tuple(
+            (a - clearance, b - clearance, c + clearance, d + clearance) for a, b, c, d in shape.rectangles
+        ),
     )
     free = section(widened, points[:, :2])
     assert np.array_equal(inside(hole_boxes(shape, scene), points), np.where(free, 0, 1))
 
 
-@pytest.mark.parametrize("shape", SHAPES, ids=NAMES)
+@pytest.mark.parametrize("shape", ALL, ids=lambda shape: shape.name)
 def test_peg_is_its_section_extruded(shape):
     points = np.random.default_rng(0).uniform(
         [-0.025, -0.025, 0], [0.025, 0.025, SCENE.peg_length_m], (4000, 3)
@@ -55,16 +66,43 @@ def test_hole_has_a_floor_below_its_depth():
     assert plate_top_m(SCENE) > SCENE.hole_depth_m >= 0.03
 
 
-@pytest.mark.parametrize(("peg", "hole"), list(itertools.product(SHAPES, SHAPES)))
+@pytest.mark.parametrize(("peg", "hole"), [*itertools.product(SHAPES, SHAPES), (ELL, ELL), (TEE, TEE)])
 def test_a_peg_enters_its_own_hole_only(peg, hole):
     """Minkowski: a rectangle of the peg hits a wall unless it is off by more than the sum of half sizes."""
     walls = hole_boxes(hole, SCENE)
     offset = np.stack(np.meshgrid(*[np.linspace(-0.03, 0.03, 601)] * 2), -1).reshape(-1, 1, 1, 2)
-    rectangles = np.asarray(peg.rectangles)[:, None]
+    boxes = peg_boxes(peg, SCENE)
+    middle, half = boxes.centre[:, None, :2], boxes.half[:, None, :2]
     hits = (
-        (np.abs(offset - walls.centre[1:, :2]) < rectangles + walls.half[1:, :2] - 1e-9)
+        (np.abs(offset + middle - walls.centre[1:, :2]) < half + walls.half[1:, :2] - 1e-9)
         .all(-1)
         .any(-1)
         .any(-1)
     )
     assert hits.all() == (peg is not hole)
+
+
+def test_a_lopsided_shape_is_not_shown_mirrored():
+    assert all(shape.is_its_own_mirror_image for shape in (*SHAPES, TEE))
+    assert not ELL.is_its_own_mirror_image
+    shapes = [{"name": s.name, "rectangles": [list(r) for r in s.rectangles]} for s in (ELL, *SHAPES[1:])]
+    config = load(None, [f"scene.shapes={shapes}"])
+    assert config.scene.names == ("ell", "rectangle", "square")
+    with pytest.raises(RequestError, match=r"train\.mirror: True is not allowed: mirrored, the shape 'ell'"):
+        load(None, [f"scene.shapes={shapes}", "train.mirror=true"])
+
+
+@pytest.mark.parametrize(
+    ("shapes", "words"),
+    [
+        ([{"name": "cross", "rectangles": [[0, 0, 0.01, 0.01]]}], "scene.shapes"),
+        ([{"name": "a", "rectangles": [[0.01, 0, 0, 0.01]]}] * 3, "a lower and an upper corner"),
+        ([{"name": "A b", "rectangles": [[0, 0, 0.01, 0.01]]}] * 3, "scene.shapes.0.name"),
+        ([{"name": "a", "rectangles": [[0, 0, 0.5, 0.01]]}] * 3, "scene.shapes.0.rectangles"),
+        ([{"name": "a", "rectangles": [[0, 0, 0.01, 0.01]]}] * 3, "the names must differ"),
+    ],
+)
+def test_shapes_that_are_none(shapes, words):
+    with pytest.raises(RequestError, match=words) as error:
+        load(None, [f"scene.shapes={shapes}"])
+    assert "\n" not in str(error.value)

@@ -139,6 +139,24 @@ def test_a_perfect_sensor_needs_one_failure_at_each_hole_at_most():
         assert not any(row["human"])
 
 
+def test_a_perfect_match_sensor_errs_once_for_each_hole_and_type_at_most():
+    """A mismatch rules one type out, not two; a failure at the right hole tells all."""
+    _, _, rows = play("perfect_match", n_trials=20)
+    repeated = 0
+    for row in rows:
+        failures = [
+            (peg, hole) for peg, holes in zip(row["pegs"], row["tried"], strict=True) for hole in holes[:-1]
+        ]
+        assert len(set(failures)) == len(failures)
+        assert not any(row["human"])
+        matched = [hole for peg, hole in failures if row["holes"][hole] == peg]
+        for hole in matched:  # what is known needs no second failure of any peg
+            later = failures[failures.index((row["holes"][hole], hole)) + 1 :]
+            assert hole not in [other for _, other in later]
+        repeated += len(failures) - len({hole for _, hole in failures})
+    assert repeated  # which a sensor of the type would have spared
+
+
 def test_the_diary_says_what_was_believed_before_and_after():
     """First attempts: the detector's error and a third; what failure or truth make of them."""
     trials, _, rows = play("failure_only,perfect_sensor")

@@ -7,9 +7,10 @@ import pytest
 from flax import nnx
 from synthetic import make_episodes
 
-from mjx_fit.config import Config, SensorConfig, TrainConfig
+from mjx_fit.config import Config
 from mjx_fit.dataset.windows import sample_windows
 from mjx_fit.sensors.model import ContactSensor
+from mjx_fit.settings import SensorConfig, TrainConfig
 from mjx_fit.training.loss import filter_loss
 
 pytest.importorskip("torch")

@@ -14,6 +14,7 @@ import jax
 from mjx_fit.dataset import manifest, store
 from mjx_fit.dataset.episode import happened
 from mjx_fit.report import data_figures, script
+from mjx_fit.settings import NAMES
 
 HERE = Path(__file__).parent
 EPISODES = 3000
@@ -39,11 +40,11 @@ def main(folder: Path) -> None:
     }
     script.save(HERE / f"{folder.name}.json", results)
     for name, figure in (
-        ("visited", data_figures.visited_positions),
+        ("visited", lambda data, names: data_figures.visited_positions(data)),
         ("lengths", data_figures.interaction_lengths),
         ("forces", data_figures.forces_by_pair),
     ):
-        script.draw(HERE / f"{folder.name}_{name}.png", lambda figure=figure: figure(data))
+        script.draw(HERE / f"{folder.name}_{name}.png", lambda figure=figure: figure(data, NAMES))
 
 
 if __name__ == "__main__":

@@ -22,7 +22,8 @@ from mjx_fit.dataset.draws import draw_attempts
 from mjx_fit.evaluation.statistics import wilson
 from mjx_fit.randomness import root_key
 from mjx_fit.report import script
-from mjx_fit.shapes import NAMES, plate_top_m
+from mjx_fit.settings import NAMES
+from mjx_fit.shapes import plate_top_m
 from mjx_fit.simulate.native import NativeEngine
 from mjx_fit.types import Array, Interaction
 

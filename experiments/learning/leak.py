@@ -29,6 +29,7 @@ from mjx_fit.config import Config
 from mjx_fit.dataset.episode import Episode
 from mjx_fit.evaluation import held_out
 from mjx_fit.report import script
+from mjx_fit.settings import NAMES
 from mjx_fit.training.checkpoint import load_sensor
 from mjx_fit.training.loop import train
 from mjx_fit.types import Array, Trace
@@ -127,7 +128,9 @@ def _errors(sensor, data: Episode, config: Config) -> Float[np.ndarray, " n"]:
     ids = np.arange(len(data.episode))
     seen = held_out.observe(sensor, data, ids, shared.ACTIONS, config, seed=0)
     after = held_out.posterior(seen, data, ids, config, with_prior=True)
-    return np.array([row["error_cm"] for row in held_out.rows("full", shared.ACTIONS, after, data, ids)])
+    return np.array(
+        [row["error_cm"] for row in held_out.rows("full", shared.ACTIONS, after, data, ids, NAMES)]
+    )
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ from sklearn.ensemble import ExtraTreesClassifier, ExtraTreesRegressor  # pyrigh
 from mjx_fit import runtime
 from mjx_fit.evaluation.calibration import auroc
 from mjx_fit.report import script
-from mjx_fit.shapes import NAMES
+from mjx_fit.settings import N_TYPES, NAMES
 from mjx_fit.types import Reading
 
 BINS = 10
@@ -30,7 +30,7 @@ def main(training: Path, test: Path) -> None:
     x, x_test = features(train.reading), features(held_out.reading)
     error, score = np.zeros(len(x_test)), np.zeros(len(x_test))
     began = time.perf_counter()
-    for peg in range(len(NAMES)):
+    for peg in range(N_TYPES):
         own, own_test = train.peg == peg, held_out.peg == peg
         where = ExtraTreesRegressor(200, **TREES).fit(x[own], train.offset_cm[own])
         error[own_test] = np.linalg.norm(
@@ -40,7 +40,7 @@ def main(training: Path, test: Path) -> None:
         score[own_test] = which.predict_proba(x_test[own_test])[:, 1]
     matched = held_out.peg == held_out.hole
     pairs = {}
-    for peg, hole in ((p, h) for p in range(len(NAMES)) for h in range(len(NAMES)) if p != h):
+    for peg, hole in ((p, h) for p in range(N_TYPES) for h in range(N_TYPES) if p != h):
         chosen = (held_out.peg == peg) & (matched | (held_out.hole == hole))
         pairs[f"{NAMES[peg]}:{NAMES[hole]}"] = auroc(score[chosen], matched[chosen])
     script.save(

@@ -21,7 +21,7 @@ from mjx_fit.config import Config
 from mjx_fit.dataset.draws import MISMATCHED
 from mjx_fit.evaluation.statistics import wilson
 from mjx_fit.report import style
-from mjx_fit.shapes import NAMES, SHAPES
+from mjx_fit.settings import N_TYPES, NAMES
 from mjx_fit.simulate.engine import create
 from mjx_fit.types import Array, Attempt
 
@@ -47,7 +47,7 @@ def detectors() -> None:
     results = {}
     for kind in ("square", "disc"):
         config = replace(Config(), detector=replace(Config().detector, kind=kind))
-        peg = np.repeat(np.arange(len(SHAPES)), PER_SHAPE)
+        peg = np.repeat(np.arange(N_TYPES), PER_SHAPE)
         others = MISMATCHED[np.arange(MISMATCHED_ATTEMPTS) % len(MISMATCHED)]
         asked = shared.spiral_attempts(
             config, f"alpha: {kind}", np.append(peg, others[:, 0]), np.append(peg, others[:, 1])
@@ -93,7 +93,7 @@ def sensitivity() -> None:
 
 
 def _matched_rate(config: Config) -> dict[str, float]:
-    peg = np.arange(3 * PER_SHAPE) % len(SHAPES)
+    peg = np.arange(3 * PER_SHAPE) % N_TYPES
     asked = shared.spiral_attempts(config, "alpha: sensitivity", peg, peg)
     return _rate(create("native", config).run(asked, config.task.attempt_actions).inserted)
 

@@ -18,7 +18,7 @@ from mjx_fit.bench.reference import task_space
 from mjx_fit.config import Config
 from mjx_fit.dataset.draws import MISMATCHED
 from mjx_fit.report import style
-from mjx_fit.shapes import SHAPES
+from mjx_fit.settings import N_TYPES
 from mjx_fit.simulate.native import NativeEngine
 from mjx_fit.types import SUBSTEPS
 
@@ -33,8 +33,8 @@ peg that lands or runs into an edge is stopped within a few milliseconds: an imp
 def main() -> None:
     """Runs the attempts and counts."""
     config = Config()
-    peg = np.concatenate([np.arange(MATCHED) % len(SHAPES), MISMATCHED[np.arange(OTHERS) % 6, 0]])
-    hole = np.concatenate([np.arange(MATCHED) % len(SHAPES), MISMATCHED[np.arange(OTHERS) % 6, 1]])
+    peg = np.concatenate([np.arange(MATCHED) % N_TYPES, MISMATCHED[np.arange(OTHERS) % 6, 0]])
+    hole = np.concatenate([np.arange(MATCHED) % N_TYPES, MISMATCHED[np.arange(OTHERS) % 6, 1]])
     attempts = shared.spiral_attempts(config, "contact", peg, hole)
     n, actions = len(peg), config.task.attempt_actions
     depth = np.full((n, actions * SUBSTEPS), np.nan, np.float32)

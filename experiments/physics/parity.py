@@ -26,7 +26,7 @@ from mjx_fit.evaluation.statistics import bootstrap_mean, bootstrap_means
 from mjx_fit.policies import POLICIES
 from mjx_fit.report import style
 from mjx_fit.scene import Scene, pair_index, simulation_scene
-from mjx_fit.shapes import SHAPES
+from mjx_fit.settings import N_TYPES
 from mjx_fit.simulate.engine import create
 from mjx_fit.simulate.mjx import compiler_options
 from mjx_fit.simulate.native import NativeEngine
@@ -166,7 +166,7 @@ def _relative(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def attempts() -> None:
     """Runs the same attempts in both engines and compares what comes of them."""
     config = Config()
-    matched = np.arange(ATTEMPTS // 2) % len(SHAPES)
+    matched = np.arange(ATTEMPTS // 2) % N_TYPES
     others = MISMATCHED[np.arange(ATTEMPTS // 2) % len(MISMATCHED)]
     peg, hole = np.concatenate([matched, others[:, 0]]), np.concatenate([matched, others[:, 1]])
     asked = shared.spiral_attempts(config, "parity", peg, hole)

@@ -9,10 +9,11 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import block_diag
 
-from mjx_fit.config import Config, ControlConfig
+from mjx_fit.config import Config
 from mjx_fit.control import TORQUE_LIMIT_NM, ArmState
 from mjx_fit.kinematics import POSTURE, STRAIGHT_DOWN, chain_of
 from mjx_fit.scene import pair_index, simulation_scene
+from mjx_fit.settings import ControlConfig
 from mjx_fit.simulate.engine import start_qpos
 from mjx_fit.types import Attempt
 

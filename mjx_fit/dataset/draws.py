@@ -9,21 +9,21 @@ import numpy as np
 from jaxtyping import Float, Int, Key
 
 from mjx_fit import policies
-from mjx_fit.config import Config, DetectorConfig, SequenceConfig
+from mjx_fit.config import Config
 from mjx_fit.detector import detect
 from mjx_fit.scene import HOLE_WORKSPACE_M
-from mjx_fit.shapes import SHAPES
+from mjx_fit.settings import N_TYPES, DetectorConfig, SequenceConfig
 from mjx_fit.types import Array, Attempt
 
 POLICIES = (*policies.POLICIES, "mixed")
-MISMATCHED = np.array(list(permutations(range(len(SHAPES)), 2)))
+MISMATCHED = np.array(list(permutations(range(N_TYPES), 2)))
 
 
 def pair_of(sequences: Int[np.ndarray, "n"]) -> tuple[Int[np.ndarray, "n"], Int[np.ndarray, "n"]]:
     """Peg and hole type of each sequence: even ids take the matched pairs in turn, odd ids the others."""
     turn = sequences // 2
     matched = (sequences % 2 == 0)[:, None]
-    same = np.stack([turn % len(SHAPES)] * 2, 1)
+    same = np.stack([turn % N_TYPES] * 2, 1)
     pair = np.where(matched, same, MISMATCHED[turn % len(MISMATCHED)])
     return pair[:, 0], pair[:, 1]
 

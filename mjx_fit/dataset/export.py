@@ -20,7 +20,7 @@ from mjx_fit.dataset.store import load, read_shards
 from mjx_fit.errors import RequestError
 from mjx_fit.policies import POLICIES
 from mjx_fit.progress import Progress
-from mjx_fit.shapes import NAMES, plate_top_m
+from mjx_fit.shapes import plate_top_m
 from mjx_fit.simulate.engine import START_HEIGHT_M
 from mjx_fit.types import SUBSTEPS, Interaction
 
@@ -66,7 +66,7 @@ def _write_npz(folder: Path, manifest: Manifest, path: Path) -> None:
     keep = happened(data)
     arrays: dict[str, Any] = {name.replace("/", "_"): value[keep] for name, value in flat(data).items()}
     about = {name.replace("/", "_"): field._asdict() for name, field in FIELDS.items()}
-    about |= {"shapes": list(NAMES), "request": manifest.request, "versions": manifest.versions}
+    about |= {"shapes": list(manifest.shapes), "request": manifest.request, "versions": manifest.versions}
     with path.open("wb") as file:  # given a name, savez would add .npz to the temporary one
         np.savez_compressed(file, about=np.array(json.dumps(about)), **arrays)
 
@@ -85,19 +85,19 @@ def _write_robomimic(folder: Path, manifest: Manifest, path: Path) -> None:
         for done, shard in enumerate(read_shards(folder, manifest.shards), 1):
             for row in np.flatnonzero(happened(shard)):
                 episode = jax.tree.map(lambda leaf, row=row: leaf[row], shard)
-                total += _add_demonstration(root, episode, top)
+                total += _add_demonstration(root, episode, top, manifest.shapes)
             progress(done)
         root.attrs["total"] = total
     path.write_bytes(buffer.getbuffer())
 
 
-def _add_demonstration(root: h5py.Group, episode: Episode, plate_top: float) -> int:
+def _add_demonstration(root: h5py.Group, episode: Episode, plate_top: float, names: tuple[str, ...]) -> int:
     interaction = episode.interaction
     n = int(interaction.length)
     demo = root.create_group(f"demo_{int(episode.episode)}")
     demo.attrs["num_samples"] = n
     for name in ("peg_type", "hole_type"):
-        demo.attrs[name] = NAMES[int(getattr(interaction, name))]
+        demo.attrs[name] = names[int(getattr(interaction, name))]
     demo.attrs["inserted"], demo.attrs["policy"] = bool(interaction.inserted), POLICIES[int(episode.policy)]
     for name in ("hole_pos_world", "estimate_world", "tare_sensor"):
         demo.attrs[name] = getattr(interaction, name)

@@ -17,7 +17,7 @@ from mjx_fit.dataset.episode import Episode
 from mjx_fit.dataset.plan import Plan
 from mjx_fit.filters.belief import initial_belief
 from mjx_fit.randomness import root_key
-from mjx_fit.shapes import SHAPES
+from mjx_fit.settings import N_TYPES
 from mjx_fit.simulate.broken import report
 from mjx_fit.simulate.engine import Engine
 from mjx_fit.types import Array, Attempt, Belief, Interaction
@@ -83,7 +83,7 @@ class Sequences:
         if self._update is None:
             return None
         if belief is None:
-            belief = initial_belief(attempts.estimate_world, self._config.detector.prior_std_m, len(SHAPES))
+            belief = initial_belief(attempts.estimate_world, self._config.detector.prior_std_m, N_TYPES)
         return self._update(belief, done, self._noise_keys(jnp.asarray(ids)))
 
     def _run(self, attempts: Attempt, ids: Int[np.ndarray, "n"], going: Bool[np.ndarray, "n"]) -> Interaction:

@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 import h5py
 import numpy as np
 
+from mjx_fit import config as config_
 from mjx_fit.dataset.episode import Episode
 from mjx_fit.dataset.manifest import FORMAT
 from mjx_fit.policies import POLICIES
-from mjx_fit.shapes import NAMES
 from mjx_fit.types import Array, Interaction, Trace
 
 
@@ -99,10 +99,11 @@ def encode(episodes: Episode, request: dict[str, Any]) -> bytes:
         episodes: Stacked (n,), NumPy arrays.
         request: What the data set was asked to be; kept in the shard so that it explains itself.
     """
+    names = config_.from_tree(request["config"]).scene.names
     buffer = io.BytesIO()
     with h5py.File(buffer, "w", libver=_HDF5) as file:
         file.attrs["format"] = FORMAT
-        file.attrs["shapes"], file.attrs["policies"] = list(NAMES), list(POLICIES)
+        file.attrs["shapes"], file.attrs["policies"] = list(names), list(POLICIES)
         file.attrs["frames"], file.attrs["action_s"] = FRAMES, ACTION_S
         file.attrs["request"] = json.dumps(request)
         for name, field in FIELDS.items():

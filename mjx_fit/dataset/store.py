@@ -13,7 +13,6 @@ from mjx_fit.dataset import shard as shard_
 from mjx_fit.dataset.episode import Episode, happened
 from mjx_fit.dataset.manifest import Manifest, Shard
 from mjx_fit.errors import RequestError
-from mjx_fit.shapes import NAMES
 from mjx_fit.types import Array
 
 _LOST = "nothing says what the shards should be; collect them again into another folder"
@@ -29,14 +28,9 @@ def load(folder: Path, without: Collection[str] = ()) -> Episode:
         without: Names of shards to leave out, such as those that ``damages`` names.
 
     Raises:
-        RequestError: The folder holds no data set, an unfinished one, a damaged shard, or other shapes.
+        RequestError: The folder holds no data set, an unfinished one or a damaged shard.
     """
     manifest = manifest_.read_complete(folder)
-    if manifest.shapes != NAMES:
-        raise RequestError(
-            f"data: {folder} is not allowed: its shapes are {', '.join(manifest.shapes)}, and here they are "
-            f"{', '.join(NAMES)}"
-        )
     wanted = [shard for shard in manifest.shards if shard.name not in without]
     if not wanted:
         raise RequestError(f"data: {folder} is not allowed: no shard is left to be read")
@@ -122,7 +116,9 @@ def describe(folder: Path) -> dict[str, Any]:
     done = jax.tree.map(lambda leaf: leaf[keep], data.interaction)
     pairs: dict[str, dict[str, int]] = {}
     for peg, hole, inserted in zip(done.peg_type, done.hole_type, done.inserted, strict=True):
-        row = pairs.setdefault(f"{NAMES[peg]}-{NAMES[hole]}", {"episodes": 0, "inserted": 0})
+        row = pairs.setdefault(
+            f"{manifest.shapes[peg]}-{manifest.shapes[hole]}", {"episodes": 0, "inserted": 0}
+        )
         row["episodes"] += 1
         row["inserted"] += int(inserted)
     matched = done.peg_type == done.hole_type

@@ -16,7 +16,7 @@ from mjx_fit.config import Config
 from mjx_fit.dataset.episode import Episode, happened
 from mjx_fit.dataset.mirror import mirror_belief, mirror_place, mirror_reading
 from mjx_fit.errors import RequestError
-from mjx_fit.shapes import SHAPES
+from mjx_fit.settings import N_TYPES
 from mjx_fit.types import Array, Belief, Reading, pytree
 from mjx_fit.wrist import read
 
@@ -183,5 +183,5 @@ def _prior(episode: Episode, key: Key[Array, ""]) -> Belief:
     """
     estimate = episode.interaction.estimate_world
     # uniform() may return 0 but never 1: a type of probability 0 would make the loss infinite.
-    draws = 1 - jax.random.uniform(key, (len(SHAPES),), estimate.dtype)
+    draws = 1 - jax.random.uniform(key, (N_TYPES,), estimate.dtype)
     return Belief(estimate, episode.estimate_cov, jnp.log(draws / draws.sum()))

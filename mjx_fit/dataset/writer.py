@@ -18,7 +18,6 @@ from mjx_fit import files, provenance
 from mjx_fit.dataset import manifest as manifest_
 from mjx_fit.dataset.manifest import Manifest, Shard
 from mjx_fit.errors import RequestError, WorkError
-from mjx_fit.shapes import NAMES
 
 LOCK = ".lock"
 _SIDE = {"broken", "report"}
@@ -27,7 +26,7 @@ _SIDE = {"broken", "report"}
 
 def new_manifest(request: dict[str, Any], part: tuple[int, int]) -> Manifest:
     """The manifest of a data set of which nothing is there yet, made by this installation."""
-    return Manifest(request, part, provenance.versions(), tuple(NAMES))
+    return Manifest(request, part, provenance.versions(), config_.from_tree(request["config"]).scene.names)
 
 
 def new_shard(name: str, episodes: Int[np.ndarray, "n"], content: bytes) -> Shard:

@@ -15,7 +15,6 @@ from mjx_fit.evaluation import calibration, held_out, outcome
 from mjx_fit.evaluation.results import Result
 from mjx_fit.evaluation.statistics import Interval, Row, bootstrap_mean
 from mjx_fit.progress import Progress
-from mjx_fit.shapes import NAMES
 from mjx_fit.training import checkpoint
 from mjx_fit.training.baseline import FRAME_BY_FRAME
 from mjx_fit.training.kinship import require_new, require_world
@@ -74,43 +73,48 @@ def calibrate(config: Config, out: Path, run: Path, data: Path, seed: int) -> Re
             for count in counts:
                 seen = held_out.observe(one, episodes, ids, count, config, seed)
                 after = held_out.posterior(seen, episodes, ids, config, with_prior=name == "full")
-                trials += held_out.rows(name, count, after, episodes, ids)
+                trials += held_out.rows(name, count, after, episodes, ids, config.scene.names)
                 progress(len(trials) // len(ids), f"{name}, {count} actions")
     # The rows of parts of attempts would make the file five times as large: their scores are in the summary.
     whole = [trial for trial in trials if trial["actions"] == actions]
-    rows = summarise(trials, actions)
+    rows = summarise(trials, actions, config.scene.names)
     return outcome.write(asked, rows, whole)
 
 
-def summarise(trials: _Trials, actions: int) -> list[Row]:
+def summarise(trials: _Trials, actions: int, names: tuple[str, ...]) -> list[Row]:
     """Scores of each method over whole attempts and parts of them; intervals from a bootstrap over holes.
 
     Groups: ``all``, ``matched``, ``mismatched``, a peg's shape, ``attempt:K``, ``actions:N`` and, for what
     h_match says, ``peg:hole`` with the hole that does not match, told from that peg's own.
+
+    Args:
+        trials: Rows as in ``mjx_fit.evaluation.results.CalibrationTrial``.
+        actions: In a whole attempt.
+        names: Of the shapes.
     """
     rows = []
     whole = [trial for trial in trials if trial["actions"] == actions]
-    for name, group in _groups([trial for trial in whole if trial["method"] == "full"]).items():
+    for name, group in _groups([trial for trial in whole if trial["method"] == "full"], names).items():
         rows += _error_rows("prior", name, group, "prior_error_cm")
     for method in dict.fromkeys(trial["method"] for trial in trials):
         own = [trial for trial in whole if trial["method"] == method]
-        for name, group in _groups(own).items():
+        for name, group in _groups(own, names).items():
             rows += _position_rows(method, name, group)
             if method == "full":
-                rows += _type_rows(method, name, group)
+                rows += _type_rows(method, name, group, names)
         for count in sorted({trial["actions"] for trial in trials}):
             part = [t for t in trials if t["method"] == method and t["actions"] == count]
             rows += _error_rows(method, f"actions:{count}", part)
             if method == "full":
-                rows += _match_rows(method, part, f"actions:{count}:")
+                rows += _match_rows(method, part, f"actions:{count}:", names)
         if method == "full":
-            rows += _match_rows(method, own, "")
+            rows += _match_rows(method, own, "", names)
     return rows
 
 
-def _groups(trials: _Trials) -> dict[str, _Trials]:
+def _groups(trials: _Trials, names: tuple[str, ...]) -> dict[str, _Trials]:
     groups = {"all": trials, "matched": [], "mismatched": []}
-    groups |= {name: [] for name in NAMES}
+    groups |= {name: [] for name in names}
     groups |= {f"attempt:{k}": [] for k in sorted({trial["attempt"] for trial in trials})}
     for trial in trials:
         peg, hole = trial["pair"]
@@ -131,9 +135,9 @@ def _position_rows(method: str, name: str, group: _Trials) -> list[Row]:
     return _means(method, name, group, columns)
 
 
-def _type_rows(method: str, name: str, group: _Trials) -> list[Row]:
+def _type_rows(method: str, name: str, group: _Trials, names: tuple[str, ...]) -> list[Row]:
     types = np.array([trial["type_probability"] for trial in group])
-    truth = np.array([NAMES.index(trial["pair"][1]) for trial in group])
+    truth = np.array([names.index(trial["pair"][1]) for trial in group])
     match = np.array([trial["match_probability"] for trial in group])
     matched = np.array([trial["pair"][0] == trial["pair"][1] for trial in group])
     columns = {
@@ -157,14 +161,14 @@ def _means(method: str, name: str, group: _Trials, columns: dict[str, np.ndarray
     ]
 
 
-def _match_rows(method: str, group: _Trials, prefix: str) -> list[Row]:
+def _match_rows(method: str, group: _Trials, prefix: str, names: tuple[str, ...]) -> list[Row]:
     """How well h_match tells a peg's own hole from the others, over all pegs and for each pair."""
     peg, hole = (np.array([trial["pair"][side] for trial in group]) for side in range(2))
     probability = np.array([trial["match_probability"] for trial in group])
     holes = np.array([trial["trial"] for trial in group])
     keep = {f"{prefix}all": np.ones(len(group), bool)}
     keep |= {
-        f"{prefix}{a}:{b}": (peg == a) & ((hole == a) | (hole == b)) for a in NAMES for b in NAMES if a != b
+        f"{prefix}{a}:{b}": (peg == a) & ((hole == a) | (hole == b)) for a in names for b in names if a != b
     }
     rows = []
     for name, chosen in keep.items():

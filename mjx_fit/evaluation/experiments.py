@@ -16,7 +16,7 @@ from mjx_fit.evaluation.results import Result
 from mjx_fit.policies import SPIRAL
 from mjx_fit.progress import Progress
 from mjx_fit.randomness import root_key
-from mjx_fit.shapes import NAMES, SHAPES
+from mjx_fit.settings import N_TYPES
 from mjx_fit.simulate.broken import Reporting, report
 from mjx_fit.simulate.engine import create, even_batch
 from mjx_fit.task import assembly as assembly_
@@ -69,7 +69,7 @@ def attempt(config: Config, out: Path, trials: int, seed: int, engine: str) -> R
             )
             interactions = simulator.run(attempts, config.task.attempt_actions, ids < n)
             report(interactions, attempts, ids, config.task.attempt_actions, config, outcome.broken(out))
-            rows += _attempt_rows(interactions, ids[ids < n])
+            rows += _attempt_rows(interactions, ids[ids < n], config.scene.names)
             progress(len(rows), f"{sum(row['inserted'] for row in rows)} inserted")
     return outcome.write(asked, results.summarise_attempt(rows), rows)
 
@@ -149,18 +149,20 @@ def _running(rows: parts.Rows) -> str:
 
 
 def _attempt_pairs(trials: int) -> tuple[Int[np.ndarray, "n"], Int[np.ndarray, "n"]]:
-    matched = np.repeat(np.arange(len(SHAPES)), trials)
+    matched = np.repeat(np.arange(N_TYPES), trials)
     others = MISMATCHED[np.arange(trials) % len(MISMATCHED)]
     return np.concatenate([matched, others[:, 0]]), np.concatenate([matched, others[:, 1]])
 
 
-def _attempt_rows(interactions: Interaction, ids: Int[np.ndarray, "n"]) -> list[dict[str, Any]]:
+def _attempt_rows(
+    interactions: Interaction, ids: Int[np.ndarray, "n"], names: tuple[str, ...]
+) -> list[dict[str, Any]]:
     error = np.linalg.norm(interactions.estimate_world - interactions.hole_pos_world, axis=1)
     force = peak_force(interactions)
     return [
         {
             "trial": int(trial),
-            "pair": [NAMES[interactions.peg_type[i]], NAMES[interactions.hole_type[i]]],
+            "pair": [names[interactions.peg_type[i]], names[interactions.hole_type[i]]],
             "matched": bool(interactions.peg_type[i] == interactions.hole_type[i]),
             "inserted": bool(interactions.inserted[i]),
             "valid": bool(interactions.valid[i]),

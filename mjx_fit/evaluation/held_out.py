@@ -20,7 +20,7 @@ from mjx_fit.filters.kalman import gaussian_nll
 from mjx_fit.filters.success import success_probability
 from mjx_fit.randomness import root_key
 from mjx_fit.sensors.model import ContactSensor
-from mjx_fit.shapes import NAMES, SHAPES
+from mjx_fit.settings import N_TYPES
 from mjx_fit.types import Array, Belief, Observation
 from mjx_fit.wrist import read
 
@@ -107,7 +107,7 @@ def posterior(
     """
     interaction = jax.tree.map(lambda leaf: jnp.asarray(np.asarray(leaf)[ids]), data.interaction)
     estimate, cov = interaction.estimate_world, jnp.asarray(np.asarray(data.estimate_cov)[ids])
-    types = jnp.full((len(ids), len(SHAPES)), -jnp.log(len(SHAPES)))
+    types = jnp.full((len(ids), N_TYPES), -jnp.log(N_TYPES))
     prior = Belief(estimate, cov, types)
     if with_prior:
         belief = update_position(prior, observation)
@@ -135,9 +135,14 @@ def _over_sequences(
 
 
 def rows(
-    method: str, actions: int, after: Posterior, data: Episode, ids: Int[np.ndarray, "n"]
+    method: str,
+    actions: int,
+    after: Posterior,
+    data: Episode,
+    ids: Int[np.ndarray, "n"],
+    names: tuple[str, ...],
 ) -> list[dict[str, Any]]:
-    """One row for each attempt, ready for a result file."""
+    """One row for each attempt, ready for a result file; ``names`` are those of the shapes."""
     interaction = data.interaction
     truth, start = (
         np.asarray(leaf, float)[ids] for leaf in (interaction.hole_pos_world, interaction.estimate_world)
@@ -158,7 +163,7 @@ def rows(
             "method": method,
             "attempt": int(data.number[i]) + 1,
             "actions": actions,
-            "pair": [NAMES[peg[k]], NAMES[hole[k]]],
+            "pair": [names[peg[k]], names[hole[k]]],
             "prior_error_cm": prior_error[k],
             "error_cm": after_error[k],
             "squared_mahalanobis": squared[k],

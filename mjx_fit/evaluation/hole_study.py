@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Int
 
 from mjx_fit import config as config_
-from mjx_fit.config import Config, SensorConfig, TrainConfig
+from mjx_fit.config import Config
 from mjx_fit.dataset.sequences import Update
 from mjx_fit.errors import RequestError
 from mjx_fit.evaluation import outcome, parts
@@ -19,6 +19,7 @@ from mjx_fit.evaluation.results import Result
 from mjx_fit.evaluation.statistics import Row
 from mjx_fit.progress import Progress
 from mjx_fit.sensors.model import ContactSensor
+from mjx_fit.settings import SensorConfig, TrainConfig
 from mjx_fit.simulate.broken import Reporting
 from mjx_fit.simulate.engine import create
 from mjx_fit.task import hole

@@ -21,7 +21,7 @@ from mjx_fit.evaluation.statistics import (
     sign_flip,
 )
 from mjx_fit.randomness import root_key
-from mjx_fit.shapes import NAMES
+from mjx_fit.settings import N_TYPES
 from mjx_fit.task import hole
 from mjx_fit.task.methods import INSERTION, chosen
 
@@ -56,7 +56,7 @@ def insertion(
         ATTEMPTS,
         trials * seeds,
         partial(_holes, seeds=seeds, seed=seed),
-        partial(_rows, seeds=seeds),
+        partial(_rows, seeds=seeds, names=config.scene.names),
         summarise,
     )
     return hole_study.run(study, config, out, run, seed, engine)
@@ -96,19 +96,19 @@ def summarise(trials: Rows) -> list[Row]:
 
 def _holes(config: Config, ids: Ids, seeds: int, seed: int) -> hole.Holes:
     draw, number = np.divmod(ids, seeds)
-    shape = draw % len(NAMES)
+    shape = draw % N_TYPES
     place, estimate, key, _ = draw_places(root_key(seed, "insertion"), jnp.asarray(draw), config.detector)
     own = jax.vmap(jax.random.fold_in)(key, jnp.asarray(number))
     return hole.Holes(shape, shape, np.asarray(place), np.asarray(estimate), own)
 
 
-def _rows(ids: Ids, world: hole.Holes, outcomes: Outcomes, seeds: int) -> Rows:
+def _rows(ids: Ids, world: hole.Holes, outcomes: Outcomes, seeds: int, names: tuple[str, ...]) -> Rows:
     return [
         {
             "trial": int(trial) // seeds,
             "seed": int(trial) % seeds,
             "method": method,
-            "shape": NAMES[world.peg_type[i]],
+            "shape": names[world.peg_type[i]],
             "attempts": int(done.attempts[i]),
             "success": bool(done.inserted_at[i] > 0),
             "peak_force_n": outcome.rounded(done.peak_force_n[i][: int(done.attempts[i])]),

@@ -16,7 +16,7 @@ from mjx_fit.evaluation.parts import Rows
 from mjx_fit.evaluation.results import Result, by_method
 from mjx_fit.evaluation.statistics import Row, bootstrap_mean
 from mjx_fit.randomness import root_key
-from mjx_fit.shapes import NAMES
+from mjx_fit.settings import N_TYPES
 from mjx_fit.task import hole
 from mjx_fit.task.methods import POSITION, chosen
 
@@ -51,7 +51,7 @@ def position(
         ATTEMPTS,
         2 * trials,
         partial(_holes, trials=trials, seed=seed),
-        _rows,
+        partial(_rows, names=config.scene.names),
         summarise,
     )
     return hole_study.run(study, config, out, run, seed, engine)
@@ -105,13 +105,13 @@ def _means(
 def _holes(config: Config, ids: Ids, trials: int, seed: int) -> hole.Holes:
     """The first half of the trials are mismatched, over the six pairs in turn, the others match."""
     pair = MISMATCHED[ids % len(MISMATCHED)]
-    peg = np.where(ids < trials, pair[:, 0], ids % len(NAMES))
+    peg = np.where(ids < trials, pair[:, 0], ids % N_TYPES)
     other = np.where(ids < trials, pair[:, 1], peg)
     place, estimate, key, _ = draw_places(root_key(seed, "position"), jnp.asarray(ids), config.detector)
     return hole.Holes(peg, other, np.asarray(place), np.asarray(estimate), key)
 
 
-def _rows(ids: Ids, world: hole.Holes, outcomes: Outcomes) -> Rows:
+def _rows(ids: Ids, world: hole.Holes, outcomes: Outcomes, names: tuple[str, ...]) -> Rows:
     rows = []
     for method, done in outcomes.items():
         error = world.hole_pos_world[:, None] - done.mean_world
@@ -123,7 +123,7 @@ def _rows(ids: Ids, world: hole.Holes, outcomes: Outcomes) -> Rows:
             {
                 "trial": int(trial),
                 "method": method,
-                "pair": [NAMES[world.peg_type[i]], NAMES[world.hole_type[i]]],
+                "pair": [names[world.peg_type[i]], names[world.hole_type[i]]],
                 "error_cm": outcome.rounded(distance[i]),
                 "squared_mahalanobis": outcome.rounded(squared[i]),
                 "inserted_at": int(done.inserted_at[i]) or None,

@@ -9,7 +9,6 @@ from PIL import Image, ImageDraw, ImageFont
 from mjx_fit.evaluation.recording import Recording, Step
 from mjx_fit.picture.motion import ACTIONS_PER_S, Moment
 from mjx_fit.picture.puppet import TYPE_RGB
-from mjx_fit.shapes import NAMES
 from mjx_fit.types import SUBSTEPS
 
 WIDTH_SHARE = 0.36
@@ -26,7 +25,7 @@ class Panel:
 
     def __init__(self, recording: Recording, width: int, height: int):
         self._recording, self._size = recording, (width, height)
-        self._unit = height / 720
+        self._unit, self._names = height / 720, recording.config.scene.names
         self._fonts: dict[int, Any] = {}
         self._force = [_force(step) for step in recording.steps]
         every = np.concatenate(self._force)
@@ -45,10 +44,10 @@ class Panel:
         """The same without the force, in pairs of words: what, and how it stands."""
         step, belief = self._recording.steps[moment.step], moment.belief
         peg = f"peg {step.peg + 1} of {len(self._recording.peg_type)}"
-        said = [(peg, NAMES[self._recording.peg_type[step.peg]])]
+        said = [(peg, self._names[self._recording.peg_type[step.peg]])]
         said.append((f"attempt {step.attempt}", self._doing(moment, step)))
         for hole, filled in enumerate(moment.filled):
-            chances = zip(NAMES, np.exp(belief.type_logp[hole]), strict=True)
+            chances = zip(self._names, np.exp(belief.type_logp[hole]), strict=True)
             believed = ", ".join(f"{name} {chance:.0%}" for name, chance in chances)
             said.append((f"hole {hole + 1}", "filled" if filled else believed))
         return said
@@ -66,7 +65,7 @@ class Panel:
 
     def _head(self, draw: ImageDraw.ImageDraw, moment: Moment) -> None:
         recording, step = self._recording, self._recording.steps[moment.step]
-        peg = NAMES[recording.peg_type[step.peg]]
+        peg = self._names[recording.peg_type[step.peg]]
         self._text(draw, 24, 24, recording.method.replace("_", " "), 26)
         colour = _hex(recording.peg_type[step.peg])
         done = f"peg {step.peg + 1} of {len(recording.peg_type)}: "
@@ -101,7 +100,7 @@ class Panel:
             self._text(draw, 36, middle, str(hole + 1), 20, anchor="mm")
             if moment.filled[hole]:
                 kind = int(self._recording.hole_type[hole])
-                self._text(draw, 60, middle, f"filled: {NAMES[kind]}", 17, _hex(kind), anchor="lm")
+                self._text(draw, 60, middle, f"filled: {self._names[kind]}", 17, _hex(kind), anchor="lm")
                 continue
             self._bars(draw, np.exp(moment.belief.type_logp[hole]), y + 5, each - 14)
             spread = 1000 * np.sqrt(np.trace(moment.belief.pos_cov[hole]) / 2)
@@ -114,7 +113,7 @@ class Panel:
             line = y + kind * each
             self._box(draw, (60, line + 1, 150 + 60, line + each - 1), "#f0f0f0")
             self._box(draw, (60, line + 1, 60 + 150 * float(share), line + each - 1), _hex(kind))
-            self._text(draw, 218, line + each / 2, NAMES[kind], 13, _FAINT, anchor="lm")
+            self._text(draw, 218, line + each / 2, self._names[kind], 13, _FAINT, anchor="lm")
 
     def _forces(self, draw: ImageDraw.ImageDraw, moment: Moment, top: float) -> None:
         """The tared force so far, in the sensor's frame; the axis ends where an attempt may end."""

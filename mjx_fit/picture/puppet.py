@@ -17,7 +17,8 @@ from mjx_fit.filters.kalman import scale_tril
 from mjx_fit.kinematics import chain_of, inverse
 from mjx_fit.picture.motion import Moment
 from mjx_fit.scene import JOINTS, picture_scene
-from mjx_fit.shapes import SHAPES, plate_top_m
+from mjx_fit.settings import N_TYPES
+from mjx_fit.shapes import plate_top_m
 
 TYPE_RGB = ((0.90, 0.38, 0.05), (0.00, 0.60, 0.45), (0.80, 0.30, 0.62))
 """A colour for each type: pegs have it, and beliefs turn to it as they grow sure."""
@@ -64,9 +65,9 @@ class Puppet:
         chain = chain_of(self.model)
         self._inverse = jax.jit(jax.vmap(lambda tip: inverse(chain, tip)))
         self._top = plate_top_m(config)
-        self._hand = [self._geoms(f"hand_{shape.name}_") for shape in SHAPES]
+        self._hand = [self._geoms(f"hand_{shape.name}_") for shape in config.shapes]
         self._placed = [self._geoms(f"placed_{i}_") for i in range(len(recording.hole_type))]
-        for kinds, groups in ((range(len(SHAPES)), self._hand), (recording.hole_type, self._placed)):
+        for kinds, groups in ((range(N_TYPES), self._hand), (recording.hole_type, self._placed)):
             for kind, geoms in zip(kinds, groups, strict=True):
                 self.model.geom_rgba[geoms, :3] = TYPE_RGB[kind]
 

@@ -10,7 +10,6 @@ from matplotlib.ticker import FormatStrFormatter, LogLocator, PercentFormatter
 from mjx_fit.evaluation.calibration import inside, reliability
 from mjx_fit.evaluation.statistics import Row
 from mjx_fit.report import style
-from mjx_fit.shapes import NAMES
 
 Trials = list[dict[str, Any]]
 
@@ -83,11 +82,11 @@ def coverage(trials: Trials) -> Figure:
     return figure
 
 
-def match_reliability(trials: Trials) -> Figure:
+def match_reliability(trials: Trials, names: tuple[str, ...]) -> Figure:
     """How often peg and hole match, by the probability that h_match, and the filter behind it, gives it."""
     own = [trial for trial in trials if trial["method"] == "full"]
     matched = np.array([trial["pair"][0] == trial["pair"][1] for trial in own])
-    filtered = np.array([trial["type_probability"][NAMES.index(trial["pair"][0])] for trial in own])
+    filtered = np.array([trial["type_probability"][names.index(trial["pair"][0])] for trial in own])
     figure, ax = style.axes()
     kinds = (
         ("h_match", np.array([trial["match_probability"] for trial in own]), style.MATCHED_COLOUR, "o"),

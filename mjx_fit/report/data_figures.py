@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
 from mjx_fit.report import style
-from mjx_fit.shapes import NAMES
+from mjx_fit.settings import N_TYPES
 from mjx_fit.types import Interaction
 
 VIEW_CM = 6.0
@@ -18,7 +18,7 @@ _COLOURS = ("#0072B2", "#009E73", "#CC79A7", style.MISMATCHED_COLOUR)
 """Of the matched shapes and of all that do not match."""
 
 
-def interaction_lengths(data: Interaction) -> Figure:
+def interaction_lengths(data: Interaction, names: tuple[str, ...]) -> Figure:
     """How many pegs were not inserted yet, action by action, by shape where peg and hole match.
 
     Kaplan and Meier's estimate, since interactions of different policies are cut off at different lengths.
@@ -27,7 +27,7 @@ def interaction_lengths(data: Interaction) -> Figure:
     length, inserted = np.asarray(data.length), np.asarray(data.inserted)
     actions = np.arange(1, data.trace.contact.shape[1] + 1)
     figure, ax = style.axes()
-    groups = [(f"{name} in {name}", matched & (peg == i)) for i, name in enumerate(NAMES)]
+    groups = [(f"{name} in {name}", matched & (peg == i)) for i, name in enumerate(names)]
     for (name, which), colour in zip([*groups, ("mismatched", ~matched)], _COLOURS, strict=True):
         if not which.any():
             continue
@@ -59,7 +59,7 @@ def visited_positions(data: Interaction) -> Figure:
     return figure
 
 
-def forces_by_pair(data: Interaction) -> Figure:
+def forces_by_pair(data: Interaction, names: tuple[str, ...]) -> Figure:
     """Force of the peg on the plate by pair: what half and what 90 % of the samples lie within.
 
     Of actions with some contact; one sample in ten is looked at.
@@ -70,9 +70,9 @@ def forces_by_pair(data: Interaction) -> Figure:
     seen = _real(data) & np.asarray(data.trace.contact)
     figure, ax = style.axes(4.6)
     labels = []
-    for row, (peg, hole) in enumerate(product(range(len(NAMES)), repeat=2)):
+    for row, (peg, hole) in enumerate(product(range(N_TYPES), repeat=2)):
         pair = (np.asarray(data.peg_type) == peg) & (np.asarray(data.hole_type) == hole)
-        labels.append(f"{NAMES[peg]} in {NAMES[hole]}")
+        labels.append(f"{names[peg]} in {names[hole]}")
         force = np.linalg.norm(tared[seen & pair[:, None]], axis=-1).ravel()
         if not len(force):
             continue

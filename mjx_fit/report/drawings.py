@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 from matplotlib.figure import Figure
 
+from mjx_fit import config as config_
 from mjx_fit.evaluation.results import Result
 from mjx_fit.report import calibration_figures, figures, hole_figures
 
@@ -102,6 +103,7 @@ def _calibration(result: Result) -> list[Drawing]:
     # Only a set whose attempts start from this sensor's own beliefs tells what it makes of several.
     own = result.request.get("beliefs_of") == result.request.get("sensor", {}).get("full", "-")
     several = _by_attempt(result) if own else []
+    names = config_.from_tree(result.config).scene.names
     return [
         *several,
         (
@@ -119,7 +121,7 @@ def _calibration(result: Result) -> list[Drawing]:
         (
             "reliability",
             "How often peg and hole match, by the probability given to it, with 95 % intervals.",
-            lambda: calibration_figures.match_reliability(whole),
+            lambda: calibration_figures.match_reliability(whole, names),
         ),
         (
             "pairs",

@@ -110,13 +110,13 @@ def of_dataset(slug: str, folder: Path) -> Section:
         (
             "lengths",
             "Share of the pegs not inserted yet (Kaplan-Meier, since some interactions are cut off earlier).",
-            lambda: data_figures.interaction_lengths(data),
+            lambda: data_figures.interaction_lengths(data, manifest.shapes),
         ),
         (
             "forces",
             "Forces by pair in actions with some contact, moments without it included: median (dot), middle "
             "half (bar) and middle 90 % (line) of the samples.",
-            lambda: data_figures.forces_by_pair(data),
+            lambda: data_figures.forces_by_pair(data, manifest.shapes),
         ),
     ]
     pictures = _pictures(slug, shown)

@@ -16,7 +16,7 @@ from mjx_fit.config import Config
 from mjx_fit.filters.belief import initial_belief
 from mjx_fit.filters.kalman import scale_tril
 from mjx_fit.policies import SPIRAL
-from mjx_fit.shapes import SHAPES
+from mjx_fit.settings import N_TYPES
 from mjx_fit.simulate.engine import Engine
 from mjx_fit.task.learning import Update
 from mjx_fit.task.methods import KNOWN_VARIANCE_M2, HoleMethod
@@ -127,7 +127,7 @@ def _first_belief(config: Config, methods: tuple[HoleMethod, ...], holes: Holes)
     for method in methods:
         where = holes.hole_pos_world if method.knows_truth else holes.estimate_world
         std = KNOWN_VARIANCE_M2**0.5 if method.knows_truth else config.detector.prior_std_m
-        parts.append(initial_belief(jnp.asarray(where), std, len(SHAPES)))
+        parts.append(initial_belief(jnp.asarray(where), std, N_TYPES))
     return jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
 
 

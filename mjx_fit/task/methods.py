@@ -21,6 +21,8 @@ class Method:
         knows_truth: Whether it starts with the true positions and types: a bound that nobody can beat.
         learns_truth: Whether one failed attempt tells it the true position and type of that hole: a bound
             that no sensor can beat.
+        learns_match: Whether it tells it the true position, and of the type whether it is the peg's: a bound
+            that no sensor of the paper's form, with its o_match, can beat.
     """
 
     name: str
@@ -28,6 +30,7 @@ class Method:
     learns_type: bool = False
     knows_truth: bool = False
     learns_truth: bool = False
+    learns_match: bool = False
 
     @property
     def needs_sensor(self) -> bool:
@@ -38,6 +41,7 @@ ASSEMBLY = (
     Method("failure_only"),
     Method("failure_position", learns_position=True),
     Method("full", learns_position=True, learns_type=True),
+    Method("perfect_match", learns_match=True),
     Method("perfect_sensor", learns_truth=True),
     Method("oracle", knows_truth=True),
 )

@@ -14,7 +14,7 @@ from mjx_fit.filters.belief import initial_belief
 from mjx_fit.filters.success import success_probability
 from mjx_fit.policies import SPIRAL
 from mjx_fit.randomness import root_key
-from mjx_fit.shapes import NAMES, SHAPES
+from mjx_fit.settings import N_TYPES
 from mjx_fit.task import pomdp
 from mjx_fit.task.diary import Diary, believed
 from mjx_fit.task.learning import Learn
@@ -110,9 +110,13 @@ class Table:
         open_rows = rows[self.active]
         for leaf, new in zip(jax.tree.leaves(self._beliefs), jax.tree.leaves(after), strict=True):
             leaf[open_rows, chosen[open_rows]] = np.asarray(new)[open_rows]
-        told = self._of(lambda method: method.learns_truth) & interactions.valid & ~interactions.inserted
-        told_rows = rows[self.active & np.asarray(told)]
-        _make_known(self._beliefs, self._world, (told_rows, chosen[told_rows]))
+        failed = self.active & np.asarray(interactions.valid & ~interactions.inserted)
+        for trait, tell in (
+            (self._of(lambda method: method.learns_truth), _make_known),
+            (self._of(lambda method: method.learns_match), self._tell_match),
+        ):
+            told = rows[failed & trait]
+            tell(self._beliefs, self._world, (told, chosen[told]))
         self._note(chosen, interactions, before)
 
     def record(self, chosen: Int[np.ndarray, "R"], interactions: Interaction) -> None:
@@ -133,14 +137,15 @@ class Table:
 
     def rows(self) -> list[dict]:
         """What happened, ready for the result file."""
+        names = self._config.scene.names
         return [
             {
                 "trial": int(self._trial[row]),
                 "method": self._methods[row // self._n_trials].name,
-                "pegs": [NAMES[peg] for peg in self._world["peg_type"][row]],
+                "pegs": [names[peg] for peg in self._world["peg_type"][row]],
                 "attempts": self._attempts[row].tolist(),
                 "human": self._human[row].tolist(),
-                "holes": [NAMES[hole] for hole in self._world["hole_type"][row]],
+                "holes": [names[hole] for hole in self._world["hole_type"][row]],
                 **self._diary.of(row),
             }
             for row in range(len(self._trial))
@@ -167,11 +172,20 @@ class Table:
         own = {name: values[rows] for name, values in columns.items()}
         self._diary.write(rows, self.pegs_done[rows], **own)
 
+    def _tell_match(self, beliefs: Belief, world: dict[str, np.ndarray], which: Any) -> None:
+        """Puts the true position, and whether the type is that of the peg in hand, into some beliefs."""
+        is_peg = np.arange(N_TYPES) == self._peg()[which[0]][:, None]
+        same = (world["hole_type"][which] == self._peg()[which[0]])[:, None]
+        beliefs.pos_mean_world[which] = world["hole_pos_world"][which]
+        beliefs.pos_cov[which] = KNOWN_VARIANCE_M2 * np.eye(2)
+        left = np.where(is_peg == same, beliefs.type_logp[which], _LOG_IMPOSSIBLE)
+        beliefs.type_logp[which] = left - np.logaddexp.reduce(left, axis=1, keepdims=True)
+
     def _initial_beliefs(self) -> Belief:
         """Beliefs (R, n) as writable arrays: the detector's, or the truth for a method that knows it."""
         world = self._world
         detected = initial_belief(
-            jnp.asarray(world["estimate_world"]), self._config.detector.prior_std_m, len(SHAPES)
+            jnp.asarray(world["estimate_world"]), self._config.detector.prior_std_m, N_TYPES
         )
         beliefs = jax.tree.map(np.array, detected)
         _make_known(beliefs, world, self._of(lambda method: method.knows_truth))
@@ -204,7 +218,7 @@ class Table:
 
 def _make_known(beliefs: Belief, world: dict[str, np.ndarray], which: Any) -> None:
     """Puts the truth in the place of the beliefs about some holes, an index into (R, n)."""
-    one_hot = np.arange(len(SHAPES)) == world["hole_type"][which][..., None]
+    one_hot = np.arange(N_TYPES) == world["hole_type"][which][..., None]
     beliefs.pos_mean_world[which] = world["hole_pos_world"][which]
     beliefs.pos_cov[which] = KNOWN_VARIANCE_M2 * np.eye(2)
     beliefs.type_logp[which] = np.where(one_hot, 0.0, _LOG_IMPOSSIBLE)

@@ -17,7 +17,7 @@ from mjx_fit import provenance
 from mjx_fit.config import Config
 from mjx_fit.errors import RequestError
 from mjx_fit.sensors.model import ContactSensor
-from mjx_fit.shapes import SHAPES
+from mjx_fit.settings import N_TYPES
 
 BEST, LAST = Path("checkpoints", "best"), Path("checkpoints", "last")
 
@@ -93,7 +93,7 @@ def load_sensor(run: Path) -> tuple[ContactSensor, Config]:
     if checkpoint is None:
         raise RequestError(f"--run: {run} is not allowed: it holds no checkpoint ({BEST}); train it first")
     config = config_.load(run / "config.yaml")
-    abstract = nnx.eval_shape(lambda: ContactSensor(config.sensor, nnx.Rngs(0), len(SHAPES)))
+    abstract = nnx.eval_shape(lambda: ContactSensor(config.sensor, nnx.Rngs(0), N_TYPES))
     graphdef, template = nnx.split(abstract)
     return nnx.merge(graphdef, from_arrays(template, checkpoint[1])), config
 

@@ -11,7 +11,7 @@ from mjx_fit.dataset.episode import Episode
 from mjx_fit.dataset.windows import split, usable
 from mjx_fit.errors import RequestError
 from mjx_fit.sensors.encoder import WRENCH_AXES
-from mjx_fit.shapes import SHAPES
+from mjx_fit.settings import N_TYPES
 from mjx_fit.types import SUBSTEPS
 
 
@@ -97,10 +97,10 @@ def require_sound(data: Episode, keep: Bool[np.ndarray, "episodes"]) -> None:
         )
     for name in ("peg_type", "hole_type"):
         types = np.asarray(getattr(interaction, name))[keep]
-        wrong = types[(types < 0) | (types >= len(SHAPES))]
+        wrong = types[(types < 0) | (types >= N_TYPES)]
         if len(wrong):
             raise RequestError(
-                f"--data: {name}: {wrong[0]} is not allowed: there are {len(SHAPES)} types, from 0"
+                f"--data: {name}: {wrong[0]} is not allowed: there are {N_TYPES} types, from 0"
             )
     for path, leaf in jax.tree_util.tree_leaves_with_path(data):
         values = np.asarray(leaf).reshape(len(keep), -1)

@@ -1,0 +1,335 @@
+"""The sections of a configuration: every number that a run depends on, with its unit and its range."""
+
+from itertools import pairwise
+from typing import Annotated, Literal
+
+from pydantic import ConfigDict, Field, model_validator
+from pydantic.dataclasses import dataclass
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Probability = Annotated[float, Field(gt=0, lt=1)]
+Count = Annotated[int, Field(ge=1)]
+
+Rates = tuple[Annotated[float, Field(ge=0, lt=1)], ...]
+
+_ERROR_KNOTS_M = (0.0, 0.001, 0.002, 0.003, 0.005, 0.0075, 0.01, 0.0125, 0.015, 0.0175)
+_SUCCESS_BY_ERROR = (
+    (0.987, 0.973, 0.840, 0.620, 0.153, 0.347, 0.307, 0.093, 0.060, 0.0),
+    (0.993, 0.993, 0.927, 0.780, 0.567, 0.620, 0.407, 0.100, 0.067, 0.0),
+    (0.987, 0.980, 0.873, 0.653, 0.313, 0.400, 0.327, 0.093, 0.060, 0.0),
+)
+
+STRICT = ConfigDict(extra="forbid", strict=True)
+
+Metres = Annotated[float, Field(ge=-0.03, le=0.03)]
+Corners = tuple[Metres, Metres, Metres, Metres]
+
+
+@dataclass(frozen=True, config=STRICT)
+class Shape:
+    """The cross-section of a peg: a union of rectangles, which is extruded. Its hole is wider on every side.
+
+    Attributes:
+        name: What it is called in files and figures.
+        rectangles: Of each the lower and the upper corner, x, y, x, y in m from the axis of the tool.
+    """
+
+    name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
+    rectangles: Annotated[tuple[Corners, ...], Field(min_length=1, max_length=4)]
+
+    @model_validator(mode="after")
+    def _corners_in_order(self) -> "Shape":
+        for x0, y0, x1, y1 in self.rectangles:
+            if x0 >= x1 or y0 >= y1:
+                raise ValueError(f"{self.name}: {[x0, y0, x1, y1]} must be a lower and an upper corner")
+        return self
+
+    @property
+    def half_width_m(self) -> float:
+        """Half the side of the square around the axis that holds it: pegs and plates are never turned."""
+        return max(abs(edge) for rectangle in self.rectangles for edge in rectangle)
+
+    def covers(self, x: float, y: float) -> bool:
+        """Whether a point lies in it, in m from the axis."""
+        return any(x0 <= x <= x1 and y0 <= y <= y1 for x0, y0, x1, y1 in self.rectangles)
+
+    @property
+    def is_its_own_mirror_image(self) -> bool:
+        """In the plane y = 0."""
+        xs = sorted({edge for x0, _, x1, _ in self.rectangles for edge in (x0, x1)})
+        ys = sorted({edge for _, y0, _, y1 in self.rectangles for edge in (y0, y1, -y0, -y1)})
+        middles = [((a + b) / 2, (c + d) / 2) for a, b in pairwise(xs) for c, d in pairwise(ys)]
+        return all(self.covers(x, y) == self.covers(x, -y) for x, y in middles)
+
+
+SHAPES = (
+    Shape("cross", ((-0.020, -0.010, 0.020, 0.010), (-0.010, -0.020, 0.010, 0.020))),
+    Shape("rectangle", ((-0.020, -0.0125, 0.020, 0.0125),)),
+    Shape("square", ((-0.015, -0.015, 0.015, 0.015),)),
+)
+NAMES = tuple(shape.name for shape in SHAPES)
+N_TYPES = len(SHAPES)
+"""Of shapes, whichever they are: beliefs about the type have so many entries."""
+
+
+@dataclass(frozen=True, config=STRICT)
+class SceneConfig:
+    """Geometry and contact.
+
+    Attributes:
+        shapes: Of pegs and holes; three of them, as many as there are types.
+        clearance_m: Gap between peg and hole on each side.
+        plate_half_width_m: Half the side of the square hole box. A detector error of 2.83 cm, a spiral of
+            1.5 cm and half a peg (2 cm for ours) must stay inside it.
+        hole_depth_m: Depth of the hole down to its floor.
+        peg_length_m: Length of the peg behind the sensor.
+        friction: Coulomb coefficient between peg and box: two dry, smooth plastics or machined metals.
+        contact_time_s: MuJoCo's solref time constant. At ten simulation steps the force of a sliding peg is
+            mostly smooth; at three it is a train of single-step spikes.
+        contact_width_m: MuJoCo's solimp width: a quarter of the default clearance at most.
+        max_contacts: Contact slots of one world in MJX.
+    """
+
+    shapes: tuple[Shape, Shape, Shape] = SHAPES
+    clearance_m: Annotated[float, Field(ge=0.0001, le=0.005)] = 0.001
+    plate_half_width_m: Annotated[float, Field(ge=0.08, le=0.2)] = 0.08
+    hole_depth_m: Annotated[float, Field(ge=0.03, le=0.08)] = 0.035
+    peg_length_m: Annotated[float, Field(ge=0.05, le=0.15)] = 0.07
+    friction: Annotated[float, Field(ge=0, le=2)] = 0.3
+    contact_time_s: Annotated[float, Field(ge=0.004, le=0.05)] = 0.01
+    contact_width_m: Annotated[float, Field(gt=0, le=0.001)] = 0.00025
+    max_contacts: Annotated[int, Field(ge=4, le=64)] = 8
+
+    @model_validator(mode="after")
+    def _names_differ(self) -> "SceneConfig":
+        if len(set(self.names)) < N_TYPES:
+            raise ValueError(f"shapes: {', '.join(self.names)}: the names must differ")
+        return self
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the shapes."""
+        return tuple(shape.name for shape in self.shapes)
+
+
+@dataclass(frozen=True, config=STRICT)
+class ControlConfig:
+    """Operational-space control, 500 Hz torque.
+
+    Attributes:
+        kp_position: Stiffness over inertia, 1/s², of the tip's position.
+        kp_orientation: The same for its orientation.
+        damping_ratio: ζ of both. 1 would be critical if position and rotation did not move each other; they
+            do, and 1.2 keeps the overshoot of a 2 cm step below 5 % wherever a hole may be.
+        kp_posture: As ``kp_position`` for the joints, in the null space of the task, critically damped.
+    """
+
+    kp_position: Positive = 600.0
+    kp_orientation: Positive = 600.0
+    damping_ratio: Positive = 1.2
+    kp_posture: NonNegative = 10.0
+
+
+@dataclass(frozen=True, config=STRICT)
+class SpiralConfig:
+    """Algorithm 4 of the paper.
+
+    Attributes:
+        radius_m: r_max, radius at the end of the spiral.
+        turns: n_rot, revolutions in one attempt.
+        push_m: δz, how far below the tip the goal lies.
+        wiggle_m: σ, standard deviation of the wiggle per axis.
+    """
+
+    radius_m: Positive = 0.015
+    turns: Positive = 2.0
+    push_m: Positive = 0.004
+    wiggle_m: NonNegative = 0.00125
+
+
+@dataclass(frozen=True, config=STRICT)
+class RandomConfig:
+    """The random policy of data collection: sweeps between random way-points, pressed on the plate.
+
+    Attributes:
+        reach_m: Way-points are uniform in a square of this half width around the estimate.
+        actions_per_sweep: Actions from one way-point to the next.
+        push_m: How far below the tip the goal lies.
+        wiggle_m: Standard deviation of the wiggle per axis.
+    """
+
+    reach_m: Positive = 0.025
+    actions_per_sweep: Count = 12
+    push_m: Positive = 0.004
+    wiggle_m: NonNegative = 0.00125
+
+
+@dataclass(frozen=True, config=STRICT)
+class DetectorConfig:
+    """The simulated hole detector.
+
+    Attributes:
+        kind: ``square``: uniform per axis; ``disc``: direction uniform and radius uniform.
+        half_width_m: Largest error per axis (square) or largest radius (disc).
+        prior_std_m: Standard deviation per axis that the belief starts with: Σ0 = σ_init I, σ_init = 1 cm².
+    """
+
+    kind: Literal["square", "disc"] = "square"
+    half_width_m: Annotated[float, Field(ge=0, le=0.03)] = 0.02
+    prior_std_m: Positive = 0.01
+
+
+@dataclass(frozen=True, config=STRICT)
+class SequenceConfig:
+    """Estimates from which the second and later attempts of a collected sequence start: as a filter's may be.
+
+    Attributes:
+        min_std_m: Least standard deviation of the estimate along an axis of its covariance.
+        max_std_m: Largest one; both are drawn between these, log-uniform, their direction uniform.
+    """
+
+    min_std_m: Annotated[float, Field(ge=0.0001, le=0.02)] = 0.001
+    max_std_m: Annotated[float, Field(ge=0.0001, le=0.02)] = 0.008
+
+    @model_validator(mode="after")
+    def _ordered(self) -> "SequenceConfig":
+        if self.min_std_m > self.max_std_m:
+            raise ValueError("min_std_m must be at most max_std_m")
+        return self
+
+
+@dataclass(frozen=True, config=STRICT)
+class WristConfig:
+    """Noise of the force/torque sensor: Robotiq FT 300-S, 1 σ per sample.
+
+    Attributes:
+        force_noise_n: Fx, Fy, Fz.
+        torque_xy_noise_nm: Tx, Ty.
+        torque_z_noise_nm: Tz.
+        tare_samples: Samples that are averaged when the sensor is tared.
+    """
+
+    force_noise_n: NonNegative = 0.1
+    torque_xy_noise_nm: NonNegative = 0.005
+    torque_z_noise_nm: NonNegative = 0.003
+    tare_samples: Count = 50
+
+
+@dataclass(frozen=True, config=STRICT)
+class TaskConfig:
+    """The high-level task.
+
+    Attributes:
+        n_holes: Holes, and pegs, in one assembly.
+        max_attempts: Attempts at one peg before a human helps.
+        attempt_actions: J, actions in one attempt.
+        insertion_depth_m: Inserted: the tip is at least this far below the plate's top, in the hole.
+        success_probability: α of the outcome model, for cross, rectangle and square: the success rate of a
+            matched attempt. The default is what ``evaluate attempt --trials 1000`` measured with everything
+            else at its default; measure it anew when you change the detector, the scene or the control.
+        outcome_model: α ``constant`` per shape, as in the paper, or by the ``covariance`` of the belief: the
+            mean of ``success_by_error`` over what is believed (``mjx_fit.filters.success``).
+        error_knots_m: Distances of the estimate from the hole at which ``success_by_error`` is known.
+        success_by_error: Success rate of a matched attempt at those distances, for cross, rectangle and
+            square: what ``experiments/physics/alpha.py error`` measured with everything else at its default.
+        hard_match: Update the type with h_match's arg max, as in Algorithm 3; otherwise with the mean over
+            its probabilities, as in training. H is learned with the latter, and is too sure for the former.
+    """
+
+    n_holes: Annotated[int, Field(ge=1, le=8)] = 5
+    max_attempts: Count = 30
+    attempt_actions: Annotated[int, Field(ge=1, le=400)] = 100
+    insertion_depth_m: Annotated[float, Field(gt=0, le=0.025)] = 0.01
+    success_probability: tuple[Probability, Probability, Probability] = (0.118, 0.162, 0.117)
+    outcome_model: Literal["constant", "covariance"] = "constant"
+    error_knots_m: Annotated[tuple[NonNegative, ...], Field(min_length=1)] = _ERROR_KNOTS_M
+    success_by_error: tuple[Rates, Rates, Rates] = _SUCCESS_BY_ERROR
+    hard_match: bool = False
+
+    @model_validator(mode="after")
+    def _one_rate_for_each_knot(self) -> "TaskConfig":
+        knots = self.error_knots_m
+        if list(knots) != sorted(set(knots)):
+            raise ValueError(f"error_knots_m: {list(knots)} must ascend")
+        for rates in self.success_by_error:
+            if len(rates) != len(knots):
+                raise ValueError(
+                    f"success_by_error: {list(rates)} must have a rate for each of error_knots_m"
+                )
+        return self
+
+
+@dataclass(frozen=True, config=STRICT)
+class SensorConfig:
+    """The learned sensors: encoders e1 and e2, heads h_pos and h_match.
+
+    Attributes:
+        width: Size of the outputs of e1 and e2, and of a token.
+        conv_channels: Channels of the five layers of the wrench encoder.
+        layers: Transformer layers.
+        heads: Attention heads.
+        feedforward: Width inside the transformer's feed-forward part.
+        dropout: Rate in the transformer while training.
+        positional: Whether tokens carry their place in time.
+        causal: Whether attention looks at the past only.
+        noise: What R depends on: the ``peg`` alone, as in the paper, or the ``trace`` as well.
+        reference: From where positions are measured: the ``estimate``, or the ``final`` position of the tip,
+            which makes it the frame-by-frame baseline. ``mjx-fit train`` trains both.
+        contact_features: Whether a token is told, beside the wrench itself, its mean and spread and the
+            centre of pressure.
+        places: Weighted means, over the attempt, of where the tip was and where it was pressed, that join
+            what the maximum over time gives; 0: none, as in the paper.
+    """
+
+    width: Annotated[int, Field(ge=4, multiple_of=4)] = 64
+    conv_channels: tuple[Count, Count, Count, Count, Count] = (16, 32, 64, 64, 64)
+    layers: Count = 4
+    heads: Count = 4
+    feedforward: Count = 128
+    dropout: Annotated[float, Field(ge=0, lt=1)] = 0.0
+    positional: bool = False
+    causal: bool = False
+    noise: Literal["peg", "trace"] = "peg"
+    reference: Literal["estimate", "final"] = "estimate"
+    contact_features: bool = False
+    places: Annotated[int, Field(ge=0)] = 0
+
+
+@dataclass(frozen=True, config=STRICT)
+class TrainConfig:
+    """Training of the differentiable filters.
+
+    Attributes:
+        epochs: Passes over the training episodes, one window from each per pass.
+        batch_size: Windows in one step.
+        learning_rate: Adam's, the largest.
+        schedule: Of the learning rate: ``constant``, or ``cosine``, a half wave from 1 to 0 over all epochs.
+        adam_b2: Adam's β2.
+        weight_decay: AdamW's.
+        mirror: Show every second window mirrored in the robot's plane of symmetry.
+        min_window: Shortest window, actions.
+        max_window: Longest window, actions; windows are padded to this.
+        sequence: Attempts in a row at one hole that one example goes through, each with the belief that the
+            ones before have left; 1: every window alone, from the prior that was stored with it. For more the
+            data must be collected with as many (``--sequence``) and with a sensor's own beliefs (``--run``),
+            and windows should be whole attempts: where the second began tells what the first had told.
+        validation_fraction: Share of the episodes kept for validation.
+        patience: Epochs without a better validation NLL after which training stops early; 0: never.
+        baseline_share: Epochs of the frame-by-frame baseline, which ``mjx-fit train`` trains behind the
+            sensor, as a share of ``epochs``; 0: leave it out.
+    """
+
+    epochs: Count = 5000
+    batch_size: Count = 128
+    learning_rate: Positive = 1e-4
+    schedule: Literal["constant", "cosine"] = "constant"
+    adam_b2: Probability = 0.99
+    weight_decay: NonNegative = 0.0
+    mirror: bool = False
+    min_window: Count = 20
+    max_window: Count = 100
+    sequence: Annotated[int, Field(ge=1, le=30)] = 1
+    validation_fraction: Probability = 0.1
+    patience: Annotated[int, Field(ge=0)] = 0
+    baseline_share: Annotated[float, Field(ge=0, le=1)] = 1.0
