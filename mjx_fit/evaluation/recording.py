@@ -11,14 +11,15 @@ from jaxtyping import Bool, Float, Int
 from mjx_fit import config as config_
 from mjx_fit.config import Config
 from mjx_fit.errors import RequestError
-from mjx_fit.evaluation import outcome
+from mjx_fit.evaluation import outcome, parts
 from mjx_fit.evaluation.results import Result
 from mjx_fit.progress import Progress
-from mjx_fit.simulate.engine import create
+from mjx_fit.randomness import require_seed
+from mjx_fit.simulate.engine import Engine, create
 from mjx_fit.task import assembly
 from mjx_fit.task.assembly import Round
 from mjx_fit.task.learning import learner
-from mjx_fit.task.methods import ASSEMBLY, chosen
+from mjx_fit.task.methods import ASSEMBLY, Method, chosen
 from mjx_fit.task.trials import draw_trials
 from mjx_fit.training import checkpoint
 from mjx_fit.types import Belief, Interaction
@@ -84,6 +85,9 @@ class Recording:
         return replace(self, steps=(self.steps[number - 1],))
 
 
+Watch = Callable[[Recording], None]
+
+
 def record(
     config: Config,
     run: Path | None,
@@ -91,9 +95,9 @@ def record(
     trial: int,
     seed: int,
     engine: str = "auto",
-    watch: Callable[[Recording], None] | None = None,
+    watch: Watch | None = None,
 ) -> Recording:
-    """Plays one assembly; under the same configuration, seed and engine it is that of the experiment.
+    """Plays one assembly.
 
     Args:
         config: The configuration.
@@ -109,34 +113,12 @@ def record(
     """
     if trial < 0:
         raise RequestError(f"--trial: {trial} is not allowed: it must be at least 0")
+    require_seed(seed)
     picked = chosen(method, ASSEMBLY)
-    sensor = None
-    if picked[0].needs_sensor:
-        if run is None:
-            raise RequestError(f"--run: none is not allowed: {method} needs the folder of a training run")
-        sensor, trained = checkpoint.load_sensor(run)
-        config = outcome.with_network_of(trained, config)
-    drawn = draw_trials(config, seed, np.array([trial]))
-    steps: list[Step] = []
-
-    def so_far() -> Recording:
-        holes = drawn.hole_type[0], drawn.hole_pos_world[0]
-        return Recording(method, trial, config, *holes, drawn.peg_type[0], tuple(steps))
-
-    def note(round_: Round) -> None:
-        steps.append(_step_of(round_, steps))
-        if watch:
-            watch(so_far())
-
-    simulator, learn = create(engine, config), learner(config, sensor)
-    with Progress("playing: pegs", config.task.n_holes) as progress:
-        assembly.run(config, picked, drawn, seed, simulator, learn, progress, note)
-    return so_far()
+    return _play(config, run, picked, np.array([trial]), 0, seed, create(engine, config), watch)
 
 
-def replay(
-    result: Result, run: Path, method: str, trial: int, watch: Callable[[Recording], None] | None = None
-) -> Recording:
+def replay(result: Result, run: Path, method: str, trial: int, watch: Watch | None = None) -> Recording:
     """Plays a trial of an assembly result again.
 
     Args:
@@ -148,24 +130,29 @@ def replay(
 
     Raises:
         RequestError: The result is of another experiment or has no such trial, the run is of another sensor,
-            or the same choices do not come out, as after a change of versions or engine.
+            or the same choices do not come out, as after a change of versions or machine.
     """
     if result.experiment != "assembly":
         raise RequestError(
-            f"render: a result of {result.experiment!r} is not allowed: give one of 'assembly'"
+            f"render: a result of {result.experiment!r} is not allowed: it must be of assembly"
         )
     rows = {(row["method"], row["trial"]): row for row in result.trials}
+    names = list(dict.fromkeys(name for name, _ in rows))
     if (method, trial) not in rows:
-        methods = ", ".join(result.request["methods"])
         raise RequestError(
             f"--method, --trial: {method}, {trial} are not in the result: "
-            f"it has {methods} and trials 0 to {max(row['trial'] for row in result.trials)}"
+            f"it has {', '.join(names)} and trials 0 to {max(row['trial'] for row in result.trials)}"
         )
     reads = chosen(method, ASSEMBLY)[0].needs_sensor
     if reads and checkpoint.fingerprint_of(checkpoint.load_sensor(run)[0]) != result.request["sensor"]:
         raise RequestError(f"--run: {run} is not allowed: the result was made with another sensor")
     config = config_.from_tree(result.config)
-    recording = record(config, run, method, trial, result.seed, result.engine, watch)
+    engine = create(result.engine, config)
+    pieces = parts.pieces(result.request["trials"], len(names), engine.name)
+    ids = next(piece for piece in pieces if trial in piece)
+    row = names.index(method) * len(ids) + int(np.flatnonzero(ids == trial)[0])
+    picked = chosen(",".join(names), ASSEMBLY)
+    recording = _play(config, run, picked, ids, row, result.seed, engine, watch)
     expected = [hole for holes in rows[method, trial].get("tried", []) for hole in holes]
     if expected and expected != [step.hole for step in recording.steps]:
         raise RequestError(
@@ -175,19 +162,61 @@ def replay(
     return recording
 
 
-def _step_of(round_: Round, so_far: list[Step]) -> Step:
-    """The only row of a round."""
-    peg = int(round_.before.peg[0])
-    first = jax.tree.map(lambda leaf: np.asarray(leaf)[0], round_.interactions)
-    newly = np.flatnonzero(round_.after.filled[0] & ~round_.before.filled[0])
+def _play(
+    config: Config,
+    run: Path | None,
+    methods: tuple[Method, ...],
+    ids: Int[np.ndarray, "T"],
+    row: int,
+    seed: int,
+    engine: Engine,
+    watch: Watch | None,
+) -> Recording:
+    """Plays one row of the methods times the trials with these ids."""
+    method, place = methods[row // len(ids)], row % len(ids)
+    sensor = None
+    if method.needs_sensor:
+        if run is None:
+            raise RequestError(
+                f"--run: none is not allowed: {method.name} needs the folder of a training run"
+            )
+        sensor, trained = checkpoint.load_sensor(run)
+        config = outcome.with_network_of(trained, config)
+    drawn = draw_trials(config, seed, ids)
+    steps: list[Step] = []
+
+    def so_far() -> Recording:
+        world = (column[place] for column in (drawn.hole_type, drawn.hole_pos_world, drawn.peg_type))
+        return Recording(method.name, int(ids[place]), config, *world, tuple(steps))
+
+    def note(round_: Round) -> None:
+        steps.append(_step_of(round_, row, steps))
+        if watch:
+            watch(so_far())
+
+    with Progress("playing: pegs", config.task.n_holes) as progress:
+        done_before = (len(methods) * len(ids) - 1) * config.task.n_holes
+
+        def told(pegs: int, text: str) -> None:
+            progress(pegs - done_before, f"{len(steps)} attempts")
+
+        assembly.run(config, methods, drawn, seed, engine, learner(config, sensor), told, note, only=row)
+    return so_far()
+
+
+def _step_of(round_: Round, row: int, so_far: list[Step]) -> Step:
+    """A row of a round."""
+    peg = int(round_.before.peg[row])
+    happened = jax.tree.map(lambda leaf: np.asarray(leaf)[row], round_.interactions)
+    newly = np.flatnonzero(round_.after.filled[row] & ~round_.before.filled[row])
     return Step(
         number=len(so_far) + 1,
         peg=peg,
         attempt=1 + sum(step.peg == peg for step in so_far),
-        hole=int(round_.chosen[0]),
-        interaction=first,
-        before=jax.tree.map(lambda leaf: leaf[0], round_.before.beliefs),
-        after=jax.tree.map(lambda leaf: leaf[0], round_.learned.beliefs),
-        filled=round_.before.filled[0],
-        helped=int(newly[0]) if len(newly) and not first.inserted else None,
+        hole=int(round_.chosen[row]),
+        interaction=happened,
+        before=jax.tree.map(lambda leaf: leaf[row], round_.before.beliefs),
+        after=jax.tree.map(lambda leaf: leaf[row], round_.learned.beliefs),
+        filled=round_.before.filled[row],
+        helped=int(newly[0]) if len(newly) and not happened.inserted else None,
     )

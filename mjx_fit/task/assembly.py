@@ -47,6 +47,7 @@ def run(
     learn: Learn,
     progress: Callable[[int, str], None],
     watch: Callable[[Round], None] | None = None,
+    only: int | None = None,
 ) -> list[dict]:
     """Runs every method on every trial to the end.
 
@@ -61,11 +62,15 @@ def run(
         learn: Updates beliefs, made by ``mjx_fit.task.learning.learner``.
         progress: Told the number of pegs done, over all methods and trials.
         watch: Told every round, for pictures.
+        only: Play this row alone, of methods times trials. Beliefs are updated in a batch of all the same,
+            so that it comes out as among the others, bit by bit.
 
     Returns:
         One row for each method and trial, as ``mjx_fit.evaluation.results.AssemblyTrial`` has it.
     """
     table = Table(config, methods, trials, seed)
+    if only is not None:
+        table.leave_out_all_but(only)
     while table.active.any():
         chosen = table.choose()
         wiggle_keys, noise_keys = table.keys()

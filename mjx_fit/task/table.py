@@ -69,6 +69,10 @@ class Table:
         """Rows that have pegs left."""
         return self.pegs_done < self._filled.shape[1]
 
+    def leave_out_all_but(self, row: int) -> None:
+        """Takes the other rows for done."""
+        self.pegs_done[np.arange(len(self.pegs_done)) != row] = self._filled.shape[1]
+
     def now(self) -> State:
         """A copy of where the rows stand."""
         beliefs = jax.tree.map(np.copy, self._beliefs)
