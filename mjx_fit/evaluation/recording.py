@@ -133,9 +133,7 @@ def replay(result: Result, run: Path, method: str, trial: int, watch: Watch | No
             or the same choices do not come out, as after a change of versions or machine.
     """
     if result.experiment != "assembly":
-        raise RequestError(
-            f"render: a result of {result.experiment!r} is not allowed: it must be of assembly"
-        )
+        raise RequestError(f"result: {result.experiment!r} is not allowed: it must be of assembly")
     rows = {(row["method"], row["trial"]): row for row in result.trials}
     names = list(dict.fromkeys(name for name, _ in rows))
     if (method, trial) not in rows:
@@ -177,17 +175,15 @@ def _play(
     sensor = None
     if method.needs_sensor:
         if run is None:
-            raise RequestError(
-                f"--run: none is not allowed: {method.name} needs the folder of a training run"
-            )
+            raise RequestError(f"--run: none is not allowed: {method.name} needs a training run")
         sensor, trained = checkpoint.load_sensor(run)
         config = outcome.with_network_of(trained, config)
     drawn = draw_trials(config, seed, ids)
     steps: list[Step] = []
 
     def so_far() -> Recording:
-        world = (column[place] for column in (drawn.hole_type, drawn.hole_pos_world, drawn.peg_type))
-        return Recording(method.name, int(ids[place]), config, *world, tuple(steps))
+        holes, pegs = (drawn.hole_type[place], drawn.hole_pos_world[place]), drawn.peg_type[place]
+        return Recording(method.name, int(ids[place]), config, *holes, pegs, tuple(steps))
 
     def note(round_: Round) -> None:
         steps.append(_step_of(round_, row, steps))
