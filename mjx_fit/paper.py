@@ -63,7 +63,7 @@ SIZES = {
     "full": Size("paper", 120000, 3, 10000, 30000, 10000, 1000, 1500, 5, 1000, 10000),
 }
 
-ASSEMBLY = "failure_only,failure_position,full,perfect_sensor,oracle"
+ASSEMBLY = "failure_only,failure_position,full,perfect_match,perfect_sensor,oracle"
 ATTEMPTS_EACH = 220
 """Attempts that one assembly takes under all four methods together, as they were seen: an estimate."""
 WINDOW_IN_ACTIONS = 9.0

@@ -8,11 +8,13 @@ from matplotlib.figure import Figure
 
 from mjx_fit.evaluation import results
 from mjx_fit.evaluation.results import Result
-from mjx_fit.evaluation.statistics import Row, bootstrap_mean
+from mjx_fit.evaluation.statistics import Row, bootstrap_mean, bootstrap_ratio
 from mjx_fit.report import figures, hole_figures, script
 
 HERE = Path(__file__).parent
 CAP = 30
+ALONE = ("assembly_match", "assembly_hard", "assembly_humble", "assembly_full")
+"""Set beside assembly_covariance, trial by trial."""
 GROUPS = {
     "attempt": ("matched", "mismatched"),
     "position": tuple("012345"),
@@ -30,6 +32,21 @@ def main() -> None:
             _print_paired(result)
         for kind, draw in _figures(result).items():
             script.draw(HERE / f"{name}_{kind}.png", draw)
+    for name in ALONE:
+        if name in found:
+            _print_against(name, found[name], found["assembly_covariance"])
+
+
+def _print_against(name: str, alone: Result, others: Result) -> None:
+    """The attempts of a method that was run alone over those of others in the same trials."""
+    for mine, own in results.by_method(alone.trials).items():
+        needed = {trial["trial"]: sum(trial["attempts"]) for trial in own}
+        for other, rows in results.by_method(others.trials).items():
+            theirs = {trial["trial"]: sum(trial["attempts"]) for trial in rows}
+            both = sorted(needed.keys() & theirs.keys())
+            above, below = (np.array([count[i] for i in both]) for count in (needed, theirs))
+            value, low, high = bootstrap_ratio(above, below)
+            print(f"| {name}: {mine} / {other} | attempts_ratio | {value:.3f} ({low:.3f} to {high:.3f}) |")
 
 
 def _is_result(path: Path) -> bool:

@@ -44,6 +44,7 @@ _COLOURS = {
     "frame_by_frame": "#009E73",
     "no_update": "#CC79A7",
     "sample": "#56B4E9",
+    "perfect_match": "#CC79A7",
     "perfect_sensor": "#009E73",
     "oracle": "#4d4d4d",
     "spiral": "#0072B2",
