@@ -1,10 +1,10 @@
-# Six verbs: demo, test, lint, bench, paper, clean. Each works in a fresh clone.
+# Seven verbs: demo, test, lint, bench, docs, paper, clean. Each works in a fresh clone.
 PYTHON ?= python3
 VENV := .venv
 RUN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: demo test lint bench paper clean
+.PHONY: demo test lint bench docs paper clean
 
 demo: $(READY)
 	$(RUN)/mjx-fit demo
@@ -21,11 +21,14 @@ lint: $(READY)
 bench: $(READY)
 	$(RUN)/mjx-fit bench
 
+docs: $(READY)
+	PDOC_ALLOW_EXEC=1 $(RUN)/pdoc --docformat google --output-directory docs/api mjx_fit '!mjx_fit.bench' '!mjx_fit.picture.browser'
+
 paper: $(READY)
 	$(RUN)/mjx-fit paper --out runs/paper
 
 clean:
-	rm -rf $(VENV) runs dist
+	rm -rf $(VENV) runs dist docs/api
 
 $(READY): pyproject.toml
 	@echo "Creating $(VENV) and installing mjx_fit into it: about a minute."

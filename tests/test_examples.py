@@ -46,3 +46,41 @@ def test_torch(folder):
 
 def test_the_array_job_is_a_shell_script_that_parses():
     subprocess.run(["bash", "-n", str(EXAMPLES / "slurm.sh")], check=True)
+
+
+OWN = EXAMPLES.parent / "own"
+
+
+def own(name: str, *words: object) -> list[str]:
+    done = run([sys.executable, str(OWN / name), *map(str, words)])
+    assert done.returncode == 0, done.stderr
+    return done.stdout.splitlines()
+
+
+def test_a_shape_of_ones_own(tmp_path):
+    told = own("shape.py", tmp_path / "set", 12, 3)
+    assert "ell-ell: 0 of 2 inserted" in told
+    assert {line.split(":")[0] for line in told} > {"ell-rectangle", "square-square"}
+
+
+def test_a_policy_of_ones_own():
+    told = own("policy.py", 2)
+    assert [line.split(":")[0] for line in told] == ["spiral", "raster"]
+    assert all(line.endswith("of 2 inserted") for line in told)
+
+
+def test_a_sensor_of_ones_own(native, tmp_path):
+    folders = [Collector(native)(tmp_path / f"set{seed}", seed=seed) for seed in (1, 2)]
+    told = own("sensor.py", *folders)
+    assert [line.split(":")[0] for line in told] == ["nothing", "linear sensor"]
+
+
+def test_a_filter_of_ones_own():
+    told = own("filter.py", 2)
+    assert [line.split(":")[0] for line in told] == ["Kalman", "particles"]
+    assert all(1 <= float(line.split()[1]) <= 10 for line in told)
+
+
+def test_examples_stay_short():
+    for path in OWN.glob("*.py"):
+        assert len(path.read_text().splitlines()) < 60, path

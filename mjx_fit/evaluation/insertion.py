@@ -55,7 +55,7 @@ def insertion(
         {"trials": trials, "seeds": seeds},
         ATTEMPTS,
         trials * seeds,
-        partial(_holes, seeds=seeds, seed=seed),
+        partial(draw_holes, seeds=seeds, seed=seed),
         partial(_rows, seeds=seeds, names=config.scene.names),
         summarise,
     )
@@ -94,7 +94,7 @@ def summarise(trials: Rows) -> list[Row]:
     return rows
 
 
-def _holes(config: Config, ids: Ids, seeds: int, seed: int) -> hole.Holes:
+def draw_holes(config: Config, ids: Ids, seeds: int, seed: int) -> hole.Holes:
     draw, number = np.divmod(ids, seeds)
     shape = draw % N_TYPES
     place, estimate, key, _ = draw_places(root_key(seed, "insertion"), jnp.asarray(draw), config.detector)

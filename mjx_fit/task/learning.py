@@ -14,7 +14,7 @@ from mjx_fit.dataset.sequences import Update
 from mjx_fit.filters.belief import update_position, update_type
 from mjx_fit.filters.success import success_probability
 from mjx_fit.sensors.model import ContactSensor
-from mjx_fit.types import Array, Belief, Interaction
+from mjx_fit.types import Array, Belief, Interaction, Reading
 from mjx_fit.wrist import read
 
 Learn = Callable[[Belief, Interaction, Key[Array, "n"], Bool[Array, "n"], Bool[Array, "n"]], Belief]
@@ -39,7 +39,7 @@ def learner(config: Config, sensor: ContactSensor | None) -> Learn:
         alpha = success_probability(config, beliefs.pos_cov)
         updated = update_type(beliefs, None, interactions.peg_type, alpha, hard=hard)
         if graph is not None:
-            observation = nnx.merge(graph, state)(_readings(interactions, keys, config))
+            observation = nnx.merge(graph, state)(readings(interactions, keys, config))
             moved = update_position(beliefs, observation)
             felt = update_type(beliefs, observation, interactions.peg_type, alpha, hard=hard)
             updated = Belief(
@@ -70,7 +70,7 @@ def frame_update(config: Config, sensor: ContactSensor) -> Update:
 
     @jax.jit
     def update(state, beliefs: Belief, interactions: Interaction, keys: Key[Array, "n"]) -> Belief:
-        seen = nnx.merge(graph, state)(_readings(interactions, keys, config))
+        seen = nnx.merge(graph, state)(readings(interactions, keys, config))
         failed = interactions.valid & ~interactions.inserted
         mean = interactions.estimate_world + seen.innovation
         return replace(
@@ -82,7 +82,8 @@ def frame_update(config: Config, sensor: ContactSensor) -> Update:
     return lambda *args: update(state, *args)
 
 
-def _readings(interactions: Interaction, keys, config: Config):
+def readings(interactions: Interaction, keys: Key[Array, "n"], config: Config) -> Reading:
+    """What the sensors are shown of attempts (n,): tared, with the wrist's noise from these keys."""
     rows = interactions.trace.contact.shape[1]
     return jax.vmap(lambda interaction, key: read(interaction, key, config.wrist, config.scene, rows=rows))(
         interactions, keys

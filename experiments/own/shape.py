@@ -1,0 +1,35 @@
+"""A shape of one's own: an L in the place of the cross, from boxes to data.
+
+    python experiments/own/shape.py FOLDER [EPISODES [ACTIONS]]
+
+The same as ``mjx-fit collect`` with a YAML file of this section; everything else, from training to video,
+takes that file by ``--config``.
+"""
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+from mjx_fit import runtime
+from mjx_fit.config import Config
+from mjx_fit.dataset.collect import collect
+from mjx_fit.dataset.plan import Plan
+from mjx_fit.dataset.store import describe
+from mjx_fit.settings import SHAPES, Shape
+
+# Each rectangle from its lower to its upper corner, x, y, x, y in m from the tool's axis.
+ELL = Shape("ell", ((-0.020, -0.020, 0.000, 0.020), (0.000, -0.020, 0.020, 0.000)))
+
+
+def main(folder: Path, episodes: int = 240, steps: int = 100) -> None:
+    """Collects interactions of the L with itself and with two of ours."""
+    default = Config()
+    config = replace(default, scene=replace(default.scene, shapes=(ELL, *SHAPES[1:])))
+    collect(config, folder, Plan(episodes, steps, "spiral"))
+    for pair, row in describe(folder)["pairs"].items():
+        print(f"{pair}: {row['inserted']} of {row['episodes']} inserted")
+
+
+if __name__ == "__main__":
+    runtime.configure()
+    main(Path(sys.argv[1]), *map(int, sys.argv[2:]))
