@@ -62,10 +62,11 @@ def _figure(rows: list[tuple[str, float, Row]]) -> Figure:
                 style.points(ax, range(len(own)), own, color=colour[name], marker=marker[name])
             ax.set_xticks(range(len(values)), [text.format(value * scale) for value in values])
             ax.set_xlim(-0.3, len(values) - 0.7)
-            ax.set_ylim(0, None)
             if line:
                 ax.set_xlabel(label)
                 ax.yaxis.set_major_formatter(PercentFormatter(1, decimals=None))
+    for ax in axes.flat:  # once all is drawn: the axes of a row share their limits
+        ax.set_ylim(0, None)
     axes[0, 0].set_ylabel("Attempts for all pegs")
     axes[1, 0].set_ylabel("Pegs inserted by a human")
     style.legend(figure, style.method_handles(methods))
