@@ -247,7 +247,7 @@ stage.close()
 def test_results_and_own_settings_do_not_mix(result, tmp_path):
     out = tmp_path / "result.json"
     results.write(out, result)
-    done = run("view", str(out), "--seed", "3", "--browser")
+    done = run("view", str(out), "--seed", "3")
     assert done.returncode == 2
     assert "none is allowed beside a result" in done.stderr
     assert mujoco.__version__ in result.versions.values()

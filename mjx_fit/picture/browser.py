@@ -2,6 +2,8 @@
 
 # MuJoCo's extension module has no stubs.
 # pyright: reportAttributeAccessIssue=false
+# viser and trimesh come with the extra view.
+# pyright: reportMissingImports=false
 
 import time
 from typing import Any
