@@ -179,7 +179,13 @@ def render(args: argparse.Namespace) -> None:
 def view(args: argparse.Namespace) -> None:
     from mjx_fit.picture.view import view
 
+    _require_one_source(args)
     view(lambda watch: _recording(args, watch), args.attempt, args.speed, args.browser, args.port)
+
+
+def _require_one_source(args: argparse.Namespace) -> None:
+    if args.result is not None and (args.config is not None or args.set or args.seed):
+        raise RequestError("--config, --set, --seed: none is allowed beside a result: it brings its own")
 
 
 def _recording(args: argparse.Namespace, watch: "Callable[[Recording], None] | None" = None) -> "Recording":
@@ -189,8 +195,7 @@ def _recording(args: argparse.Namespace, watch: "Callable[[Recording], None] | N
     asked = _run(args), args.method, args.trial
     if args.result is None:
         return recording.record(_config(args), *asked, args.seed, args.engine, watch)
-    if args.config is not None or args.set or args.seed:
-        raise RequestError("--config, --set, --seed: none is allowed beside a result: it brings its own")
+    _require_one_source(args)
     return recording.replay(results.read(args.result), *asked, watch)
 
 

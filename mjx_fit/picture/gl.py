@@ -40,11 +40,14 @@ def choose() -> None:
 
 def draws(backend: str) -> bool:
     """Whether MuJoCo can draw with a backend here."""
-    found = subprocess.run(
-        [sys.executable, "-c", _DRAW],
-        env=os.environ | {"MUJOCO_GL": backend},
-        capture_output=True,
-        timeout=60,
-        check=False,
-    )
+    try:
+        found = subprocess.run(
+            [sys.executable, "-c", _DRAW],
+            env=os.environ | {"MUJOCO_GL": backend},
+            capture_output=True,
+            timeout=60,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        return False
     return found.returncode == 0
