@@ -171,6 +171,7 @@ def render(args: argparse.Namespace) -> None:
     from mjx_fit.picture.render import render, require
 
     require(args.out, args.fps, args.speed)
+    _require_one_source(args)
     recording = _recording(args)
     recording = recording if args.attempt is None else recording.only(args.attempt)
     print(render(recording, args.out, args.fps, args.speed))
@@ -184,8 +185,13 @@ def view(args: argparse.Namespace) -> None:
 
 
 def _require_one_source(args: argparse.Namespace) -> None:
-    if args.result is not None and (args.config is not None or args.set or args.seed):
-        raise RequestError("--config, --set, --seed: none is allowed beside a result: it brings its own")
+    asked = args.config is not None or args.set or args.seed or args.engine != "auto"
+    if args.result is not None and asked:
+        raise RequestError(
+            "--config, --set, --seed, --engine: none is allowed beside a result: it brings its own"
+        )
+    if args.attempt is not None and args.attempt < 1:
+        raise RequestError(f"--attempt: {args.attempt} is not allowed: it must be at least 1")
 
 
 def _recording(args: argparse.Namespace, watch: "Callable[[Recording], None] | None" = None) -> "Recording":
@@ -195,7 +201,6 @@ def _recording(args: argparse.Namespace, watch: "Callable[[Recording], None] | N
     asked = _run(args), args.method, args.trial
     if args.result is None:
         return recording.record(_config(args), *asked, args.seed, args.engine, watch)
-    _require_one_source(args)
     return recording.replay(results.read(args.result), *asked, watch)
 
 

@@ -8,7 +8,7 @@ import json
 import math
 import re
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import yaml
 from pydantic import TypeAdapter, ValidationError
@@ -99,11 +99,6 @@ def from_tree(tree: dict[str, Any]) -> Config:
             ) from None
         raise RequestError(f"config: {field}: {first['input']!r} is not allowed: {first['msg']}") from None
     require_room(config, "spiral.radius_m", config.spiral.radius_m)
-    lopsided = [shape.name for shape in config.scene.shapes if not shape.is_its_own_mirror_image]
-    if config.train.mirror and lopsided:
-        raise RequestError(
-            f"config: train.mirror: True is not allowed: mirrored, the shape {lopsided[0]!r} is another one"
-        )
     return config
 
 
@@ -173,5 +168,8 @@ def _set(tree: dict[str, Any], override: str) -> None:
 def _allowed(loc: tuple[int | str, ...]) -> str:
     node: Any = Config
     for part in loc[:-1]:
+        if isinstance(part, int):  # a place in a tuple
+            node = get_args(node)[0]
+            continue
         node = next(field.type for field in dataclasses.fields(node) if field.name == part)
     return ", ".join(field.name for field in dataclasses.fields(node))

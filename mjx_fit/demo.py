@@ -54,8 +54,18 @@ def demo(config: Config, out: Path, size: Size, train: bool) -> None:
     Raises:
         RequestError: The folder holds the demo of another configuration, or other files.
     """
-    parts = {"data", "train", "assembly.json", "assembly.parts", VIDEO, "figures", "index.html"}
-    foreign = sorted({path.name for path in out.iterdir()} - parts) if out.is_dir() else []
+    parts = {
+        "data",
+        "train",
+        "assembly.json",
+        "assembly.parts",
+        "assembly.broken",
+        VIDEO,
+        "figures",
+        "index.html",
+    }
+    there = {path.name.removesuffix(".tmp") for path in out.iterdir()} if out.is_dir() else set()
+    foreign = sorted(there - parts)
     if foreign:
         raise RequestError(f"--out: {out} is not allowed: it holds other files ({foreign[0]})")
     console = Console(highlight=False)

@@ -186,8 +186,8 @@ def _contact(config: SceneConfig, contype: int, conaffinity: int) -> dict:
 
 
 def _padded(boxes: Boxes, n: int) -> Boxes:
-    """Fills up to n boxes with tiny ones in the middle of the last real box."""
+    """Fills up to n boxes with tiny ones inside the last real box."""
     spare = n - len(boxes.centre)
     centre = np.vstack([boxes.centre, np.repeat(boxes.centre[-1:], spare, 0)])
-    half = np.vstack([boxes.half, np.full((spare, 3), _SPARE_HALF_M)])
+    half = np.vstack([boxes.half, np.repeat(np.minimum(boxes.half[-1:], _SPARE_HALF_M), spare, 0)])
     return Boxes(centre, half)

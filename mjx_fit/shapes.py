@@ -77,6 +77,8 @@ def hole_boxes(shape: Shape, scene: SceneConfig) -> Boxes:
     return Boxes.between(low, high)
 
 
+_SLIVER_M = 1e-6
+"""What is thinner comes from rounding, not from a shape."""
 _Rectangle = tuple[float, float, float, float]
 
 
@@ -86,9 +88,11 @@ def _left_over(open_: list[_Rectangle]) -> list[_Rectangle]:
     ys = sorted({edge for _, y0, _, y1 in open_ for edge in (y0, y1)})
     found: list[_Rectangle] = []
     for x0, x1 in pairwise(xs):
+        if x1 - x0 < _SLIVER_M:
+            continue
         strip: list[_Rectangle] = []
         for y0, y1 in pairwise(ys):
-            if any(a < x1 and x0 < c and b < y1 and y0 < d for a, b, c, d in open_):
+            if y1 - y0 < _SLIVER_M or any(a < x1 and x0 < c and b < y1 and y0 < d for a, b, c, d in open_):
                 continue
             if strip and strip[-1][3] == y0:
                 strip[-1] = (x0, strip[-1][1], x1, y1)

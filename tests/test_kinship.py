@@ -9,6 +9,7 @@ from mjx_fit import provenance
 from mjx_fit.config import Config, load
 from mjx_fit.dataset import manifest, store
 from mjx_fit.errors import RequestError
+from mjx_fit.evaluation import outcome
 from mjx_fit.settings import SHAPES, Shape
 from mjx_fit.training import kinship
 from mjx_fit.training.baseline import train_from
@@ -63,3 +64,12 @@ def test_data_of_other_shapes_are_refused(collect, tmp_path):
     with pytest.raises(RequestError, match=r"--data: .*scene.shapes is .*cross.* there and .*bar.* here"):
         train_from(folder, config, tmp_path / "run", seed=0)
     assert not (tmp_path / "run").exists()
+
+
+def test_a_sensor_of_other_shapes_is_refused_wherever_it_is_used():
+    bar = Shape("bar", SHAPES[0].rectangles)
+    config = replace(Config(), scene=replace(Config().scene, shapes=(bar, *SHAPES[1:])))
+    with pytest.raises(
+        RequestError, match=r"--run: .*\(bar, rectangle, square\).*\(cross, rectangle, square\)"
+    ):
+        outcome.with_network_of(Config(), config)

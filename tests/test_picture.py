@@ -3,6 +3,7 @@ import os
 import subprocess
 import sys
 
+import imageio_ffmpeg
 import jax
 import mujoco
 import numpy as np
@@ -11,13 +12,13 @@ from fakes import FakeEngine
 from PIL import Image
 
 from mjx_fit.config import Config
-from mjx_fit.errors import RequestError
+from mjx_fit.errors import RequestError, WorkError
 from mjx_fit.evaluation import experiments, recording, results
 from mjx_fit.picture import gl, render
 from mjx_fit.picture.motion import HOME_M, moments
 from mjx_fit.picture.panel import Panel
 from mjx_fit.picture.puppet import RADIUS_90, TYPE_RGB, Puppet, mixed
-from mjx_fit.settings import NAMES
+from mjx_fit.settings import NAMES, SHAPES
 
 TASK = dataclasses.replace(Config().task, n_holes=3, max_attempts=4)
 CONFIG = dataclasses.replace(Config(), task=TASK)
@@ -70,6 +71,13 @@ def test_what_cannot_be_played_is_refused(result, tmp_path):
         recording.replay(result, tmp_path, "oracle", 3)
     with pytest.raises(RequestError, match="'attempt' is not allowed"):
         recording.replay(dataclasses.replace(result, experiment="attempt"), tmp_path, "oracle", 0)
+    for request in ({}, {"trials": "3"}, {"trials": 2}):
+        with pytest.raises(RequestError, match=r"request\.trials"):
+            recording.replay(dataclasses.replace(result, request=request), tmp_path, "oracle", 0)
+    with pytest.raises(RequestError, match="nothing to play"):
+        recording.replay(dataclasses.replace(result, trials=[]), tmp_path, "oracle", 0)
+    with pytest.raises(RequestError, match="--method: 'oracle,full' is not allowed"):
+        recording.record(CONFIG, None, "oracle,full", 0, 0)
     result.trials[0]["tried"][0][0] += 1
     with pytest.raises(RequestError, match="does not come out as in the result"):
         recording.replay(result, tmp_path, "failure_only", 0)
@@ -159,10 +167,56 @@ def test_the_panel_has_room_for_any_number_of_holes(monkeypatch, n):
     assert [what for what, _ in panel.words(shown[-1])][2:] == [f"hole {k + 1}" for k in range(n)]
 
 
+def test_a_peg_whose_name_begins_anothers_is_the_one_that_is_shown(monkeypatch):
+    monkeypatch.setattr(recording, "create", lambda name, config: PathEngine())
+    shapes = tuple(dataclasses.replace(s, name=n) for s, n in zip(SHAPES, ("ell_0", "ell", "o"), strict=True))
+    config = dataclasses.replace(CONFIG, scene=dataclasses.replace(CONFIG.scene, shapes=shapes))
+    played = recording.record(config, None, "failure_only", 1, 5)
+    puppet, shown = Puppet(played), moments(played, 4, 1.0)
+    for moment in shown:
+        step = played.steps[moment.step]
+        puppet.pose(moment, step, np.zeros(7))
+        boxes = [i for i in range(puppet.model.ngeom) if puppet.model.geom(i).name.startswith("hand_")]
+        seen = sum(puppet.model.geom_rgba[i, 3] for i in boxes)
+        assert seen == (len(shapes[played.peg_type[step.peg]].rectangles) if moment.holding else 0)
+
+
+class BreakingEngine(PathEngine):
+    """Every attempt breaks in its second action."""
+
+    def run(self, attempts, actions, active=None, horizon=None):
+        done = super().run(attempts, actions, active, horizon)
+        done.trace.tip_pos_world[:, 1] = np.nan
+        done.trace.wrench_sensor[:, 1] = [np.nan, np.inf, 1e30, 0, 0, 0]
+        none = np.zeros(len(done.length), bool)
+        return dataclasses.replace(done, valid=none, inserted=none)
+
+
+def test_a_world_that_broke_is_shown_as_far_as_it_went(monkeypatch):
+    monkeypatch.setattr(recording, "create", lambda name, config: BreakingEngine())
+    played = recording.record(CONFIG, None, "failure_only", 0, 0)
+    shown = moments(played, 4, 1.0)
+    assert all(np.isfinite(moment.tip_pos_world).all() for moment in shown)
+    panel = Panel(played, 460, 720)
+    assert ("attempt 1", "the simulation broke; nothing is learned") in [
+        words for moment in shown for words in panel.words(moment)
+    ]
+    for moment in shown[::7]:
+        panel.draw(moment)
+
+
 def test_values_that_make_no_video(played, tmp_path):
     for values, word in (((tmp_path / "a.avi", 20, 8.0), "--out"), ((tmp_path / "a.mp4", 0, 8.0), "--fps")):
         with pytest.raises(RequestError, match=word):
             render.render(played, *values)
+    with pytest.raises(RequestError, match="for a GIF: it must be at most 50"):
+        render.render(played, tmp_path / "a.gif", 60, 8.0)
+    (tmp_path / "b.gif").mkdir()
+    with pytest.raises(RequestError, match="it is a folder"):
+        render.render(played, tmp_path / "b.gif", 20, 8.0)
+    (tmp_path / "b.gif").rmdir()
+    with pytest.raises(RequestError, match=r"a GIF of \d+ frames"):
+        render.render(played, tmp_path / "a.gif", 50, 0.1)
     with pytest.raises(RequestError, match="--speed"):
         render.render(played, tmp_path / "a.gif", 20, 0.0)
     assert not list(tmp_path.iterdir())
@@ -214,6 +268,15 @@ def test_a_video_from_command_to_file(tmp_path, drawing):
     assert robot.std() > 20
     assert np.abs(np.diff(robot, axis=0)).max() > 50
     assert panel.mean() > 200
+
+
+def test_an_mp4_holds_every_frame_and_a_failed_encoder_leaves_the_old_file(tmp_path):
+    noise = np.random.default_rng(0).integers(0, 255, (9, 48, 64, 3), np.uint8)
+    path = tmp_path / "a.mp4"
+    render._write_mp4(iter(noise), path, 10, (64, 48))
+    assert imageio_ffmpeg.count_frames_and_secs(str(path))[0] == 9
+    with pytest.raises(WorkError, match="could not be encoded whole: 9 frames"):
+        render._write_mp4(iter(noise), tmp_path / "nowhere" / "a.mp4", 10, (64, 48))
 
 
 def test_a_point_of_the_world_lies_where_it_is_drawn(drawing):

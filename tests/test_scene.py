@@ -1,11 +1,13 @@
+import dataclasses
+
 import mujoco
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjx_fit.scene import HOLE_WORKSPACE_M, pair_index, picture_scene, place_holes
-from mjx_fit.settings import N_TYPES, SHAPES, SceneConfig
+from mjx_fit.scene import HOLE_WORKSPACE_M, pair_index, picture_scene, place_holes, simulation_scene
+from mjx_fit.settings import N_TYPES, SHAPES, SceneConfig, Shape
 from mjx_fit.shapes import hole_boxes, peg_boxes
 
 MASS = {
@@ -85,3 +87,21 @@ def test_picture_scene_compiles_with_every_hole_named():
     centres = place_holes(np.random.default_rng(1), 5, SceneConfig())
     model = picture_scene(SceneConfig(), [0, 1, 2, 0, 1], centres)
     assert np.allclose([model.body(f"hole{i}").pos[:2] for i in range(5)], centres)
+
+
+def test_spare_boxes_stay_inside_thin_shapes():
+    thin = Shape("thin", ((-0.02, -0.0005, 0.02, 0.0005),))
+    step = Shape("step", ((-0.02, -0.02, 0.0, 0.02), (0.0, -0.02, 0.02, 0.019)))
+    config = dataclasses.replace(SceneConfig(), shapes=(SHAPES[0], thin, step))
+    for peg, hole in ((1, 0), (0, 2)):
+        model = simulation_scene(config).models[pair_index(peg, hole)]
+        for name, boxes in (
+            ("peg", peg_boxes(config.shapes[peg], config)),
+            ("hole", hole_boxes(config.shapes[hole], config)),
+        ):
+            real, n = model.geom(f"{name}_box{len(boxes.centre) - 1}"), len(boxes.centre)
+            spare = [
+                model.geom(i) for i in range(model.ngeom) if model.geom(i).name.startswith(f"{name}_box")
+            ][n:]
+            for geom in spare:
+                assert (np.abs(geom.pos - real.pos) + geom.size <= real.size + 1e-9).all()

@@ -10,6 +10,7 @@ from mjx_fit.config import load
 from mjx_fit.errors import RequestError
 from mjx_fit.settings import SHAPES, SceneConfig, Shape
 from mjx_fit.shapes import hole_boxes, peg_boxes, plate_top_m
+from mjx_fit.training.sides import require_symmetric
 
 SCENE = SceneConfig()
 
@@ -88,8 +89,10 @@ def test_a_lopsided_shape_is_not_shown_mirrored():
     shapes = [{"name": s.name, "rectangles": [list(r) for r in s.rectangles]} for s in (ELL, *SHAPES[1:])]
     config = load(None, [f"scene.shapes={shapes}"])
     assert config.scene.names == ("ell", "rectangle", "square")
+    mirrored = load(None, [f"scene.shapes={shapes}", "train.mirror=true"])
     with pytest.raises(RequestError, match=r"train\.mirror: True is not allowed: mirrored, the shape 'ell'"):
-        load(None, [f"scene.shapes={shapes}", "train.mirror=true"])
+        require_symmetric(mirrored)
+    require_symmetric(config)
 
 
 @pytest.mark.parametrize(
@@ -100,9 +103,31 @@ def test_a_lopsided_shape_is_not_shown_mirrored():
         ([{"name": "A b", "rectangles": [[0, 0, 0.01, 0.01]]}] * 3, "scene.shapes.0.name"),
         ([{"name": "a", "rectangles": [[0, 0, 0.5, 0.01]]}] * 3, "scene.shapes.0.rectangles"),
         ([{"name": "a", "rectangles": [[0, 0, 0.01, 0.01]]}] * 3, "the names must differ"),
+        (
+            [{"name": "a", "rectangles": [[0, 0, 0.01, 0.01]], "hue": 1}] * 3,
+            "hue: unknown key; allowed here: name",
+        ),
     ],
 )
 def test_shapes_that_are_none(shapes, words):
     with pytest.raises(RequestError, match=words) as error:
         load(None, [f"scene.shapes={shapes}"])
     assert "\n" not in str(error.value)
+
+
+def test_rounding_leaves_no_slivers():
+    wide = dataclasses.replace(SCENE, clearance_m=0.002)
+    near = Shape("near", ((-0.02, -0.02, 0.013, 0.02), (0.017, -0.02, 0.02, 0.02)))  # the gaps meet
+    assert hole_boxes(near, wide).half.min() > 1e-6
+
+
+@given(half_width=st.floats(0.0, 0.03), radius=st.floats(0.001, 0.04), plate=st.floats(0.08, 0.12))
+def test_a_peg_that_is_let_through_stays_over_its_plate(half_width, radius, plate):
+    """Straight from the corners: the worst error and the worst of the spiral along either axis."""
+    settings = (f"detector.half_width_m={half_width}", f"spiral.radius_m={radius}")
+    try:
+        config = load(None, [*settings, f"scene.plate_half_width_m={plate}"])
+    except RequestError:
+        return
+    corners = np.abs([rectangle for shape in config.scene.shapes for rectangle in shape.rectangles])
+    assert half_width + radius + corners.max() <= plate

@@ -294,3 +294,24 @@ def test_failing_with_a_good_estimate_says_more_about_the_type():
     wide, narrow = np.exp(np.asarray(after.type_logp))[:, 0]
     assert narrow < 0.1
     assert 0.28 < wide < 1 / 3
+
+
+def test_a_human_finds_an_empty_hole_where_another_peg_sits_in_the_right_one():
+    """As with shapes that fit each other's holes: no peg may end up in a filled hole."""
+
+    class Loose(FakeEngine):
+        def run(self, attempts, actions, active=None, horizon=None):
+            done = super().run(attempts, actions, active, horizon)
+            number = len(self.seen)  # the first peg goes into whatever hole it tries, the others nowhere
+            return dataclasses.replace(done, inserted=np.full(len(done.length), number == 1))
+
+    for seed in range(6):
+        trials = trials_.draw_trials(CONFIG, seed, np.arange(3))
+        seen = []
+        assembly.run(
+            CONFIG, methods.chosen("failure_only", methods.ASSEMBLY), trials, seed, Loose(),
+            learning.learner(CONFIG, None), lambda done, text: None, seen.append,
+        )  # fmt: skip
+        for before, after in ((one.before.filled.sum(1), one.after.filled.sum(1)) for one in seen):
+            assert (after >= before).all()
+        assert seen[-1].after.filled.all()

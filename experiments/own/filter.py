@@ -11,7 +11,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from mjx_fit import resources, runtime
-from mjx_fit.config import Config
 from mjx_fit.evaluation.insertion import ATTEMPTS, draw_holes
 from mjx_fit.evaluation.statistics import bootstrap_mean
 from mjx_fit.filters.kalman import gaussian_nll
@@ -21,23 +20,25 @@ from mjx_fit.task.methods import HoleMethod
 from mjx_fit.training.checkpoint import load_sensor
 
 
-def particle_filter(config: Config, sensor):
+def particle_filter(config, sensor):
     """Importance sampling; where a peg would have gone in, by ``task.success_by_error``, is less likely."""
     knots, rates = jnp.asarray(config.task.error_knots_m), jnp.asarray(config.task.success_by_error)
 
-    def one(belief, seen, start, peg_type, key):
+    def one(belief, seen, done, key):
         x = jax.random.multivariate_normal(key, belief.pos_mean_world, belief.pos_cov, (2000,))
-        gone_in = jnp.interp(jnp.linalg.norm(x - start, axis=1), knots, rates[peg_type])
+        start = done.estimate_world
+        gone_in = jnp.interp(jnp.linalg.norm(x - start, axis=1), knots, rates[done.peg_type])
         logw = jnp.log1p(-gone_in) - gaussian_nll(x, start + seen.innovation, seen.pos_noise_cov)
         w = jax.nn.softmax(logw)
         mean = w @ x
         cov = jnp.einsum("n,ni,nj->ij", w, x - mean, x - mean) + 1e-9 * jnp.eye(2)
-        return replace(belief, pos_mean_world=mean, pos_cov=cov)
+        learned, failed = replace(belief, pos_mean_world=mean, pos_cov=cov), done.valid & ~done.inserted
+        return jax.tree.map(lambda new, old: jnp.where(failed, new, old), learned, belief)
 
     @jax.jit
     def update(beliefs, done, keys):
-        seen = sensor(learning.readings(done, keys, config))
-        return jax.vmap(one)(beliefs, seen, done.estimate_world, done.peg_type, keys)
+        noise, draws = jax.vmap(jax.random.split, out_axes=1)(keys)
+        return jax.vmap(one)(beliefs, sensor(learning.readings(done, noise, config)), done, draws)
 
     return update
 

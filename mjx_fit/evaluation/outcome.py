@@ -95,7 +95,16 @@ def require_positive(field: str, value: int) -> None:
 
 
 def with_network_of(trained: Config, config: Config) -> Config:
-    """The configuration with the sensor and training of a run, which may not be asked to be others."""
+    """The configuration with the sensor and training of a run, which may not be asked to be others.
+
+    Raises:
+        RequestError: They were, or the run knows other shapes.
+    """
+    if trained.scene.shapes != config.scene.shapes:
+        there, here = (", ".join(one.scene.names) for one in (trained, config))
+        raise RequestError(
+            f"--run: not allowed with this scene.shapes ({here}): it was trained on others ({there})"
+        )
     for section in ("sensor", "train"):
         asked, there = getattr(config, section), getattr(trained, section)
         if asked not in (there, getattr(Config(), section)):

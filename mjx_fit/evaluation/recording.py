@@ -114,7 +114,7 @@ def record(
     if trial < 0:
         raise RequestError(f"--trial: {trial} is not allowed: it must be at least 0")
     require_seed(seed)
-    picked = chosen(method, ASSEMBLY)
+    picked = (_only(method),)
     return _play(config, run, picked, np.array([trial]), 0, seed, create(engine, config), watch)
 
 
@@ -134,6 +134,8 @@ def replay(result: Result, run: Path, method: str, trial: int, watch: Watch | No
     """
     if result.experiment != "assembly":
         raise RequestError(f"result: {result.experiment!r} is not allowed: it must be of assembly")
+    if not result.trials:
+        raise RequestError("result: trials: none is not allowed: there is nothing to play")
     rows = {(row["method"], row["trial"]): row for row in result.trials}
     names = list(dict.fromkeys(name for name, _ in rows))
     if (method, trial) not in rows:
@@ -141,12 +143,16 @@ def replay(result: Result, run: Path, method: str, trial: int, watch: Watch | No
             f"--method, --trial: {method}, {trial} are not in the result: "
             f"it has {', '.join(names)} and trials 0 to {max(row['trial'] for row in result.trials)}"
         )
-    reads = chosen(method, ASSEMBLY)[0].needs_sensor
-    if reads and checkpoint.fingerprint_of(checkpoint.load_sensor(run)[0]) != result.request["sensor"]:
+    _only(method)
+    sensor = result.request.get("sensor")
+    if sensor and checkpoint.fingerprint_of(checkpoint.load_sensor(run)[0]) != sensor:
         raise RequestError(f"--run: {run} is not allowed: the result was made with another sensor")
+    trials = result.request.get("trials")
+    if not isinstance(trials, int) or trials <= max(number for _, number in rows):
+        raise RequestError(f"result: request.trials: {trials!r} is not allowed: it must count its trials")
     config = config_.from_tree(result.config)
     engine = create(result.engine, config)
-    pieces = parts.pieces(result.request["trials"], len(names), engine.name)
+    pieces = parts.pieces(trials, len(names), engine.name)
     ids = next(piece for piece in pieces if trial in piece)
     row = names.index(method) * len(ids) + int(np.flatnonzero(ids == trial)[0])
     picked = chosen(",".join(names), ASSEMBLY)
@@ -158,6 +164,18 @@ def replay(result: Result, run: Path, method: str, trial: int, watch: Watch | No
             "it was made with other versions or on another machine; make the result anew"
         )
     return recording
+
+
+def _only(method: str) -> Method:
+    """The method of that name.
+
+    Raises:
+        RequestError: There is none.
+    """
+    known = {one.name: one for one in ASSEMBLY}
+    if method not in known:
+        raise RequestError(f"--method: {method!r} is not allowed: choose from {', '.join(known)}")
+    return known[method]
 
 
 def _play(
@@ -172,10 +190,10 @@ def _play(
 ) -> Recording:
     """Plays one row of the methods times the trials with these ids."""
     method, place = methods[row // len(ids)], row % len(ids)
-    sensor = None
-    if method.needs_sensor:
+    sensor, reading = None, [one.name for one in methods if one.needs_sensor]
+    if reading:  # of any row: the update of all is compiled as one
         if run is None:
-            raise RequestError(f"--run: none is not allowed: {method.name} needs a training run")
+            raise RequestError(f"--run: none is not allowed: {reading[0]} needs a training run")
         sensor, trained = checkpoint.load_sensor(run)
         config = outcome.with_network_of(trained, config)
     drawn = draw_trials(config, seed, ids)

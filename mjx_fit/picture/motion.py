@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float
 
 from mjx_fit.evaluation.recording import Recording, Step
 from mjx_fit.shapes import plate_top_m
+from mjx_fit.simulate.engine import START_HEIGHT_M
 from mjx_fit.types import Belief
 
 ACTIONS_PER_S = 10
@@ -63,21 +64,21 @@ def moments_of(
     recording: Recording, index: int, tip: Float[np.ndarray, "3"], fps: int, speed: float
 ) -> list[Moment]:
     """The moments of one step, from where the tip is: it moves there, attempts, learns and lifts."""
-    step, clear = recording.steps[index], plate_top_m(recording.config.scene) + CLEAR_M
-    shown = [*_move(index, step, tip, clear, fps), *_attempt(index, step, fps, speed)]
+    step, top = recording.steps[index], plate_top_m(recording.config.scene)
+    path, clear = _path(step, top + START_HEIGHT_M), top + CLEAR_M
+    shown = [*_move(index, step, path[0], tip, clear, fps), *_attempt(index, step, path, fps, speed)]
     return [*shown, *_learn(index, step, shown[-1].tip_pos_world, clear, fps)]
 
 
-def _move(number: int, step: Step, tip, clear: float, fps: int) -> Iterator[Moment]:
-    start = _path(step)[0]
+def _move(number: int, step: Step, start, tip, clear: float, fps: int) -> Iterator[Moment]:
     over = np.array([*start[:2], clear])
     way = np.stack([tip, [*tip[:2], max(clear, tip[2])], over, start])
     for share in _smooth(round(MOVE_S * fps)):
         yield Moment(number, "move", 0.0, _along(way, share), step.before, step.filled, True)
 
 
-def _attempt(number: int, step: Step, fps: int, speed: float) -> Iterator[Moment]:
-    path, length = _path(step), int(step.interaction.length)
+def _attempt(number: int, step: Step, path, fps: int, speed: float) -> Iterator[Moment]:
+    length = int(step.interaction.length)
     frames = max(2, round(length / ACTIONS_PER_S / speed * fps))
     for at in np.linspace(0, length, frames):
         whole, rest = min(int(at), length - 1), at - min(int(at), length - 1)
@@ -98,11 +99,14 @@ def _learn(number: int, step: Step, tip, clear: float, fps: int) -> Iterator[Mom
         )
 
 
-def _path(step: Step) -> Float[np.ndarray, "steps 3"]:
+def _path(step: Step, start_height_m: float) -> Float[np.ndarray, "steps 3"]:
     """Where the tip was before the first action and after each."""
-    tips = step.interaction.trace.tip_pos_world[: int(step.interaction.length)]
-    first = np.array([*step.interaction.estimate_world, tips[0, 2]])
-    return np.concatenate([first[None], tips])
+    tips = np.array(step.interaction.trace.tip_pos_world[: int(step.interaction.length)])
+    first = np.array([*step.interaction.estimate_world, start_height_m])
+    path = np.concatenate([first[None], tips])
+    if not step.interaction.valid:  # where a world that broke went last is nowhere
+        path[-1] = path[-2]
+    return path
 
 
 def _smooth(frames: int) -> Float[np.ndarray, "frames"]:

@@ -28,8 +28,8 @@ class Panel:
         self._unit, self._names = height / 720, recording.config.scene.names
         self._fonts: dict[int, Any] = {}
         self._force = [_force(step) for step in recording.steps]
-        every = np.concatenate(self._force)
-        self._low, self._high = min(-1.0, float(every.min())), max(1.0, float(every.max()))
+        every = np.concatenate([np.array([[-1.0] * 3, [1.0] * 3]), *self._force])
+        self._low, self._high = float(every.min()), float(every.max())
 
     def draw(self, moment: Moment) -> UInt8[np.ndarray, "h w 3"]:
         """The panel at a moment."""
@@ -83,6 +83,8 @@ class Panel:
             return f"inserted into hole {step.hole + 1}"
         if step.helped is not None:
             return f"failed; a human inserts it into hole {step.helped + 1}"
+        if not step.interaction.valid:
+            return "the simulation broke; nothing is learned"
         return "failed; learns from what was felt"
 
     def _holes(self, draw: ImageDraw.ImageDraw, moment: Moment, top: float) -> float:
@@ -137,6 +139,8 @@ class Panel:
         if moment.phase == "move":
             return
         force = self._force[moment.step][: max(2, int(moment.actions * SUBSTEPS / _EVERY))]
+        if not len(force):
+            return
         x = left + (right - left) * np.arange(len(force)) * _EVERY / SUBSTEPS / actions
         for (_, colour), values in zip(_FORCES, force.T, strict=True):
             self._line(draw, list(zip(x.tolist(), height(values).tolist(), strict=True)), colour, 2)
@@ -145,7 +149,7 @@ class Panel:
 
     def _levels(self) -> list[float]:
         """Round forces within the range, three or so."""
-        nice = [step * 10.0**power for power in range(4) for step in (1, 2, 5)]
+        nice = [step * 10.0**power for power in range(6) for step in (1, 2, 5)]
         each = next(step for step in nice if step >= (self._high - self._low) / 4)
         first = int(np.ceil(self._low / each))
         return [each * k for k in range(first, int(self._high / each) + 1)]
@@ -175,7 +179,9 @@ def _force(step: Step) -> Float[np.ndarray, "samples 3"]:
     """Tared and clean, in the sensor's frame."""
     interaction = step.interaction
     wrench = np.asarray(interaction.trace.wrench_sensor)[: int(interaction.length)] - interaction.tare_sensor
-    return wrench.reshape(-1, 6)[::_EVERY, :3]
+    force = wrench.reshape(-1, 6)[::_EVERY, :3]
+    # What a world that broke felt last is no force.
+    return force if interaction.valid else force[: -(SUBSTEPS // _EVERY)]
 
 
 def _hex(kind: int) -> str:

@@ -3,6 +3,7 @@
 # MuJoCo's extension module has no stubs.
 # pyright: reportAttributeAccessIssue=false
 
+import re
 from dataclasses import dataclass
 from typing import Any
 
@@ -109,7 +110,8 @@ class Puppet:
         return marks
 
     def _geoms(self, prefix: str) -> list[int]:
-        return [i for i in range(self.model.ngeom) if self.model.geom(i).name.startswith(prefix)]
+        mine = re.compile(re.escape(prefix) + r"\d+")  # a name may begin with another's
+        return [i for i in range(self.model.ngeom) if mine.fullmatch(self.model.geom(i).name)]
 
 
 def add(scene: mujoco.MjvScene, marks: list[Mark]) -> None:

@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 
 import imageio_ffmpeg
@@ -12,7 +13,7 @@ from PIL import Image
 from mjx_fit import files
 from mjx_fit.errors import RequestError, WorkError
 from mjx_fit.evaluation.recording import Recording
-from mjx_fit.picture.motion import moments
+from mjx_fit.picture.motion import Moment, moments
 from mjx_fit.picture.panel import WIDTH_SHARE, Panel
 from mjx_fit.picture.puppet import Puppet
 from mjx_fit.picture.stage import Stage
@@ -21,6 +22,8 @@ from mjx_fit.shapes import plate_top_m
 
 FORMATS = (".mp4", ".gif")
 SIZE_PX = (1280, 720)
+MOST_GIF_FRAMES, MOST_GIF_FPS = 1000, 50
+"""A GIF counts in hundredths of a second, and its frames are held at once."""
 Frame = UInt8[np.ndarray, "h w 3"]
 
 
@@ -36,6 +39,10 @@ def require(out: Path, fps: int, speed: float) -> None:
         raise RequestError(f"--fps: {fps} is not allowed: it must be from 1 to 60")
     if not 0.1 <= speed <= 100:
         raise RequestError(f"--speed: {speed} is not allowed: it must be from 0.1 to 100")
+    if out.suffix == ".gif" and fps > MOST_GIF_FPS:
+        raise RequestError(f"--fps: {fps} is not allowed for a GIF: it must be at most {MOST_GIF_FPS}")
+    if out.is_dir():
+        raise RequestError(f"--out: {out} is not allowed: it is a folder")
     files.require_writable(out)
 
 
@@ -54,7 +61,13 @@ def render(recording: Recording, out: Path, fps: int, speed: float, size: tuple[
         WorkError: The encoder failed.
     """
     require(out, fps, speed)
-    frames = _frames(recording, fps, speed, size)
+    shown = moments(recording, fps, speed)
+    if out.suffix == ".gif" and len(shown) > MOST_GIF_FRAMES:
+        raise RequestError(
+            f"--out: {out} is not allowed: a GIF of {len(shown)} frames would be held in memory, up to "
+            f"{MOST_GIF_FRAMES} are; take .mp4, --attempt, fewer --fps or more --speed"
+        )
+    frames = _frames(recording, shown, size)
     write = _write_gif if out.suffix == ".gif" else _write_mp4
     files.replace_with(out, lambda hidden: write(frames, hidden, fps, size))
     return out
@@ -66,15 +79,14 @@ def still(recording: Recording, share: float, size: tuple[int, int] = SIZE_PX) -
     return next(_drawn(recording, [shown[round(share * (len(shown) - 1))]], size))
 
 
-def _frames(recording: Recording, fps: int, speed: float, size: tuple[int, int]) -> Iterator[Frame]:
-    shown = moments(recording, fps, speed)
+def _frames(recording: Recording, shown: list[Moment], size: tuple[int, int]) -> Iterator[Frame]:
     with Progress("drawing: frames", len(shown)) as progress:
         for number, frame in enumerate(_drawn(recording, shown, size), 1):
             yield frame
             progress(number)
 
 
-def _drawn(recording: Recording, shown, size: tuple[int, int]) -> Iterator[Frame]:
+def _drawn(recording: Recording, shown: list[Moment], size: tuple[int, int]) -> Iterator[Frame]:
     width, height = size
     beside = round(width * WIDTH_SHARE)
     acting, panel = Puppet(recording), Panel(recording, beside, height)
@@ -108,14 +120,26 @@ def _write_mp4(frames: Iterator[Frame], path: Path, fps: int, size: tuple[int, i
         # JAX warns of any fork; this one becomes the encoder at once.
         warnings.filterwarnings("ignore", "os.fork", RuntimeWarning)
         writer.send(None)
+    sent = 0
     try:
         for frame in frames:
             writer.send(np.ascontiguousarray(frame))
-        writer.close()
+            sent += 1
     except OSError as error:
         raise WorkError(f"render: the video could not be encoded: {error}") from None
+    finally:
+        writer.close()
+    # The encoder does not say how it ended: a full disk, say, shows in what it left.
+    try:
+        whole = imageio_ffmpeg.count_frames_and_secs(str(path))[0] == sent
+    except RuntimeError:
+        whole = False
+    if not whole:
+        raise WorkError(f"render: the video could not be encoded whole: {sent} frames were given")
 
 
 def _write_gif(frames: Iterator[Frame], path: Path, fps: int, size: tuple[int, int]) -> None:
     images = [Image.fromarray(frame).quantize(128) for frame in frames]
-    images[0].save(path, "GIF", save_all=True, append_images=images[1:], duration=round(1000 / fps), loop=0)
+    ends = [10 * round(100 * k / fps) for k in range(len(images) + 1)]  # ms, in whole hundredths
+    lasts = [end - begin for begin, end in pairwise(ends)]
+    images[0].save(path, "GIF", save_all=True, append_images=images[1:], duration=lasts, loop=0)

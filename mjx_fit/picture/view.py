@@ -1,6 +1,7 @@
 """Watching an assembly as it is played: in MuJoCo's viewer where there is a display, or in a browser."""
 
 import os
+import subprocess
 import sys
 import time
 from collections.abc import Callable
@@ -57,8 +58,6 @@ def view(
         raise RequestError(f"--speed: {speed} is not allowed: it must be from 0.1 to 100")
     if not 1 <= port <= 65535:
         raise RequestError(f"--port: {port} is not allowed: it must be from 1 to 65535")
-    if attempt is not None and attempt < 1:
-        raise RequestError(f"--attempt: {attempt} is not allowed: it must be at least 1")
     show = _Show(_open_browser(port) if browser or not _has_display() else _open_window, speed, attempt)
     try:
         recording = play(show)
@@ -66,7 +65,7 @@ def view(
             recording.only(attempt)
         while True:
             show.rest()
-    except _ClosedError:
+    except (_ClosedError, KeyboardInterrupt):
         return
 
 
@@ -83,6 +82,8 @@ class _Show:
         if self._puppet is None or self._screen is None:
             self._puppet = Puppet(recording)
             self._screen = self._open(self._puppet)
+        if not self._screen.is_open():
+            raise _ClosedError
         step = recording.steps[-1]
         if self._attempt not in (None, step.number):
             return
@@ -100,6 +101,8 @@ class _Show:
                 raise _ClosedError
             time.sleep(max(0.0, began + (number + 1) / FPS - time.monotonic()))
         self._tip = shown[-1].tip_pos_world
+        while self._attempt is not None:  # it has been shown: what comes after it is not played
+            self.rest()
 
     def rest(self) -> None:
         """Waits a little."""
@@ -112,7 +115,13 @@ def _has_display() -> bool:
     """Whether MuJoCo's viewer can open: on a Mac it would have to own the process (``mjpython``)."""
     if sys.platform == "darwin":
         return False
-    return sys.platform == "win32" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+    if sys.platform == "win32":
+        return True
+    if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        return False
+    # A display that is named but dead would let the viewer wait for ever.
+    opens = "import glfw, sys; sys.exit(not glfw.init())"
+    return subprocess.run([sys.executable, "-c", opens], capture_output=True, check=False).returncode == 0
 
 
 def _open_window(puppet: Puppet) -> Screen:

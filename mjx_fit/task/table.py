@@ -130,9 +130,10 @@ class Table:
         self._attempts[rows, peg] += 1
         self._tries[rows, hole] += 1
         helped = ~inserted[rows] & (self._attempts[rows, peg] == self._config.task.max_attempts)
-        # The human fills the first empty hole that truly matches.
+        # The human fills the first empty hole that truly matches; if another peg sits in it, any empty one.
         matching = (self._world["hole_type"] == self._peg()[:, None]) & ~self._filled
-        hole = np.where(helped, matching[rows].argmax(1), hole)
+        best = np.where(matching.any(1, keepdims=True), matching, ~self._filled)
+        hole = np.where(helped, best[rows].argmax(1), hole)
         self._human[rows, peg] = helped
         done = inserted[rows] | helped
         self._filled[rows[done], hole[done]] = True

@@ -8,7 +8,7 @@ from mjx_fit.dataset import manifest, store
 from mjx_fit.dataset.episode import Episode
 from mjx_fit.training.kinship import require_world
 from mjx_fit.training.loop import train
-from mjx_fit.training.sides import require_chains
+from mjx_fit.training.sides import require_chains, require_symmetric
 
 FRAME_BY_FRAME = "frame_by_frame"
 """Folder of the baseline's training, in that of the run."""
@@ -25,12 +25,14 @@ def train_from(folder: Path, config: Config, out: Path, seed: int, members: int 
         members: Of an ensemble.
 
     Raises:
-        RequestError: The data are of another scene or controller, ``train.sequence`` does not fit them; and
+        RequestError: The data are of another scene or controller, ``train.sequence`` does not fit them, or
+            ``train.mirror`` the shapes; and
             as ``mjx_fit.training.loop.train``.
     """
     request = manifest.read(folder).request
     require_world(request, config)
     require_chains(request, config)
+    require_symmetric(config)
     train_with_baseline(store.load(folder), config, out, seed, members)
 
 

@@ -77,6 +77,19 @@ def require_chains(request: dict[str, Any], config: Config) -> None:
         )
 
 
+def require_symmetric(config: Config) -> None:
+    """Make sure that what mirrored windows show could be.
+
+    Raises:
+        RequestError: ``train.mirror`` is asked for, and a shape is not its own mirror image.
+    """
+    lopsided = [shape.name for shape in config.scene.shapes if not shape.is_its_own_mirror_image]
+    if config.train.mirror and lopsided:
+        raise RequestError(
+            f"config: train.mirror: True is not allowed: mirrored, the shape {lopsided[0]!r} is another one"
+        )
+
+
 def require_sound(data: Episode, keep: Bool[np.ndarray, "episodes"]) -> None:
     """Make sure that a sensor can be shown these episodes.
 
