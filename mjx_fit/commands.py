@@ -23,7 +23,7 @@ def demo(args: argparse.Namespace) -> None:
     from mjx_fit.demo import Size, demo
 
     out = args.out or Path("runs", "demo-train" if args.train else "demo")
-    demo(_config(args, preset="quick" if args.train else None), out, Size(), args.train)
+    demo(_config(args, preset="quick" if args.train else "demo"), out, Size(), args.train)
 
 
 def collect(args: argparse.Namespace) -> None:

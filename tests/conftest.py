@@ -1,3 +1,6 @@
+import os
+import tempfile
+
 import hypothesis
 import jax
 import pytest
@@ -9,6 +12,27 @@ from mjx_fit.simulate.native import NativeEngine
 
 hypothesis.settings.register_profile("mjx_fit", deadline=None, derandomize=True, max_examples=50)
 hypothesis.settings.load_profile("mjx_fit")
+
+
+COMPILED = "JAX_COMPILATION_CACHE_DIR"
+
+# Two thirds of a test's time is compiling, and most of that is LLVM polishing code that runs once.
+# `XLA_FLAGS= make test` tests what LLVM makes of it for commands.
+os.environ.setdefault(
+    "XLA_FLAGS", "--xla_backend_optimization_level=0 --xla_llvm_disable_expensive_passes=true"
+)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """What one test compiled the others load, as commands do (``runtime``).
+
+    The folder is the session's own: no test depends on what an earlier session left.
+    """
+    if not hasattr(config, "workerinput"):
+        folder = tempfile.TemporaryDirectory(prefix="mjx_fit-compiled-")
+        config.add_cleanup(folder.cleanup)
+        os.environ[COMPILED] = folder.name
+    jax.config.update("jax_compilation_cache_dir", os.environ[COMPILED])
 
 
 @pytest.fixture(scope="session")

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from flax import nnx
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, Key
 
 from mjx_fit.config import Config
 from mjx_fit.dataset.episode import Episode, happened
@@ -70,22 +70,33 @@ def observe(
     """
     root = root_key(seed, "held out")
     graph, state = nnx.split(sensor)
-
-    @partial(jax.jit, static_argnums=2)
-    def batch(episodes: Episode, state, actions: int) -> Observation:
-        def one(episode: Episode):
-            key = jax.random.fold_in(root, episode.episode)
-            return read(episode.interaction, key, config.wrist, config.scene, rows=actions)
-
-        return nnx.merge(graph, state)(jax.vmap(one)(episodes))
-
     parts = []
     for start in range(0, len(ids), BATCH):
         own = ids[start : start + BATCH]
         padded = np.resize(own, BATCH)  # one shape, compiled once
         rows = jax.tree.map(lambda leaf, rows=padded: np.asarray(leaf)[rows], data)
-        parts.append(jax.tree.map(np.asarray, batch(rows, state, actions)))
+        parts.append(jax.tree.map(np.asarray, _observed(graph, state, rows, root, actions, config)))
     return jax.tree.map(lambda *leaves: np.concatenate(leaves)[: len(ids)], *parts)
+
+
+@partial(jax.jit, static_argnames=("graph", "config"))
+def _observed(
+    graph: nnx.GraphDef,
+    state: nnx.State,
+    episodes: Episode,
+    root: Key[Array, ""],
+    actions: Int[Array, ""],
+    config: Config,
+) -> Observation:
+    """What a sensor says of a batch; the actions after the first few are padding, so that any number of them is
+    the same computation."""
+    rows = episodes.interaction.trace.contact.shape[1]
+
+    def one(episode: Episode):
+        key = jax.random.fold_in(root, episode.episode)
+        return read(episode.interaction, key, config.wrist, config.scene, rows=rows, count=actions)
+
+    return nnx.merge(graph, state)(jax.vmap(one)(episodes))
 
 
 def posterior(
