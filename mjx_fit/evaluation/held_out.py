@@ -88,8 +88,7 @@ def _observed(
     actions: Int[Array, ""],
     config: Config,
 ) -> Observation:
-    """What a sensor says of a batch; the actions after the first few are padding, so that any number of them is
-    the same computation."""
+    """What a sensor says of the first actions of a batch: the others are padding, so that it compiles once."""
     rows = episodes.interaction.trace.contact.shape[1]
 
     def one(episode: Episode):
