@@ -25,7 +25,7 @@ VIDEO = "assembly.mp4"
 
 @dataclass(frozen=True)
 class Size:
-    """How much the demo does: by default three minutes on two cores, and eight with a training.
+    """How much the demo does: by default minutes on two cores, with a training more of them.
 
     Attributes:
         assemblies: Trials of the assembly experiment.

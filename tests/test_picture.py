@@ -275,7 +275,7 @@ def test_an_mp4_holds_every_frame_and_a_failed_encoder_leaves_the_old_file(tmp_p
     path = tmp_path / "a.mp4"
     render._write_mp4(iter(noise), path, 10, (64, 48))
     assert imageio_ffmpeg.count_frames_and_secs(str(path))[0] == 9
-    with pytest.raises(WorkError, match="could not be encoded whole: 9 frames"):
+    with pytest.raises(WorkError, match="could not be encoded whole"):
         render._write_mp4(iter(noise), tmp_path / "nowhere" / "a.mp4", 10, (64, 48))
 
 

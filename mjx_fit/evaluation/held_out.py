@@ -88,7 +88,7 @@ def _observed(
     actions: Int[Array, ""],
     config: Config,
 ) -> Observation:
-    """What a sensor says of the first actions of a batch: the others are padding, so that it compiles once."""
+    """What a sensor says of the first actions of a batch: others are padding, so that it compiles once."""
     rows = episodes.interaction.trace.contact.shape[1]
 
     def one(episode: Episode):

@@ -125,17 +125,20 @@ def _write_mp4(frames: Iterator[Frame], path: Path, fps: int, size: tuple[int, i
         for frame in frames:
             writer.send(np.ascontiguousarray(frame))
             sent += 1
-    except OSError as error:
-        raise WorkError(f"render: the video could not be encoded: {error}") from None
+        ended = True
+    except OSError:
+        ended = False
     finally:
         writer.close()
-    # The encoder does not say how it ended: a full disk, say, shows in what it left.
+    # The encoder may also end early without a word: a full disk, say, shows in what it left.
     try:
-        whole = imageio_ffmpeg.count_frames_and_secs(str(path))[0] == sent
+        whole = ended and imageio_ffmpeg.count_frames_and_secs(str(path))[0] == sent
     except RuntimeError:
         whole = False
     if not whole:
-        raise WorkError(f"render: the video could not be encoded whole: {sent} frames were given")
+        raise WorkError(
+            f"render: the video could not be encoded whole, {sent} frames of it: is there room for it?"
+        )
 
 
 def _write_gif(frames: Iterator[Frame], path: Path, fps: int, size: tuple[int, int]) -> None:
