@@ -362,7 +362,7 @@ def test_members_of_an_ensemble_train_at_once_as_they_would_alone(run, tmp_path)
         train(DATA, few, out, 0, members=3, on_epoch=kill, checkpoint_every_s=0.0)
     train(DATA, few, out, 0, members=3)
     curves, alone = [metrics(out / f"member-{member}") for member in range(3)], metrics(run)
-    # Another program rounds differently, and training makes that more: two epochs, and what members differ by.
+    # Another program rounds differently, and training makes that more: so the first two epochs.
     alike = [
         all(
             here == pytest.approx(there, rel=1e-2, abs=1e-2)
