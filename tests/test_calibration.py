@@ -1,14 +1,21 @@
 """Scores against scikit-learn's definitions, enumeration and simulation."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from flax import nnx
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 from synthetic import make_episodes
 
+from mjx_fit.config import Config
 from mjx_fit.evaluation import calibration, held_out
+from mjx_fit.randomness import root_key
+from mjx_fit.sensors.model import ContactSensor
+from mjx_fit.settings import SensorConfig
+from mjx_fit.wrist import read
 
 
 @given(
@@ -65,6 +72,27 @@ def test_brier_and_balanced_accuracy_of_small_cases():
     predicted = np.array([True, False, False, False, False, True])
     assert calibration.balanced_accuracy(predicted, positive) == pytest.approx((0.5 + 0.75) / 2)
     assert np.isnan(calibration.balanced_accuracy(predicted, np.ones(6, bool)))
+
+
+def test_an_observation_is_of_the_first_actions_with_the_noise_of_the_episode():
+    """Against readings that are cut, one by one: other actions, and other episodes, make no difference."""
+    data, config = make_episodes(20, actions=16, min_length=16), Config()
+    sensor = ContactSensor(
+        SensorConfig(width=8, layers=1, feedforward=8, conv_channels=(4, 4, 4, 4, 4)), nnx.Rngs(0)
+    )
+    say = nnx.jit(lambda sensor, reading: sensor(reading))
+    ids, root = np.array([7, 3, 12]), root_key(5, "held out")
+
+    def alone(i, actions):
+        one = jax.tree.map(lambda leaf: leaf[i], data)
+        key = jax.random.fold_in(root, one.episode)
+        return say(sensor, read(one.interaction, key, config.wrist, config.scene, rows=actions)).innovation
+
+    for actions in (5, 16):
+        seen = held_out.observe(sensor, data, ids, actions, config, seed=5)
+        want = np.array([alone(i, actions) for i in ids])
+        assert np.ptp(want, axis=0).min() > 1e-5
+        np.testing.assert_allclose(seen.innovation, want, atol=1e-7)
 
 
 def test_type_probabilities_are_products_over_the_attempts_of_a_sequence_so_far():

@@ -47,7 +47,7 @@ def breakable(attempt, step, horizon, tip_pos_world, config):
     """The library's policies; for an attempt that is marked, NaN in one action.
 
     The poison is in the batch, not in the program: another program may round differently everywhere. So whole
-    batches run in it too, and MJX is compiled once for this file, which takes minutes on a CPU.
+    batches run in it too, and most of this file needs one compilation of MJX, a minute on a CPU.
     """
     real = dataclasses.replace(attempt, policy=attempt.policy % MARK)
     poison = (step == BROKEN_ACTION) & (attempt.policy >= MARK)
@@ -166,9 +166,7 @@ def test_an_episode_does_not_depend_on_its_batch(rollouts):
     """In other batches, another order and another engine the draws are equal; in C so is everything else."""
     attempts, (in_c, in_mjx), (native, mjx), _ = rollouts
     ids = np.array([9, 2, 11, 5, 0])
-    others = np.array([40, 41, 42, 43, 44, 45])  # as many as MJX has a program for
-    asked = draw_attempts(jax.random.key(7), jnp.asarray([*ids, *others]), "mixed", CONFIG.detector)
-    company, asked = asked, jax.tree.map(lambda leaf: leaf[: len(ids)], asked)
+    asked = draw_attempts(jax.random.key(7), jnp.asarray(ids), "mixed", CONFIG.detector)
     for a, b in zip(jax.tree.leaves(asked), jax.tree.leaves(attempts), strict=True):
         assert np.array_equal(plain(a), plain(b)[ids])
     for threads in (1, 2):
@@ -180,7 +178,7 @@ def test_an_episode_does_not_depend_on_its_batch(rollouts):
         some = native.run(many, 4)
         for a, b in zip(jax.tree.leaves(some), jax.tree.leaves(in_c), strict=True):
             assert np.array_equal(a[ids], b[ids])
-    again = jax.tree.map(lambda leaf: leaf[: len(ids)], mjx.run(company, 4))
+    again = mjx.run(asked, 4)
     assert np.abs(again.tare_sensor - in_mjx.tare_sensor[ids]).max() < 1e-5
     assert np.abs(again.trace.action_world - in_mjx.trace.action_world[ids])[:, 0].max() < 1e-6
 

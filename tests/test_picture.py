@@ -11,6 +11,7 @@ import pytest
 from fakes import FakeEngine
 from PIL import Image
 
+from mjx_fit import files
 from mjx_fit.config import Config
 from mjx_fit.errors import RequestError, WorkError
 from mjx_fit.evaluation import experiments, recording, results
@@ -275,8 +276,13 @@ def test_an_mp4_holds_every_frame_and_a_failed_encoder_leaves_the_old_file(tmp_p
     path = tmp_path / "a.mp4"
     render._write_mp4(iter(noise), path, 10, (64, 48))
     assert imageio_ffmpeg.count_frames_and_secs(str(path))[0] == 9
-    with pytest.raises(WorkError, match="could not be encoded whole"):
-        render._write_mp4(iter(noise), tmp_path / "nowhere" / "a.mp4", 10, (64, 48))
+    before = path.read_bytes()
+    with pytest.raises(
+        WorkError, match=r"^render: the video could not be encoded whole: is there room for it\?$"
+    ):
+        files.replace_with(path, lambda hidden: render._write_mp4(iter(noise), hidden / "no", 10, (64, 48)))
+    assert path.read_bytes() == before
+    assert [each.name for each in tmp_path.iterdir()] == ["a.mp4"]
 
 
 def test_a_point_of_the_world_lies_where_it_is_drawn(drawing):

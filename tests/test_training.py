@@ -361,16 +361,11 @@ def test_members_of_an_ensemble_train_at_once_as_they_would_alone(run, tmp_path)
     with pytest.raises(KilledError):
         train(DATA, few, out, 0, members=3, on_epoch=kill, checkpoint_every_s=0.0)
     train(DATA, few, out, 0, members=3)
-    curves, alone = [metrics(out / f"member-{member}") for member in range(3)], metrics(run)
-    # Another program rounds differently, and training makes that more: so the first two epochs.
-    alike = [
-        all(
-            here == pytest.approx(there, rel=1e-2, abs=1e-2)
-            for here, there in zip(curve[:2], alone[:2], strict=True)
-        )
-        for curve in curves
-    ]
-    assert alike == [True, False, False]
+    curves = [metrics(out / f"member-{member}") for member in range(3)]
+    for here, there in zip(curves[0], metrics(run), strict=False):
+        assert here == pytest.approx(there, rel=1e-3, abs=1e-3)
+    last = [curve[-1]["total"] for curve in curves]
+    assert len(set(last)) == 3
     assert [len(curve) for curve in curves] == [4, 4, 4]
     # What each stores is what it was when its validation was best, and no other member's.
     kernels = []

@@ -21,8 +21,8 @@ from mjx_fit.filters.success import success_probability
 from mjx_fit.randomness import root_key
 from mjx_fit.sensors.model import ContactSensor
 from mjx_fit.settings import N_TYPES
+from mjx_fit.task.learning import readings
 from mjx_fit.types import Array, Belief, Observation
-from mjx_fit.wrist import read
 
 BATCH = 256
 CM_PER_M = 100.0
@@ -88,14 +88,9 @@ def _observed(
     actions: Int[Array, ""],
     config: Config,
 ) -> Observation:
-    """What a sensor says of the first actions of a batch: others are padding, so that it compiles once."""
-    rows = episodes.interaction.trace.contact.shape[1]
-
-    def one(episode: Episode):
-        key = jax.random.fold_in(root, episode.episode)
-        return read(episode.interaction, key, config.wrist, config.scene, rows=rows, count=actions)
-
-    return nnx.merge(graph, state)(jax.vmap(one)(episodes))
+    """What a sensor says of the first actions of a batch."""
+    keys = jax.vmap(jax.random.fold_in, (None, 0))(root, episodes.episode)
+    return nnx.merge(graph, state)(readings(episodes.interaction, keys, config, actions))
 
 
 def posterior(

@@ -120,25 +120,23 @@ def _write_mp4(frames: Iterator[Frame], path: Path, fps: int, size: tuple[int, i
         # JAX warns of any fork; this one becomes the encoder at once.
         warnings.filterwarnings("ignore", "os.fork", RuntimeWarning)
         writer.send(None)
+    failed = WorkError("render: the video could not be encoded whole: is there room for it?")
     sent = 0
     try:
         for frame in frames:
             writer.send(np.ascontiguousarray(frame))
             sent += 1
-        ended = True
     except OSError:
-        ended = False
+        raise failed from None
     finally:
         writer.close()
     # The encoder may also end early without a word: a full disk, say, shows in what it left.
     try:
-        whole = ended and imageio_ffmpeg.count_frames_and_secs(str(path))[0] == sent
+        encoded = imageio_ffmpeg.count_frames_and_secs(str(path))[0]
     except RuntimeError:
-        whole = False
-    if not whole:
-        raise WorkError(
-            f"render: the video could not be encoded whole, {sent} frames of it: is there room for it?"
-        )
+        encoded = None
+    if encoded != sent:
+        raise failed
 
 
 def _write_gif(frames: Iterator[Frame], path: Path, fps: int, size: tuple[int, int]) -> None:

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from flax import nnx
-from jaxtyping import Bool, Key
+from jaxtyping import Bool, Int, Key
 
 from mjx_fit.config import Config
 from mjx_fit.dataset.sequences import Update
@@ -82,12 +82,23 @@ def frame_update(config: Config, sensor: ContactSensor) -> Update:
     return lambda *args: update(state, *args)
 
 
-def readings(interactions: Interaction, keys: Key[Array, "n"], config: Config) -> Reading:
-    """What the sensors are shown of attempts (n,): tared, with the wrist's noise from these keys."""
+def readings(
+    interactions: Interaction, keys: Key[Array, "n"], config: Config, count: Int[Array, ""] | None = None
+) -> Reading:
+    """What the sensors are shown of attempts (n,): tared, with the wrist's noise from these keys.
+
+    Args:
+        interactions: The attempts.
+        keys: Sources of the noise.
+        config: Gives the noise of the wrist and the scene.
+        count: Actions to read; the others are padding, so that it compiles once. None: all.
+    """
     rows = interactions.trace.contact.shape[1]
-    return jax.vmap(lambda interaction, key: read(interaction, key, config.wrist, config.scene, rows=rows))(
-        interactions, keys
-    )
+
+    def one(interaction: Interaction, key: Key[Array, ""]) -> Reading:
+        return read(interaction, key, config.wrist, config.scene, rows=rows, count=count)
+
+    return jax.vmap(one)(interactions, keys)
 
 
 def _where(condition: Bool[Array, "n"], new: Array, old: Array) -> Array:
