@@ -25,7 +25,7 @@ VIDEO = "assembly.mp4"
 
 @dataclass(frozen=True)
 class Size:
-    """How much the demo does: by default minutes on two cores, with a training more of them.
+    """How much the demo does: without a training, three to four minutes on two shared cores.
 
     Attributes:
         assemblies: Trials of the assembly experiment.

@@ -171,6 +171,17 @@ def test_the_page_says_what_was_counted_and_on_what(folder: Path, tmp_path: Path
     assert not any("nan" in cell for cell in re.findall(r"<td>[^<]*", text))
 
 
+@pytest.mark.parametrize(("cap", "shown"), [(30, True), (10, False)])
+def test_the_papers_interventions_stand_beside_its_cap_alone(tmp_path: Path, cap: int, shown: bool):
+    few = assembly({"failure_only": 0.2, "full": 0.6}, 8)
+    few.config["task"]["max_attempts"] = cap
+    results.write(tmp_path / "assembly.json", few)
+    text = build([tmp_path / "assembly.json"], tmp_path / "out").read_text()
+    assert (">0.264<" in text) == shown
+    figure = (tmp_path / "out" / "figures" / "assembly-interventions.svg").read_text()
+    assert ("paper" in " ".join(ET.fromstring(figure).itertext())) == shown
+
+
 def test_the_same_input_gives_the_same_bytes(folder: Path, tmp_path: Path):
     first, second = (build([folder], tmp_path / name) for name in ("first", "second"))
     assert first.read_bytes() == second.read_bytes()

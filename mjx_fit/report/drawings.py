@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 
 from mjx_fit import config as config_
 from mjx_fit.evaluation.results import Result
-from mjx_fit.report import calibration_figures, figures, hole_figures
+from mjx_fit.report import calibration_figures, figures, hole_figures, paper
 
 Drawing = tuple[str, str, Callable[[], Figure]]
 
@@ -39,7 +39,7 @@ def _assembly(result: Result) -> list[Drawing]:
             "interventions",
             f"Share of all pegs that a human had to insert after {cap} attempts, with 95 % intervals by "
             "bootstrap over trials; where it was none or every peg, Wilson's for that many trials: wide.",
-            lambda: figures.intervention_rate(result.summary),
+            lambda: figures.intervention_rate(result.summary, paper.beside(result.config)),
         ),
         (
             "attempts",

@@ -1,6 +1,6 @@
 """Figures of experiments, from the rows of a result file. Every interval is a 95 % interval."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -80,19 +80,20 @@ def attempts_histogram(trials: Trials) -> Figure:
     return figure
 
 
-def intervention_rate(summary: Sequence[Row]) -> Figure:
+def intervention_rate(summary: Sequence[Row], paper: Mapping[tuple[str, str, str], float]) -> Figure:
     """Share of the pegs that a human inserted, with the paper's value where it has one.
 
     Args:
         summary: Rows of an assembly result.
+        paper: Values by method, metric and group.
     """
     rows = [row for row in summary if row.metric == "intervention_rate" and row.group == "all"]
     colour = style.colours([row.method for row in rows])
     labels = [f"{style.label(row.method)}\n{row.value:.1%} of {row.n} pegs" for row in rows]
     figure = _bars(rows, labels, [colour[row.method] for row in rows])
     ax = figure.axes[0]
-    paper = [(PAPER.get((row.method, row.metric, row.group)), i) for i, row in enumerate(rows)]
-    known = [(value, i) for value, i in paper if value is not None]
+    marks = [(paper.get((row.method, row.metric, row.group)), i) for i, row in enumerate(rows)]
+    known = [(value, i) for value, i in marks if value is not None]
     if known:
         ax.plot(*zip(*known, strict=True), "D", **_PAPER_MARK, label="paper")
         style.legend(figure, ax.get_legend_handles_labels()[0])

@@ -1,12 +1,11 @@
 """One HTML page that needs nothing but itself."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 from itertools import groupby
 
 from mjx_fit.evaluation.statistics import Row
 from mjx_fit.report import story as story_
-from mjx_fit.report.paper import PAPER
 from mjx_fit.report.sections import Section
 from mjx_fit.report.story import Story
 from mjx_fit.report.style import Picture
@@ -64,7 +63,7 @@ def _section(section: Section) -> str:
     if section.video:
         parts.append(_video(section))
     if section.rows:
-        parts.append(_table(section.rows))
+        parts.append(_table(section.rows, section.paper))
     if section.pictures:
         parts.append('<div class="pictures">' + "\n".join(map(_figure, section.pictures)) + "</div>")
     parts += map(_told, section.stories)
@@ -101,7 +100,7 @@ def _told(story: Story) -> str:
     return f"<details><summary>{escape(story.title)}</summary>{table}</details>"
 
 
-def _table(rows: Sequence[Row]) -> str:
+def _table(rows: Sequence[Row], paper: Mapping[tuple[str, str, str], float]) -> str:
     head = (
         "<thead><tr><th>method</th><th>group</th><th>value [95 % interval]</th>"
         '<th class="number">n</th><th class="number">paper</th></tr></thead>'
@@ -111,17 +110,16 @@ def _table(rows: Sequence[Row]) -> str:
     for metric, of_metric in groupby(by_metric, key=lambda row: row.metric):
         bodies.append(f'<tbody><tr><th class="metric" colspan="5">{escape(metric)}</th></tr></tbody>')
         for method, of_method in groupby(of_metric, key=lambda row: row.method):
-            first, *rest = [_cells(row) for row in of_method]
+            first, *rest = [_cells(row, paper.get((row.method, row.metric, row.group))) for row in of_method]
             name = escape(method).replace("_", "_<wbr>")
             lines = [f'<th class="name" rowspan="{len(rest) + 1}">{name}</th>{first}', *rest]
             bodies.append("<tbody>" + "".join(f"<tr>{line}</tr>" for line in lines) + "</tbody>")
     return f'<div class="table"><table>{head}{"".join(bodies)}</table></div>'
 
 
-def _cells(row: Row) -> str:
+def _cells(row: Row, paper: float | None) -> str:
     digits = 3 if row.metric.endswith("rate") else 2
     interval = "?" if row.low is None or row.high is None else f"{row.low:.{digits}f}, {row.high:.{digits}f}"
-    paper = PAPER.get((row.method, row.metric, row.group))
     beside = "" if paper is None else f"{paper:.{digits}f}"
     return (
         f"<td>{escape(row.group)}</td><td>{row.value:.{digits}f} <span>[{interval}]</span></td>"

@@ -2,7 +2,8 @@
 
 import base64
 import json
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from mjx_fit.dataset.episode import happened
 from mjx_fit.errors import RequestError
 from mjx_fit.evaluation.results import Result
 from mjx_fit.evaluation.statistics import Row
-from mjx_fit.report import data_figures, drawings, run_figures, story
+from mjx_fit.report import data_figures, drawings, paper, run_figures, story
 from mjx_fit.report.drawings import Drawing
 from mjx_fit.report.story import Story
 from mjx_fit.report.style import Picture, picture
@@ -38,6 +39,7 @@ class Section:
         pictures: Figures in order.
         stories: Single trials in words.
         video: One to be shown, as ``data:`` address.
+        paper: What the paper has of the rows, by method, metric and group.
     """
 
     slug: str
@@ -48,6 +50,7 @@ class Section:
     pictures: tuple[Picture, ...] = ()
     stories: tuple[Story, ...] = ()
     video: str = ""
+    paper: Mapping[tuple[str, str, str], float] = field(default_factory=dict)
 
 
 def of_result(slug: str, result: Result) -> Section:
@@ -56,7 +59,16 @@ def of_result(slug: str, result: Result) -> Section:
     config = yaml.safe_dump(result.config, sort_keys=False)
     title = f"Experiment: {result.experiment}" + (f" ({slug})" if slug != result.experiment else "")
     pictures = _pictures(slug, drawings.of_result(result))
-    return Section(slug, title, facts, config, tuple(result.summary), pictures, story.of_result(result))
+    return Section(
+        slug,
+        title,
+        facts,
+        config,
+        tuple(result.summary),
+        pictures,
+        story.of_result(result),
+        paper=paper.beside(result.config),
+    )
 
 
 def of_video(slug: str, path: Path) -> Section:
