@@ -1,5 +1,7 @@
 """Stand-ins that decide by decree what physics would."""
 
+import dataclasses
+
 import jax
 import numpy as np
 
@@ -39,3 +41,13 @@ class FakeEngine:
             attempts.hole_pos_world, attempts.estimate_world, zeros((n, 6)), zeros((n, 7)), zeros((n, 7)),
             np.ones(n, bool),
         )  # fmt: skip
+
+
+class PathEngine(FakeEngine):
+    """The tip goes 2 mm in x with each of two actions."""
+
+    def run(self, attempts, actions, active=None, horizon=None):
+        done = super().run(attempts, actions, active, horizon)
+        start = np.pad(np.asarray(attempts.estimate_world), ((0, 0), (0, 1)), constant_values=0.042)
+        way = start[:, None] + np.array([[0.002, 0, 0], [0.004, 0, 0]])
+        return dataclasses.replace(done, trace=dataclasses.replace(done.trace, tip_pos_world=way))

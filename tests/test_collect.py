@@ -10,11 +10,9 @@ import pytest
 from collecting import Collector, files_of
 
 from mjx_fit.config import Config, load
-from mjx_fit.dataset import collect as collect_
 from mjx_fit.dataset import manifest, shard, store
 from mjx_fit.dataset.draws import pair_of, policy_of
 from mjx_fit.dataset.merge import merge
-from mjx_fit.dataset.plan import Plan
 from mjx_fit.errors import RequestError
 from mjx_fit.policies import SPIRAL
 from mjx_fit.simulate.native import NativeEngine
@@ -43,17 +41,6 @@ def test_every_field_has_unit_frame_shape_and_meaning(folder):
             assert data.shape == tuple(sizes.get(axis) or int(axis) for axis in said)
         assert np.asarray(file["episode"]).tolist() == [0, 1, 2, 3, 4]
         assert np.asarray(file.attrs["shapes"]).tolist() == ["cross", "rectangle", "square"]
-
-
-def test_both_engines_store_the_same_schema(folder, collect, tmp_path):
-    collect_.collect(CONFIG, tmp_path / "mjx", Plan(4, 2, "random", "mjx", batch=4))
-    assert store.describe(tmp_path / "mjx")["engine"] == "mjx"
-    with h5py.File(folder / "shard-00000000.h5") as c, h5py.File(tmp_path / "mjx/shard-00000000.h5") as mjx:
-        assert set(mjx) == set(c)
-        for name in shard.FIELDS:
-            assert mjx[name].dtype == c[name].dtype
-            assert dict(mjx[name].attrs) == dict(c[name].attrs)
-            assert mjx[name].shape[2:] == c[name].shape[2:]
 
 
 def test_load_gives_the_episodes_in_order(folder):

@@ -115,6 +115,7 @@ def test_the_wrist_reads_what_is_commanded(scene):
 def test_free_space_reach_settles_without_overshoot(scene):
     """A closed loop in C at 500 Hz: 1 cm along each axis, hardly passed."""
     model = scene.models[0]
+    torque = jax.jit(lambda arm, goal: control.torque(arm, goal, GAINS))
     for axis in range(3):
         data = mujoco.MjData(model)
         data.qpos[:] = POSTURE
@@ -126,7 +127,7 @@ def test_free_space_reach_settles_without_overshoot(scene):
         for _ in range(300):
             mujoco.mj_forward(model, data)
             arm = reference.arm_state(model, data)
-            data.ctrl[:] = control.torque(arm, jnp.asarray(goal, jnp.float32), GAINS)
+            data.ctrl[:] = torque(arm, jnp.asarray(goal, jnp.float32))
             mujoco.mj_step(model, data)
             track.append((data.site("tip").xpos - start)[axis])
         assert max(track) < 0.0105

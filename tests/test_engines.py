@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import h5py
 import jax
 import jax.numpy as jnp
 import mujoco
@@ -10,7 +11,9 @@ import pytest
 
 from mjx_fit import policies, wrist
 from mjx_fit.config import Config
+from mjx_fit.dataset import collect, shard, store
 from mjx_fit.dataset.draws import draw_attempts, pair_of
+from mjx_fit.dataset.plan import Plan
 from mjx_fit.errors import RequestError
 from mjx_fit.policies import SPIRAL
 from mjx_fit.scene import simulation_scene
@@ -84,6 +87,23 @@ def test_engines_give_the_same_trace(rollouts):
     assert np.abs(in_c.tare_sensor - in_mjx.tare_sensor).max() < 1e-4
     first = np.abs(in_c.trace.wrench_sensor - in_mjx.trace.wrench_sensor)[:, 0, :20]
     assert np.median(first) < 1e-3
+
+
+def test_both_engines_store_the_same_schema(rollouts, monkeypatch, tmp_path):
+    files = {}
+    for simulator in rollouts[2]:
+        monkeypatch.setattr(collect, "create", lambda name, config, own=simulator: own)
+        collect.collect(CONFIG, tmp_path / simulator.name, Plan(12, 4, "random", simulator.name, batch=12))
+        assert store.describe(tmp_path / simulator.name)["engine"] == simulator.name
+        files[simulator.name] = h5py.File(tmp_path / simulator.name / "shard-00000000.h5")
+    with files["native"] as c, files["mjx"] as mjx:
+        assert set(mjx) == set(c)
+        for name in shard.FIELDS:
+            assert mjx[name].dtype == c[name].dtype
+            assert dict(mjx[name].attrs) == dict(c[name].attrs)
+            assert mjx[name].shape == c[name].shape
+        start = (c["estimate_world"][:], mjx["estimate_world"][:])
+        assert np.array_equal(*start)
 
 
 def test_inactive_worlds_stand_still(rollouts):
@@ -178,9 +198,25 @@ def test_an_episode_does_not_depend_on_its_batch(rollouts):
         some = native.run(many, 4)
         for a, b in zip(jax.tree.leaves(some), jax.tree.leaves(in_c), strict=True):
             assert np.array_equal(a[ids], b[ids])
-    again = mjx.run(asked, 4)
-    assert np.abs(again.tare_sensor - in_mjx.tare_sensor[ids]).max() < 1e-5
-    assert np.abs(again.trace.action_world - in_mjx.trace.action_world[ids])[:, 0].max() < 1e-6
+    others = np.concatenate([ids, np.arange(20, 27)])  # as many as were compiled for
+    asked = draw_attempts(jax.random.key(7), jnp.asarray(others), "mixed", CONFIG.detector)
+    require_alike(mjx.run(asked, 4), in_mjx, ids)
+
+
+@pytest.mark.slow
+def test_an_episode_in_mjx_does_not_depend_on_the_number_of_worlds(rollouts):
+    """It is compiled anew for each."""
+    _, (_, in_mjx), (_, mjx), _ = rollouts
+    ids = np.array([9, 2, 11, 5, 0])
+    asked = draw_attempts(jax.random.key(7), jnp.asarray(ids), "mixed", CONFIG.detector)
+    require_alike(mjx.run(asked, 4), in_mjx, ids)
+
+
+def require_alike(again, before, ids):
+    """The same draws: the same tare and first action, within what rounding makes."""
+    n = len(ids)
+    assert np.abs(again.tare_sensor[:n] - before.tare_sensor[ids]).max() < 1e-5
+    assert np.abs(again.trace.action_world[:n] - before.trace.action_world[ids])[:, 0].max() < 1e-6
 
 
 def test_noise_of_a_reading_depends_on_its_key_alone(rollouts):

@@ -1,11 +1,22 @@
 """The examples that read a data set without this library."""
 
+import importlib.util
+import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
+import jax
+import jax.numpy as jnp
+import numpy as np
 import pytest
 from collecting import Collector, run
+from fakes import FakeEngine
+
+from mjx_fit.config import Config
+from mjx_fit.types import Attempt, Belief, Observation
 
 EXAMPLES = Path(__file__).parent.parent / "experiments" / "data"
 
@@ -63,22 +74,70 @@ def test_a_shape_of_ones_own(tmp_path):
     assert {line.split(":")[0] for line in told} > {"ell-rectangle", "square-square"}
 
 
+def own_module(name: str):
+    spec = importlib.util.spec_from_file_location(f"own_{name}", OWN / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
 def test_a_policy_of_ones_own():
     told = own("policy.py", 2)
     assert [line.split(":")[0] for line in told] == ["spiral", "raster"]
-    assert all(line.endswith("of 2 inserted") for line in told)
+    assert all(re.search(r"of 2 inserted$", line) and "% to " in line for line in told)
+
+
+def test_the_raster_sweeps_its_square():
+    raster = own_module("policy").raster
+    tip = jnp.array([0.4, 0.1, 0.05])
+    attempt = SimpleNamespace(estimate_world=jnp.array([0.41, 0.09]))
+    moves = np.array([raster(attempt, step, 100, tip, None) for step in range(100)])
+    goals = moves[:, :2] + tip[:2] - attempt.estimate_world
+    assert (moves[:, 2] < 0).all()
+    assert np.allclose(np.unique(goals[:, 1].round(6)), np.linspace(-0.015, 0.015, 5))
+    steps = np.abs(np.diff(goals, axis=0))
+    assert np.abs(goals[:, 0]).max() == pytest.approx(0.015, abs=1e-3)
+    assert steps.sum(1).max() < 0.01  # no jump, at the end of a line either
 
 
 def test_a_sensor_of_ones_own(native, tmp_path):
     folders = [Collector(native)(tmp_path / f"set{seed}", seed=seed) for seed in (1, 2)]
-    told = own("sensor.py", *folders)
-    assert [line.split(":")[0] for line in told] == ["nothing", "linear sensor"]
+    for test in folders:
+        told = own("sensor.py", folders[0], test)
+        assert [line.split(":")[0] for line in told] == ["nothing", "linear sensor"]
+        nothing, linear = (float(line.split()[-6]) for line in told)
+        assert linear != nothing
+        if test == folders[0]:  # what it was fitted on: it has as many features as there are rows
+            assert linear < 0.8 * nothing
 
 
 def test_a_filter_of_ones_own():
     told = own("filter.py", 2)
     assert [line.split(":")[0] for line in told] == ["Kalman", "particles"]
     assert all(1 <= float(line.split()[1]) <= 10 for line in told)
+
+
+def test_the_particle_filter_is_the_kalman_filter_where_failure_teaches_nothing(monkeypatch):
+    module = own_module("filter")
+    config = Config()
+    never = tuple(tuple(0.0 for _ in rates) for rates in config.task.success_by_error)
+    config = replace(config, task=replace(config.task, success_by_error=never))
+    n, innovation, noise = 64, jnp.array([0.006, -0.004]), jnp.array([[4e-5, 1e-5], [1e-5, 2e-5]])
+    rows = lambda leaf: jnp.broadcast_to(leaf, (n, *leaf.shape))  # noqa: E731
+    monkeypatch.setattr(module.learning, "readings", lambda done, keys, config: None)
+    seen = Observation(rows(innovation), rows(noise), jnp.zeros((n, 2)), jnp.zeros((n, 3, 2)))
+    mean, cov = jnp.array([0.4, 0.1]), jnp.diag(jnp.array([3e-5, 6e-5]))
+    prior = Belief(rows(mean), rows(cov), jnp.zeros((n, 3)))
+    kinds, keys = jnp.zeros(n, int), jax.random.split(jax.random.key(0), n)
+    done = FakeEngine().run(Attempt(kinds, kinds + 1, rows(mean), rows(mean), kinds, keys), 2)
+    learned = module.particle_filter(config, lambda _: seen)(
+        prior, done, jax.random.split(jax.random.key(1), n)
+    )
+    gain = cov @ np.linalg.inv(cov + noise)
+    assert np.allclose(learned.pos_mean_world.mean(0), mean + gain @ innovation, atol=1e-4)
+    assert np.allclose(learned.pos_cov.mean(0), cov - gain @ cov, atol=2e-6)
 
 
 def test_examples_stay_short():

@@ -40,11 +40,17 @@ def test_a_function_of_worlds_works_on_one_world_and_under_vmap():
     assert np.allclose(many, a @ b, atol=1e-6)
 
 
-@given(st.lists(st.integers(-1000, 1000), min_size=3, max_size=30, unique=True), st.integers(1, 5))
+largest = jax.jit(lanes.largest, static_argnums=2)
+VALUES = st.one_of(  # of few lengths: each is compiled
+    *(st.lists(st.integers(-1000, 1000), min_size=n, max_size=n, unique=True) for n in (3, 8, 30))
+)
+
+
+@given(VALUES, st.sampled_from([1, 2, 5]))
 def test_the_largest_are_found_in_order(values, count):
     value = np.asarray(values, np.float32) / 1000
     fields = jnp.stack([jnp.asarray(value), jnp.arange(len(value), dtype=jnp.float32)])
-    got = np.asarray(lanes.largest(jnp.asarray(value)[:, None], fields[..., None], count))
+    got = np.asarray(largest(jnp.asarray(value)[:, None], fields[..., None], count))
     positive = sorted((v for v in value.tolist() if v > 0), reverse=True)[:count]
     for (found, place), want in zip(got[:, :, 0], [*positive, *[0.0] * count], strict=False):
         assert found == pytest.approx(want, rel=1e-4)

@@ -8,13 +8,13 @@ import jax
 import mujoco
 import numpy as np
 import pytest
-from fakes import FakeEngine
+from fakes import PathEngine
 from PIL import Image
 
 from mjx_fit import files
 from mjx_fit.config import Config
 from mjx_fit.errors import RequestError, WorkError
-from mjx_fit.evaluation import experiments, recording, results
+from mjx_fit.evaluation import experiments, parts, recording, results
 from mjx_fit.picture import gl, render
 from mjx_fit.picture.motion import HOME_M, moments
 from mjx_fit.picture.panel import Panel
@@ -23,16 +23,6 @@ from mjx_fit.settings import NAMES, SHAPES
 
 TASK = dataclasses.replace(Config().task, n_holes=3, max_attempts=4)
 CONFIG = dataclasses.replace(Config(), task=TASK)
-
-
-class PathEngine(FakeEngine):
-    """The tip goes 2 mm in x with each of two actions."""
-
-    def run(self, attempts, actions, active=None, horizon=None):
-        done = super().run(attempts, actions, active, horizon)
-        start = np.pad(np.asarray(attempts.estimate_world), ((0, 0), (0, 1)), constant_values=0.042)
-        way = start[:, None] + np.array([[0.002, 0, 0], [0.004, 0, 0]])
-        return dataclasses.replace(done, trace=dataclasses.replace(done.trace, tip_pos_world=way))
 
 
 @pytest.fixture
@@ -45,13 +35,15 @@ def played(monkeypatch):
 def result(monkeypatch, tmp_path):
     for module in (recording, experiments):
         monkeypatch.setattr(module, "create", lambda name, config: PathEngine())
+    monkeypatch.setattr(parts, "ROWS", 4)  # two trials to a part: the third is in a part of its own
     out = tmp_path / "assembly.json"
     return experiments.assembly(CONFIG, out, None, "failure_only,oracle", 3, 5, "native")
 
 
-def test_a_recording_is_the_experiments_trial(result, tmp_path):
-    row = next(row for row in result.trials if (row["method"], row["trial"]) == ("failure_only", 2))
-    again = recording.replay(result, tmp_path, "failure_only", 2)
+@pytest.mark.parametrize(("method", "trial"), [("failure_only", 2), ("oracle", 0), ("oracle", 2)])
+def test_a_recording_is_the_experiments_trial(result, tmp_path, method, trial):
+    row = next(row for row in result.trials if (row["method"], row["trial"]) == (method, trial))
+    again = recording.replay(result, tmp_path, method, trial)
     assert [step.hole for step in again.steps] == [hole for holes in row["tried"] for hole in holes]
     assert [NAMES[kind] for kind in again.peg_type] == row["pegs"]
     assert [NAMES[kind] for kind in again.hole_type] == row["holes"]

@@ -6,6 +6,7 @@
 # pyright: reportMissingImports=false
 
 import time
+from collections.abc import Callable
 from typing import Any
 
 import mujoco
@@ -37,8 +38,11 @@ class Browser:
         self._marks: dict[int, Any] = {}
         print(f"watch at http://localhost:{self._server.get_port()}; Ctrl-C ends it", flush=True)
 
-    def show(self, moment: Moment, words: list[tuple[str, str]], panel: np.ndarray) -> None:
+    def show(
+        self, pose: Callable[[], None], moment: Moment, words: list[tuple[str, str]], panel: np.ndarray
+    ) -> None:
         """See ``mjx_fit.picture.view.Screen``."""
+        pose()
         data, model = self._puppet.data, self._puppet.model
         with self._server.atomic():
             for i, handle in self._geoms.items():

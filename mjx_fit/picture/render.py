@@ -13,7 +13,7 @@ from PIL import Image
 from mjx_fit import files
 from mjx_fit.errors import RequestError, WorkError
 from mjx_fit.evaluation.recording import Recording
-from mjx_fit.picture.motion import Moment, moments
+from mjx_fit.picture.motion import Moment, moments, require_speed
 from mjx_fit.picture.panel import WIDTH_SHARE, Panel
 from mjx_fit.picture.puppet import Puppet
 from mjx_fit.picture.stage import Stage
@@ -37,8 +37,7 @@ def require(out: Path, fps: int, speed: float) -> None:
         raise RequestError(f"--out: {out} is not allowed: it must end in {' or '.join(FORMATS)}")
     if not 1 <= fps <= 60:
         raise RequestError(f"--fps: {fps} is not allowed: it must be from 1 to 60")
-    if not 0.1 <= speed <= 100:
-        raise RequestError(f"--speed: {speed} is not allowed: it must be from 0.1 to 100")
+    require_speed(speed)
     if out.suffix == ".gif" and fps > MOST_GIF_FPS:
         raise RequestError(f"--fps: {fps} is not allowed for a GIF: it must be at most {MOST_GIF_FPS}")
     if out.is_dir():

@@ -5,13 +5,14 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Protocol
 
 import numpy as np
 
 from mjx_fit.errors import RequestError
 from mjx_fit.evaluation.recording import Recording
-from mjx_fit.picture.motion import HOME_M, Moment, moments_of
+from mjx_fit.picture.motion import HOME_M, Moment, moments_of, require_speed
 from mjx_fit.picture.panel import Panel
 from mjx_fit.picture.puppet import Puppet
 
@@ -22,8 +23,17 @@ PANEL_PX = (460, 720)
 class Screen(Protocol):
     """What shows a puppet to somebody."""
 
-    def show(self, moment: Moment, words: list[tuple[str, str]], panel: np.ndarray) -> None:
-        """Shows the puppet as it is posed, the marks of the moment, and beside them words or the panel."""
+    def show(
+        self, pose: Callable[[], None], moment: Moment, words: list[tuple[str, str]], panel: np.ndarray
+    ) -> None:
+        """Poses the puppet, and shows it with the marks of the moment and, beside them, words or the panel.
+
+        Args:
+            pose: Poses it; a screen that draws from another thread holds that one meanwhile.
+            moment: What is shown.
+            words: What is believed and done, in two columns.
+            panel: The same as a picture.
+        """
         ...
 
     def is_open(self) -> bool:
@@ -54,8 +64,7 @@ def view(
     Raises:
         RequestError: A value is not allowed, or there is neither a display nor viser.
     """
-    if not 0.1 <= speed <= 100:
-        raise RequestError(f"--speed: {speed} is not allowed: it must be from 0.1 to 100")
+    require_speed(speed)
     if not 1 <= port <= 65535:
         raise RequestError(f"--port: {port} is not allowed: it must be from 1 to 65535")
     show = _Show(_open_browser(port) if browser or not _has_display() else _open_window, speed, attempt)
@@ -95,8 +104,8 @@ class _Show:
             if late > 1 / FPS and number < len(shown) - 1:
                 continue  # a slow screen drops frames, it does not run behind
             qpos = self._puppet.postures(moment.tip_pos_world[None])[0]
-            self._puppet.pose(moment, step, qpos)
-            self._screen.show(moment, panel.words(moment), panel.draw(moment))
+            pose = partial(self._puppet.pose, moment, step, qpos)
+            self._screen.show(pose, moment, panel.words(moment), panel.draw(moment))
             if not self._screen.is_open():
                 raise _ClosedError
             time.sleep(max(0.0, began + (number + 1) / FPS - time.monotonic()))

@@ -3,6 +3,8 @@
 # MuJoCo's extension module has no stubs.
 # pyright: reportAttributeAccessIssue=false
 
+from collections.abc import Callable
+
 import mujoco
 import mujoco.viewer
 import numpy as np
@@ -23,9 +25,12 @@ class Window:
         )
         set_camera(self._viewer.cam)
 
-    def show(self, moment: Moment, words: list[tuple[str, str]], panel: np.ndarray) -> None:
+    def show(
+        self, pose: Callable[[], None], moment: Moment, words: list[tuple[str, str]], panel: np.ndarray
+    ) -> None:
         """See ``mjx_fit.picture.view.Screen``; the panel is left out, since images flicker in this viewer."""
         with self._viewer.lock():
+            pose()
             scene = self._viewer.user_scn
             assert scene is not None  # it is, as long as the window is open
             scene.ngeom = 0

@@ -81,7 +81,7 @@ def of_video(slug: str, path: Path) -> Section:
     if size > LARGEST_VIDEO:
         raise RequestError(
             f"report: {path} is not allowed: it has {size / 1e6:.0f} MB, and a page takes videos up to "
-            f"{LARGEST_VIDEO / 1e6:.0f} MB"
+            f"{LARGEST_VIDEO / 1e6:.0f} MB; render it with fewer --fps or more --speed"
         )
     kind = VIDEOS[path.suffix]
     content = base64.b64encode(path.read_bytes()).decode()
