@@ -1,8 +1,12 @@
 """The paper's command, as small as it gets, and killed in between."""
 
+import inspect
+from types import SimpleNamespace
+
 import pytest
 
 from mjx_fit import config, resources
+from mjx_fit import paper as paper_
 from mjx_fit.errors import RequestError
 from mjx_fit.evaluation import results
 from mjx_fit.paper import RESULTS, SIZES, Size, paper, size_of
@@ -19,6 +23,58 @@ class KilledError(Exception):
     """Stands for a kill."""
 
 
+@pytest.fixture
+def asked(monkeypatch):
+    """Every stage is written down with what it was asked instead of being done."""
+    calls = []
+
+    def instead(place, name):
+        signature = inspect.signature(getattr(place, name))
+
+        def stage(*args, **named):
+            calls.append((name, SimpleNamespace(**signature.bind(*args, **named).arguments)))
+
+        monkeypatch.setattr(place, name, stage)
+
+    for name in ("collect", "train_from", "calibrate", "position", "insertion", "build"):
+        instead(paper_, name)
+    for name in ("attempt", "assembly"):
+        instead(paper_.experiments, name)
+    monkeypatch.setattr(paper_, "load_sensor", lambda run: (run, None))
+    monkeypatch.setattr(paper_, "fingerprint_of", lambda sensor: "the sensor's")
+    monkeypatch.setattr(paper_, "filter_update", lambda config, sensor: "its update")
+    monkeypatch.setattr(paper_, "_actions_per_s", lambda config: 1000.0)
+    return calls
+
+
+def test_what_each_stage_is_asked(tmp_path, asked):
+    out = tmp_path / "paper"
+    paper(config.load(None, TINY), out, SIZE, 10)
+    names = ["collect", "collect", "train_from", "calibrate", "collect", "calibrate"]
+    names += [name.split("_")[0] for name in RESULTS[2:]]
+    assert [name for name, _ in asked] == [*names, "build"]
+    stages = [stage for _, stage in asked]
+    train, test, own = (stage for name, stage in asked if name == "collect")
+    assert len({stage.plan.seed for stage in (train, test, own)}) == 3  # or there would be holes it has seen
+    assert (own.plan.sequence, own.plan.sensor, own.update) == (5, "the sensor's", "its update")
+    assert stages[2].folder == train.out
+    assert [stage.data for name, stage in asked if name == "calibrate"] == [test.out, own.out]
+    measured = {
+        stage.out.stem: stage for name, stage in asked if name not in ("collect", "train_from", "build")
+    }
+    assert list(measured) == list(RESULTS)
+    for name, stage in measured.items():
+        assert stage.config.detector.kind == ("disc" if name.endswith("_disc") else "square")
+        by_covariance = name in ("assembly_covariance", "assembly_full")
+        assert stage.config.task.outcome_model == ("covariance" if by_covariance else "constant")
+        assert stage.seed == (12 if name == "calibration_by_attempt" else 10)
+    assert measured["assembly_full"].methods == "full"
+    assert measured["assembly_full"].trials == SIZE.many
+    assert measured["assembly"].methods == measured["assembly_covariance"].methods
+    assert stages[-1].inputs[-1] == stages[2].out == out / "run"
+
+
+@pytest.mark.slow
 def test_every_stage_is_done_once_and_a_kill_goes_on(tmp_path, monkeypatch, capsys):
     settings = config.load(None, TINY)
     out = tmp_path / "paper"
