@@ -23,7 +23,7 @@ def video(monkeypatch):
 
     def pretend(words, check):
         asked.append(words)
-        Path(words[words.index("--out") + 1]).write_bytes(b"video")
+        Path(words[words.index("--out") + 1]).write_bytes(b"\0\0\0\x20ftypisom")
         return SimpleNamespace(returncode=0)
 
     monkeypatch.setattr(demo_, "subprocess", SimpleNamespace(run=pretend))

@@ -290,8 +290,8 @@ def test_the_page_tells_a_usual_and_the_hardest_assembly(tmp_path: Path):
 
 def test_a_video_comes_first_and_inside_the_page(tmp_path: Path):
     results.write(tmp_path / "in" / "told.json", told())
-    for name in ("z.mp4", "y.gif"):
-        (tmp_path / "in" / name).write_bytes(b"moving")
+    for name, begins in (("z.mp4", b"\0\0\0\x20ftypisom"), ("y.gif", b"GIF89a")):
+        (tmp_path / "in" / name).write_bytes(begins)
     text = build([tmp_path / "in"], tmp_path / "out").read_text()
     page = Page(text)
     assert [link[:15] for link in page.links if link.startswith("data:")] == [
@@ -307,3 +307,25 @@ def test_a_video_that_is_too_large_for_a_page(tmp_path: Path):
     with pytest.raises(RequestError, match=r"long\.mp4 is not allowed: it has 21 MB"):
         build([tmp_path / "long.mp4"], tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+def test_a_file_that_is_called_a_video_and_is_none(tmp_path: Path):
+    (tmp_path / "no.mp4").write_bytes(b"GIF89a")
+    with pytest.raises(RequestError, match=r"no\.mp4 is not allowed: it is no \.mp4 video"):
+        build([tmp_path / "no.mp4"], tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_results_of_other_versions_and_of_another_training_say_so(tmp_path: Path):
+    old, new = assembly({"full": 0.5}, 4), assembly({"full": 0.5}, 4)
+    old.versions["numpy"] = new.versions["numpy"] = "2.4"
+    results.write(tmp_path / "old.json", old)
+    differs = ["scene.clearance_m is 0.001 there and 0.004 here"]
+    new = replace(new, versions=new.versions | {"jax": "0.11"}, request={"differs_from_training": differs})
+    results.write(tmp_path / "new.json", new)
+    both = build([tmp_path / "old.json", tmp_path / "new.json"], tmp_path / "both").read_text()
+    assert "made with different versions: jax 0.10 and 0.11. Compare" in both
+    assert f"<dd>{differs[0]}</dd>" in both
+    alone = build([tmp_path / "old.json"], tmp_path / "alone").read_text()
+    assert "different versions" not in alone
+    assert "sensor&#x27;s training" not in alone

@@ -107,7 +107,7 @@ class Viewer:
 
     def __init__(self, model):
         self.user_scn = mujoco.MjvScene(model, 100)
-        self.cam, self.locked, self.texts, self.synced = mujoco.MjvCamera(), False, None, 0
+        self.cam, self.locked, self.texts, self.synced = mujoco.MjvCamera(), False, [], 0
 
     @contextmanager
     def lock(self):
@@ -117,7 +117,7 @@ class Viewer:
 
     def set_texts(self, texts):
         assert not self.locked  # it takes the lock itself
-        self.texts = texts
+        self.texts = list(texts)
 
     def sync(self):
         self.synced += 1

@@ -33,6 +33,7 @@ tbody+tbody{border-top:1px solid #e4e4e4}
 th.name{font-weight:normal;overflow-wrap:anywhere;min-width:4.5rem}
 td span{white-space:nowrap}
 .video{display:block;width:100%;max-width:1080px;height:auto;border:1px solid #ddd}
+p.warning{border-left:4px solid #b25d00;padding:.3rem .8rem;background:#fdf4e7}
 details{margin:.8rem 0}
 pre{overflow-x:auto;background:#f6f6f6;padding:.8rem;font-size:.8rem}
 summary{cursor:pointer}
@@ -53,8 +54,23 @@ def page(sections: Sequence[Section]) -> str:
         f"{GENERATOR}\n"
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         f"<title>mjx_fit report</title>\n<style>{_CSS}</style>\n</head>\n<body>\n<main>\n"
-        f"<h1>mjx_fit report</h1>\n<nav><ul>{links}</ul></nav>\n{body}\n</main>\n</body>\n</html>\n"
+        f"<h1>mjx_fit report</h1>\n<nav><ul>{links}</ul></nav>\n{_mixed(sections)}{body}\n"
+        "</main>\n</body>\n</html>\n"
     )
+
+
+def _mixed(sections: Sequence[Section]) -> str:
+    """A warning that results were made with different versions, where they were."""
+    with_versions = [section.versions for section in sections if section.versions]
+    found: dict[str, set[str]] = {}
+    for versions in with_versions:
+        for library, version in versions.items():
+            found.setdefault(library, set()).add(version)
+    differ = [f"{name} {' and '.join(sorted(them))}" for name, them in found.items() if len(them) > 1]
+    if not differ:
+        return ""
+    told = f"These results were made with different versions: {', '.join(differ)}. Compare them with care."
+    return f'<p class="warning">{escape(told)}</p>\n'
 
 
 def _section(section: Section) -> str:

@@ -22,6 +22,8 @@ from mjx_fit.report.story import Story
 from mjx_fit.report.style import Picture, picture
 
 VIDEOS = {".mp4": "video/mp4", ".gif": "image/gif"}
+_BEGINS = {".mp4": (4, b"ftyp"), ".gif": (0, b"GIF8")}
+"""Where in such a file what stands."""
 LARGEST_VIDEO = 20_000_000
 """Bytes: more than that a page had better not hold."""
 
@@ -40,6 +42,7 @@ class Section:
         stories: Single trials in words.
         video: One to be shown, as ``data:`` address.
         paper: What the paper has of the rows, by method, metric and group.
+        versions: Of what it was made with, by library.
     """
 
     slug: str
@@ -51,11 +54,14 @@ class Section:
     stories: tuple[Story, ...] = ()
     video: str = ""
     paper: Mapping[tuple[str, str, str], float] = field(default_factory=dict)
+    versions: Mapping[str, str] = field(default_factory=dict)
 
 
 def of_result(slug: str, result: Result) -> Section:
     """The section of a result file; an experiment without figures of its own has its table."""
     facts = _provenance(vars(result))
+    if differs := result.request.get("differs_from_training"):
+        facts = (*facts, ("other than in the sensor's training", "; ".join(map(str, differs))))
     config = yaml.safe_dump(result.config, sort_keys=False)
     title = f"Experiment: {result.experiment}" + (f" ({slug})" if slug != result.experiment else "")
     pictures = _pictures(slug, drawings.of_result(result))
@@ -68,6 +74,7 @@ def of_result(slug: str, result: Result) -> Section:
         pictures,
         story.of_result(result),
         paper=paper.beside(result.config),
+        versions=result.versions,
     )
 
 
@@ -75,7 +82,7 @@ def of_video(slug: str, path: Path) -> Section:
     """The section of a video, which the page carries in itself.
 
     Raises:
-        RequestError: It is too large for that.
+        RequestError: It is too large for that, or no video.
     """
     size = path.stat().st_size
     if size > LARGEST_VIDEO:
@@ -83,9 +90,11 @@ def of_video(slug: str, path: Path) -> Section:
             f"report: {path} is not allowed: it has {size / 1e6:.0f} MB, and a page takes videos up to "
             f"{LARGEST_VIDEO / 1e6:.0f} MB; render it with fewer --fps or more --speed"
         )
-    kind = VIDEOS[path.suffix]
-    content = base64.b64encode(path.read_bytes()).decode()
-    return Section(slug, f"Video: {path.stem}", (), "", (), video=f"data:{kind};base64,{content}")
+    content, (at, begins) = path.read_bytes(), _BEGINS[path.suffix]
+    if not content.startswith(begins, at):
+        raise RequestError(f"report: {path} is not allowed: it is no {path.suffix} video")
+    address = f"data:{VIDEOS[path.suffix]};base64,{base64.b64encode(content).decode()}"
+    return Section(slug, f"Video: {path.stem}", (), "", (), video=address)
 
 
 def of_run(slug: str, folder: Path) -> Section:
