@@ -249,62 +249,46 @@ def test_attempt_from_command_to_file(tmp_path, capsys, refused):
     assert (tmp_path / "again" / "attempt.json").read_bytes() == content
 
 
-def test_data_to_training_to_assembly_to_report(data, tmp_path, capsys, refused):
-    """The whole chain on real physics, as small as it gets."""
-    run, out = tmp_path / "run", tmp_path / "assembly.json"
+@pytest.fixture(scope="module")
+def trained(data, tmp_path_factory):
+    """A run, as small as it gets, and the settings that it was made with."""
+    folder = tmp_path_factory.mktemp("trained")
     small = {"sensor": {"width": 8, "layers": 1, "feedforward": 8, "conv_channels": [4, 4, 4, 4, 4]}}
     small |= {"train": {"epochs": 2, "batch_size": 4, "max_window": 6, "min_window": 3}}
-    (tmp_path / "c.yaml").write_text(yaml.safe_dump(small))
-    settings = ["--config", str(tmp_path / "c.yaml"), *TINY]
-    assert cli.main(["train", "--data", str(data), "--out", str(run), *settings]) == 0
+    (folder / "c.yaml").write_text(yaml.safe_dump(small))
+    settings = ["--config", str(folder / "c.yaml"), *TINY]
+    assert cli.main(["train", "--data", str(data), "--out", str(folder / "run"), *settings]) == 0
+    return folder / "run", settings
+
+
+def test_data_to_training_to_assembly_to_report(data, trained, tmp_path, capsys, refused):
+    """The whole chain on real physics."""
+    (run, settings), out = trained, tmp_path / "assembly.json"
     assert len((run / "metrics.jsonl").read_text().splitlines()) == 2
-    command = [
-        "evaluate",
-        "assembly",
-        "--methods",
-        "failure_only,full,oracle",
-        "--trials",
-        "2",
-        "--run",
-        str(run),
-    ]
+    methods = ["--methods", "failure_only,full,oracle"]
+    command = ["evaluate", "assembly", *methods, "--trials", "2", "--run", str(run)]
     assert cli.main([*command, "--out", str(out), *settings]) == 0
     result = results.read(out)
     assert {trial["method"] for trial in result.trials} == {"failure_only", "full", "oracle"}
     assert result.config["sensor"]["width"] == 8
     assert result.request["differs_from_training"] == []
     assert all(len(trial["attempts"]) == 2 and max(trial["attempts"]) <= 2 for trial in result.trials)
-    without = [
-        "evaluate",
-        "assembly",
-        "--methods",
-        "full",
-        "--trials",
-        "1",
-        "--out",
-        str(tmp_path / "w.json"),
-    ]
+    own = str(tmp_path / "w.json")
+    without = ["evaluate", "assembly", "--methods", "full", "--trials", "1", "--out", own]
     assert cli.main([*without, *TINY]) == 0
     sensor, _ = checkpoint.load_sensor(resources.folder("weights"))
     assert results.read(tmp_path / "w.json").request["sensor"] == checkpoint.fingerprint_of(sensor)
     capsys.readouterr()
     other = ["--out", tmp_path / "other.json", *settings[2:], "--set", "sensor.width=16"]
     assert "sensor.width is 8 there and 16 here" in refused(*command, *other)
-    seen = ["evaluate", "calibration", "--run", run, "--out", tmp_path / "seen.json", *settings]
-    assert "trained on are not allowed" in refused(*seen, "--data", data)
-    assert not (tmp_path / "seen.json").exists()
-    check_calibration(run, tmp_path, settings)
-    check_own_beliefs(run, tmp_path, settings, capsys)
-    capsys.readouterr()
     assert cli.main(["report", str(out), str(run), str(data), "--out", str(tmp_path / "page")]) == 0
     page = (tmp_path / "page" / "index.html").read_text()
     assert page.count("<svg") >= 3
     capsys.readouterr()
 
 
-def check_own_beliefs(run, tmp_path, settings, capsys):
-    """Sequences whose later attempts start from what the run's sensor believes."""
-    out = tmp_path / "own"
+def test_sequences_start_from_what_the_runs_sensor_believes(trained, tmp_path, capsys):
+    (run, settings), out = trained, tmp_path / "own"
     command = ["collect", "--out", str(out), "--episodes", "8", "--sequence", "2", "--steps", "6", "--run"]
     options = ["--policy", "spiral", "--engine", "native", "--set", "task.attempt_actions=6"]
     assert cli.main([*command, str(run), *options]) == 0
@@ -314,13 +298,17 @@ def check_own_beliefs(run, tmp_path, settings, capsys):
     capsys.readouterr()
     assert cli.main([*command, str(resources.folder("weights")), *options]) == 2
     assert "sensor" in capsys.readouterr().err
+    alone = ["--set", "train.baseline_share=0"]
     drawn = ["train", "--data", str(out), "--out", str(tmp_path / "chained"), *settings]
-    assert cli.main([*drawn, "--set", "train.sequence=2", "--set", "train.min_window=6"]) == 0
+    assert cli.main([*drawn, "--set", "train.sequence=2", "--set", "train.min_window=6", *alone]) == 0
 
 
-def check_calibration(run, tmp_path, settings):
-    """A run on attempts of its own, with its baseline beside it."""
-    fresh, out = tmp_path / "fresh", tmp_path / "calibration.json"
+def test_calibration_on_attempts_of_its_own(data, trained, tmp_path, refused):
+    """With the run's baseline beside it; the data that it was trained on are refused."""
+    (run, settings), fresh, out = trained, tmp_path / "fresh", tmp_path / "calibration.json"
+    seen = ["evaluate", "calibration", "--run", run, "--out", tmp_path / "seen.json", *settings]
+    assert "trained on are not allowed" in refused(*seen, "--data", data)
+    assert not (tmp_path / "seen.json").exists()
     collect = ["collect", "--out", str(fresh), "--episodes", "18", "--steps", "2", "--policy", "spiral"]
     assert cli.main([*collect, "--seed", "1", "--engine", "native", *TINY]) == 0
     command = ["evaluate", "calibration", "--run", str(run), "--data", str(fresh), "--out", str(out)]
