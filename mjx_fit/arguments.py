@@ -5,7 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NoReturn
 
-from mjx_fit import commands
+from mjx_fit import __version__, commands
 from mjx_fit.errors import RequestError
 
 _RUN = "folder of a training run (default: the weights that come with the package)"
@@ -20,6 +20,7 @@ class _Parser(argparse.ArgumentParser):
 
 def parser() -> argparse.ArgumentParser:
     root = _Parser(prog="mjx-fit", description="Contact-rich assembly under uncertainty, on JAX and MuJoCo.")
+    root.add_argument("--version", action="version", version=f"mjx-fit {__version__}")
     parsers = root.add_subparsers(required=True, metavar="COMMAND")
 
     demo = _command(

@@ -5,6 +5,7 @@ import shutil
 import subprocess
 import sys
 from dataclasses import replace
+from importlib.metadata import version
 
 import pytest
 import yaml
@@ -97,6 +98,12 @@ def test_a_users_file_is_not_overwritten(refused, data, tmp_path):
     (tmp_path / "config.yaml").write_text("mine: yes")
     assert "holds other files" in refused("train", "--data", data, "--out", tmp_path, "--epochs", 1)
     assert (tmp_path / "config.yaml").read_text() == "mine: yes"
+
+
+def test_the_version_is_the_packages(capsys):
+    with pytest.raises(SystemExit, match="0"):
+        cli.main(["--version"])
+    assert capsys.readouterr().out == f"mjx-fit {version('mjx-fit')}\n"
 
 
 def test_unknown_engine(refused, tmp_path):
