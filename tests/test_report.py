@@ -178,6 +178,7 @@ def test_the_papers_interventions_stand_beside_its_cap_alone(tmp_path: Path, cap
     results.write(tmp_path / "assembly.json", few)
     text = build([tmp_path / "assembly.json"], tmp_path / "out").read_text()
     assert (">0.264<" in text) == shown
+    assert (">paper</th>" in text) == shown
     figure = (tmp_path / "out" / "figures" / "assembly-interventions.svg").read_text()
     assert ("paper" in " ".join(ET.fromstring(figure).itertext())) == shown
 

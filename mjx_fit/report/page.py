@@ -117,27 +117,27 @@ def _told(story: Story) -> str:
 
 
 def _table(rows: Sequence[Row], paper: Mapping[tuple[str, str, str], float]) -> str:
-    head = (
-        "<thead><tr><th>method</th><th>group</th><th>value [95 % interval]</th>"
-        '<th class="number">n</th><th class="number">paper</th></tr></thead>'
-    )
+    beside = {row: paper.get((row.method, row.metric, row.group)) for row in rows}
+    has_paper = any(value is not None for value in beside.values())
+    head = '<th>method</th><th>group</th><th>value [95 % interval]</th><th class="number">n</th>'
+    head += '<th class="number">paper</th>' if has_paper else ""
     bodies = []
     by_metric = sorted(rows, key=lambda row: row.metric)
     for metric, of_metric in groupby(by_metric, key=lambda row: row.metric):
         bodies.append(f'<tbody><tr><th class="metric" colspan="5">{escape(metric)}</th></tr></tbody>')
         for method, of_method in groupby(of_metric, key=lambda row: row.method):
-            first, *rest = [_cells(row, paper.get((row.method, row.metric, row.group))) for row in of_method]
+            first, *rest = [_cells(row, beside[row], has_paper) for row in of_method]
             name = escape(method).replace("_", "_<wbr>")
             lines = [f'<th class="name" rowspan="{len(rest) + 1}">{name}</th>{first}', *rest]
             bodies.append("<tbody>" + "".join(f"<tr>{line}</tr>" for line in lines) + "</tbody>")
-    return f'<div class="table"><table>{head}{"".join(bodies)}</table></div>'
+    return f'<div class="table"><table><thead><tr>{head}</tr></thead>{"".join(bodies)}</table></div>'
 
 
-def _cells(row: Row, paper: float | None) -> str:
+def _cells(row: Row, paper: float | None, has_paper: bool) -> str:
     digits = 3 if row.metric.endswith("rate") else 2
     interval = "?" if row.low is None or row.high is None else f"{row.low:.{digits}f}, {row.high:.{digits}f}"
     beside = "" if paper is None else f"{paper:.{digits}f}"
     return (
         f"<td>{escape(row.group)}</td><td>{row.value:.{digits}f} <span>[{interval}]</span></td>"
-        f'<td class="number">{row.n}</td><td class="number">{beside}</td>'
+        f'<td class="number">{row.n}</td>' + (f'<td class="number">{beside}</td>' if has_paper else "")
     )
