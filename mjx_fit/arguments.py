@@ -216,7 +216,12 @@ def _simulating(parser: argparse.ArgumentParser) -> None:
 def _configurable(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(computes=True)
     parser.add_argument(
-        "--config", type=Path, metavar="FILE", help="YAML with what differs from the defaults"
+        "--config",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="FILE",
+        help="YAML with what differs from the defaults; repeatable, later ones win",
     )
     parser.add_argument(
         "--set",

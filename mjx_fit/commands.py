@@ -185,7 +185,7 @@ def view(args: argparse.Namespace) -> None:
 
 
 def _require_one_source(args: argparse.Namespace) -> None:
-    asked = args.config is not None or args.set or args.seed or args.engine != "auto"
+    asked = args.config or args.set or args.seed or args.engine != "auto"
     if args.result is not None and asked:
         raise RequestError(
             "--config, --set, --seed, --engine: none is allowed beside a result: it brings its own"
@@ -235,10 +235,10 @@ def _run(args: argparse.Namespace) -> Path:
 def _config(args: argparse.Namespace, preset: str | None = None) -> Config:
     from mjx_fit import resources
 
-    path = args.config
-    if path is None and preset is not None:
-        path = resources.folder("configs") / f"{preset}.yaml"
-    return config_.load(path, args.set)
+    paths = args.config
+    if not paths and preset is not None:
+        paths = [resources.folder("configs") / f"{preset}.yaml"]
+    return config_.load(paths, args.set)
 
 
 def _show(tree: dict, as_json: bool) -> None:

@@ -7,6 +7,7 @@ import dataclasses
 import json
 import math
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, get_args
 
@@ -55,27 +56,23 @@ _Loader.add_implicit_resolver(
 )
 
 
-def load(path: Path | None = None, overrides: list[str] | tuple[str, ...] = ()) -> Config:
+def load(path: Path | Sequence[Path] | None = None, overrides: Sequence[str] = ()) -> Config:
     """The configuration of a run.
 
     Args:
-        path: YAML file with the values that differ from the defaults, or None.
+        path: YAML file with the values that differ from the defaults, several of which later ones win over
+            earlier ones key by key, or None.
         overrides: ``section.key=value`` strings, applied after the file.
 
     Raises:
         RequestError: The file cannot be read, or a key or value is not allowed.
     """
     tree: dict[str, Any] = {}
-    if path is not None:
-        try:
-            loaded = yaml.load(Path(path).read_text(), _Loader)
-        except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-            raise RequestError(f"config: {path} cannot be read: {' '.join(str(error).split())}") from None
-        if not isinstance(loaded, dict | None):
-            raise RequestError(
-                f"config: {path} must hold sections such as 'scene:', not a {type(loaded).__name__}"
-            )
-        tree = loaded or {}
+    paths = [] if path is None else [path] if isinstance(path, str | Path) else path
+    for one in paths:
+        for name, section in _read(one).items():
+            both = isinstance(section, dict) and isinstance(tree.get(name), dict)
+            tree[name] = tree[name] | section if both else section
     for override in overrides:
         _set(tree, override)
     return from_tree(tree)
@@ -97,6 +94,9 @@ def from_tree(tree: dict[str, Any]) -> Config:
             raise RequestError(
                 f"config: {field}: unknown key; allowed here: {_allowed(first['loc'])}"
             ) from None
+        if first["type"] == "missing" and isinstance(first["input"], list):  # names the first that is
+            given = f"{len(first['input'])} given, more are needed"
+            raise RequestError(f"config: {field.rpartition('.')[0]}: {given}") from None
         raise RequestError(f"config: {field}: {first['input']!r} is not allowed: {first['msg']}") from None
     require_room(config, "spiral.radius_m", config.spiral.radius_m)
     return config
@@ -147,6 +147,20 @@ def differences(one: Config, other: Config) -> list[str]:
         for key, value in values.items()
         if value != here[section][key]
     ]
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        loaded = yaml.load(Path(path).read_text(), _Loader)
+    except OSError as error:
+        raise RequestError(f"config: {path} cannot be read: {error.strerror}") from None
+    except (UnicodeDecodeError, yaml.YAMLError) as error:
+        raise RequestError(f"config: {path} cannot be read: {' '.join(str(error).split())}") from None
+    if not isinstance(loaded, dict | None):
+        raise RequestError(
+            f"config: {path} must hold sections such as 'scene:', not a {type(loaded).__name__}"
+        )
+    return loaded or {}
 
 
 def _set(tree: dict[str, Any], override: str) -> None:

@@ -20,7 +20,7 @@ from jaxtyping import Float
 from mjx_fit import resources
 from mjx_fit.errors import RequestError
 from mjx_fit.settings import N_TYPES, SceneConfig, Shape
-from mjx_fit.shapes import Boxes, hole_boxes, peg_boxes, plate_top_m
+from mjx_fit.shapes import HANGING, Boxes, hole_boxes, peg_boxes, plate_top_m
 
 JOINTS = tuple(f"joint{i}" for i in range(1, 8))
 HOLE_WORKSPACE_M = ((0.35, 0.65), (-0.3, 0.3))
@@ -78,11 +78,10 @@ def picture_scene(
     """
     spec = _arm_on_table(config)
     for shape in config.shapes:
-        _add_picture_peg(spec.body("peg"), config, shape, f"hand_{shape.name}", np.zeros(3))
+        _add_picture_peg(spec.body("peg"), peg_boxes(shape, config), f"hand_{shape.name}")
     for i, (kind, position) in enumerate(zip(hole_types, hole_pos_world, strict=True)):
         _add_hole(spec, config, hole_boxes(config.shapes[kind], config), f"hole{i}", position, mocap=False)
-        depth = np.array([0.0, 0.0, _PLACED_ABOVE_FLOOR_M - config.hole_depth_m])
-        _add_picture_peg(spec.body(f"hole{i}"), config, config.shapes[kind], f"placed_{i}", depth)
+        _add_picture_peg(spec.body(f"hole{i}"), _placed(config.shapes[kind], config), f"placed_{i}")
     return spec.compile()
 
 
@@ -135,19 +134,23 @@ def _add_peg(spec: mujoco.MjSpec, config: SceneConfig, boxes: Boxes) -> None:
         )
 
 
-def _add_picture_peg(
-    body: mujoco.MjsBody, config: SceneConfig, shape: Shape, name: str, offset: Float[np.ndarray, "3"]
-) -> None:
-    boxes = peg_boxes(shape, config)
+def _add_picture_peg(body: mujoco.MjsBody, boxes: Boxes, name: str) -> None:
     for i, (centre, half) in enumerate(zip(boxes.centre, boxes.half, strict=True)):
         body.add_geom(
             name=f"{name}_{i}",
             type=mujoco.mjtGeom.mjGEOM_BOX,
-            pos=centre + offset,
+            pos=centre,
             size=half,
             contype=0,
             conaffinity=0,
         )
+
+
+def _placed(shape: Shape, config: SceneConfig) -> Boxes:
+    """A peg that stands in its hole, in the frame of the plate's upper face."""
+    boxes = peg_boxes(shape, config)
+    face_m = config.peg_length_m + _PLACED_ABOVE_FLOOR_M - config.hole_depth_m
+    return Boxes(boxes.centre * HANGING + [0, 0, face_m], boxes.half)
 
 
 def _add_hole(

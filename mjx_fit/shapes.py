@@ -2,7 +2,8 @@
 
 A box is ``(centre, half)``, both (3,) in metres. Pegs are given in the frame of the body ``peg``: its origin
 is the sensor's face, its z points along the tool to the tip. Hole boxes are given in the frame of the plate's
-upper face, z up.
+upper face, z up. The tool points down with its x along the world's, so its y runs against the world's: in its
+frame a peg is the mirror image of its shape, which is drawn as it stands in the hole.
 """
 
 from dataclasses import dataclass
@@ -14,6 +15,8 @@ from jaxtyping import Float
 from mjx_fit.settings import SceneConfig, Shape
 
 FLOOR_THICKNESS_M = 0.01
+HANGING = np.array([1.0, -1.0, -1.0])
+"""Times a place in the frame of the body ``peg``: the same in the world's axes."""
 
 
 @dataclass(frozen=True)
@@ -42,8 +45,8 @@ def plate_top_m(scene: SceneConfig) -> float:
 
 def peg_boxes(shape: Shape, scene: SceneConfig) -> Boxes:
     """The boxes of a peg, one for each rectangle, in the frame of the body ``peg``."""
-    low = [[x0, y0, 0.0] for x0, y0, _, _ in shape.rectangles]
-    high = [[x1, y1, scene.peg_length_m] for _, _, x1, y1 in shape.rectangles]
+    low = [[x0, -y1, 0.0] for x0, _, _, y1 in shape.rectangles]
+    high = [[x1, -y0, scene.peg_length_m] for _, y0, x1, _ in shape.rectangles]
     return Boxes.between(low, high)
 
 

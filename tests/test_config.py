@@ -23,6 +23,18 @@ def test_numbers_without_a_point_are_numbers():
     assert config.load(None, ["train.learning_rate=1e-3"]).train.learning_rate == 1e-3
 
 
+def test_later_files_win_key_by_key(tmp_path):
+    (tmp_path / "a.yaml").write_text("task: {n_holes: 3, max_attempts: 9}")
+    (tmp_path / "b.yaml").write_text("task: {n_holes: 4}\nscene: {clearance_m: 0.002}")
+    both = config.load([tmp_path / "a.yaml", tmp_path / "b.yaml"], ["task.attempt_actions=7"])
+    assert (both.task.n_holes, both.task.max_attempts, both.task.attempt_actions) == (4, 9, 7)
+    assert both.scene.clearance_m == 0.002
+    with pytest.raises(RequestError, match=r"no\.yaml cannot be read: No such file or directory$"):
+        config.load([tmp_path / "a.yaml", tmp_path / "no.yaml"])
+    with pytest.raises(RequestError, match=r"^config: scene\.shapes: 1 given, more are needed$"):
+        config.load(None, ["scene.shapes=[{name: a, rectangles: [[0, 0, 0.01, 0.01]]}]"])
+
+
 def test_every_shipped_config_is_valid():
     files = list(resources.folder("configs").glob("*.yaml"))
     assert {path.stem for path in files} >= {"quick", "paper"}

@@ -70,7 +70,7 @@ def own(name: str, *words: object) -> list[str]:
 
 def test_a_shape_of_ones_own(tmp_path):
     told = own("shape.py", tmp_path / "set", 12, 3)
-    assert "ell-ell: 0 of 2 inserted" in told
+    assert "ell-ell: 0 of 2 inserted" in told  # in three actions
     assert {line.split(":")[0] for line in told} > {"ell-rectangle", "square-square"}
 
 

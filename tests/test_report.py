@@ -329,4 +329,4 @@ def test_results_of_other_versions_and_of_another_training_say_so(tmp_path: Path
     assert f"<dd>{differs[0]}</dd>" in both
     alone = build([tmp_path / "old.json"], tmp_path / "alone").read_text()
     assert "different versions" not in alone
-    assert "sensor&#x27;s training" not in alone
+    assert "set since training" not in alone

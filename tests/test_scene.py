@@ -1,11 +1,13 @@
 import dataclasses
 
+import jax.numpy as jnp
 import mujoco
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mjx_fit.kinematics import chain_of, inverse
 from mjx_fit.scene import HOLE_WORKSPACE_M, pair_index, picture_scene, place_holes, simulation_scene
 from mjx_fit.settings import N_TYPES, SHAPES, SceneConfig, Shape
 from mjx_fit.shapes import hole_boxes, peg_boxes
@@ -105,3 +107,28 @@ def test_spare_boxes_stay_inside_thin_shapes():
             ][n:]
             for geom in spare:
                 assert (np.abs(geom.pos - real.pos) + geom.size <= real.size + 1e-9).all()
+
+
+def test_a_lopsided_peg_hangs_and_stands_as_its_hole_is():
+    """In the world, in C: over the hole, in the hand and placed, its boxes are the shape's rectangles."""
+    ell = Shape("ell", ((-0.020, -0.020, 0.000, 0.020), (0.000, -0.020, 0.020, 0.000)))
+    config = SceneConfig(shapes=(ell, *SHAPES[1:]))
+    hole = np.array([0.5, 0.1])
+    low, high = np.split(np.array(ell.rectangles), 2, axis=1)
+    for model, names in (
+        (simulation_scene(config).models[0], ["peg_box{}"]),
+        (picture_scene(config, [0], hole[None]), ["hand_ell_{}", "placed_0_{}"]),
+    ):
+        data = mujoco.MjData(model)
+        tip = jnp.array([*hole, 0.2], jnp.float32)
+        data.qpos[:7] = inverse(chain_of(model), tip)
+        mujoco.mj_kinematics(model, data)
+        for name in names:
+            centres = np.array([data.geom(name.format(i)).xpos[:2] for i in range(2)])
+            assert np.allclose(centres - hole, (low + high) / 2, atol=1e-4)
+
+
+def test_a_placed_peg_stands_over_the_floor():
+    model = picture_scene(SceneConfig(), [2], np.array([[0.5, 0.1]]))
+    geom, config = model.geom("placed_0_0"), SceneConfig()
+    assert geom.pos[2] - geom.size[2] == pytest.approx(-config.hole_depth_m + 0.002)

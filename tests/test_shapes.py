@@ -1,16 +1,21 @@
 import dataclasses
 import itertools
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjx_fit.config import load
+from mjx_fit.config import Config, load
 from mjx_fit.errors import RequestError
+from mjx_fit.policies import SPIRAL
 from mjx_fit.settings import SHAPES, SceneConfig, Shape
 from mjx_fit.shapes import hole_boxes, peg_boxes, plate_top_m
+from mjx_fit.simulate.native import NativeEngine
 from mjx_fit.training.sides import require_symmetric
+from mjx_fit.types import Attempt
 
 SCENE = SceneConfig()
 
@@ -28,6 +33,7 @@ def section(shape, points):
 
 ELL = Shape("ell", ((-0.020, -0.020, 0.000, 0.020), (0.000, -0.020, 0.020, 0.000)))
 TEE = Shape("tee", ((-0.020, -0.020, 0.000, 0.020), (0.000, -0.008, 0.020, 0.008)))
+FLIPPED = Shape("flipped", tuple((x0, -y1, x1, -y0) for x0, y0, x1, y1 in ELL.rectangles))
 ALL = (*SHAPES, ELL, TEE)
 
 
@@ -58,7 +64,8 @@ def test_peg_is_its_section_extruded(shape):
     points = np.random.default_rng(0).uniform(
         [-0.025, -0.025, 0], [0.025, 0.025, SCENE.peg_length_m], (4000, 3)
     )
-    assert np.array_equal(inside(peg_boxes(shape, SCENE), points) > 0, section(shape, points[:, :2]))
+    seen = section(shape, points[:, :2] * [1, -1])  # the tool looks down
+    assert np.array_equal(inside(peg_boxes(shape, SCENE), points) > 0, seen)
 
 
 def test_hole_has_a_floor_below_its_depth():
@@ -67,13 +74,15 @@ def test_hole_has_a_floor_below_its_depth():
     assert plate_top_m(SCENE) > SCENE.hole_depth_m >= 0.03
 
 
-@pytest.mark.parametrize(("peg", "hole"), [*itertools.product(SHAPES, SHAPES), (ELL, ELL), (TEE, TEE)])
+@pytest.mark.parametrize(
+    ("peg", "hole"), [*itertools.product(SHAPES, SHAPES), (ELL, ELL), (TEE, TEE), (FLIPPED, ELL)]
+)
 def test_a_peg_enters_its_own_hole_only(peg, hole):
     """Minkowski: a rectangle of the peg hits a wall unless it is off by more than the sum of half sizes."""
     walls = hole_boxes(hole, SCENE)
     offset = np.stack(np.meshgrid(*[np.linspace(-0.03, 0.03, 601)] * 2), -1).reshape(-1, 1, 1, 2)
     boxes = peg_boxes(peg, SCENE)
-    middle, half = boxes.centre[:, None, :2], boxes.half[:, None, :2]
+    middle, half = (boxes.centre * [1, -1, -1])[:, None, :2], boxes.half[:, None, :2]  # it hangs down
     hits = (
         (np.abs(offset + middle - walls.centre[1:, :2]) < half + walls.half[1:, :2] - 1e-9)
         .all(-1)
@@ -81,6 +90,18 @@ def test_a_peg_enters_its_own_hole_only(peg, hole):
         .any(-1)
     )
     assert hits.all() == (peg is not hole)
+
+
+def test_a_lopsided_peg_goes_into_its_own_hole_alone():
+    """On real physics, from where the hole is: an L and its mirror image."""
+    config = Config(scene=SceneConfig(shapes=(ELL, FLIPPED, SHAPES[2])))
+    peg, hole = jnp.array([0, 1, 2, 0, 1]), jnp.array([0, 1, 2, 1, 0])
+    place = jnp.tile(jnp.array([0.5, 0.1]), (5, 1))
+    keys = jax.random.split(jax.random.key(0), 5)
+    attempts = Attempt(peg, hole, place, place, jnp.full(5, SPIRAL), keys)
+    done = NativeEngine(config, 2).run(attempts, 30, horizon=100)
+    assert done.valid.all()
+    assert np.array_equal(done.inserted, peg == hole)
 
 
 def test_a_lopsided_shape_is_not_shown_mirrored():

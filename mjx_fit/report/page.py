@@ -37,7 +37,8 @@ p.warning{border-left:4px solid #b25d00;padding:.3rem .8rem;background:#fdf4e7}
 details{margin:.8rem 0}
 pre{overflow-x:auto;background:#f6f6f6;padding:.8rem;font-size:.8rem}
 summary{cursor:pointer}
-@media (max-width:600px){th,td{padding-right:.5rem}table{font-size:.82rem}}
+@media (max-width:600px){dl{display:block}dd{margin:0 0 .4rem}
+th,td{padding-right:.5rem}table{font-size:.82rem}}
 """
 
 

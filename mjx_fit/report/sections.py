@@ -61,7 +61,7 @@ def of_result(slug: str, result: Result) -> Section:
     """The section of a result file; an experiment without figures of its own has its table."""
     facts = _provenance(vars(result))
     if differs := result.request.get("differs_from_training"):
-        facts = (*facts, ("other than in the sensor's training", "; ".join(map(str, differs))))
+        facts = (*facts, ("set since training", "; ".join(map(str, differs))))
     config = yaml.safe_dump(result.config, sort_keys=False)
     title = f"Experiment: {result.experiment}" + (f" ({slug})" if slug != result.experiment else "")
     pictures = _pictures(slug, drawings.of_result(result))

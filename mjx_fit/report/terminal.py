@@ -12,7 +12,7 @@ def print_summary(result: Result) -> None:
         title=f"{result.experiment}, engine {result.engine}, seed {result.seed}", title_justify="left"
     )
     for column in ("method", "metric", "group"):
-        table.add_column(column)
+        table.add_column(column, overflow="fold")
     for column in ("value", "95 % interval", "n"):
         table.add_column(column, justify="right")
     for row in result.summary:
