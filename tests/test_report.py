@@ -17,7 +17,9 @@ from mjx_fit.dataset.writer import Writer, new_manifest, new_shard
 from mjx_fit.errors import RequestError
 from mjx_fit.evaluation import results
 from mjx_fit.evaluation.results import Result, summarise_assembly, summarise_attempt
+from mjx_fit.report import about
 from mjx_fit.report.build import build
+from mjx_fit.task.methods import ASSEMBLY, INSERTION, POSITION
 from mjx_fit.types import Interaction, Trace
 
 EVIL = "<script>alert('$x$')</script>"
@@ -181,6 +183,13 @@ def test_the_papers_interventions_stand_beside_its_cap_alone(tmp_path: Path, cap
     assert (">paper</th>" in text) == shown
     figure = (tmp_path / "out" / "figures" / "assembly-interventions.svg").read_text()
     assert ("paper" in " ".join(ET.fromstring(figure).itertext())) == shown
+
+
+def test_every_method_and_experiment_of_ours_is_told():
+    for experiment, methods in (("assembly", ASSEMBLY), ("position", POSITION), ("insertion", INSERTION)):
+        names = [method.name for method in methods]
+        assert [name for name, _ in about.told(experiment, [*names, *names])] == names
+    assert all(map(about.about, ("attempt", "position", "insertion", "assembly", "calibration")))
 
 
 def test_the_same_input_gives_the_same_bytes(folder: Path, tmp_path: Path):

@@ -76,7 +76,9 @@ def _mixed(sections: Sequence[Section]) -> str:
 
 def _section(section: Section) -> str:
     facts = "".join(f"<dt>{escape(name)}</dt><dd>{escape(value)}</dd>" for name, value in section.facts)
-    parts = [f'<section>\n<h2 id="{section.slug}">{escape(section.title)}</h2>', f"<dl>{facts}</dl>"]
+    parts = [f'<section>\n<h2 id="{section.slug}">{escape(section.title)}</h2>']
+    parts += [f"<p>{escape(section.about)}</p>"] if section.about else []
+    parts.append(f"<dl>{facts}</dl>")
     if section.video:
         parts.append(_video(section))
     if section.rows:

@@ -16,7 +16,7 @@ from mjx_fit.dataset.episode import happened
 from mjx_fit.errors import RequestError
 from mjx_fit.evaluation.results import Result
 from mjx_fit.evaluation.statistics import Row
-from mjx_fit.report import data_figures, drawings, paper, run_figures, story
+from mjx_fit.report import about, data_figures, drawings, paper, run_figures, story
 from mjx_fit.report.drawings import Drawing
 from mjx_fit.report.story import Story
 from mjx_fit.report.style import Picture, picture
@@ -43,6 +43,7 @@ class Section:
         video: One to be shown, as ``data:`` address.
         paper: What the paper has of the rows, by method, metric and group.
         versions: Of what it was made with, by library.
+        about: What it is about.
     """
 
     slug: str
@@ -55,11 +56,13 @@ class Section:
     video: str = ""
     paper: Mapping[tuple[str, str, str], float] = field(default_factory=dict)
     versions: Mapping[str, str] = field(default_factory=dict)
+    about: str = ""
 
 
 def of_result(slug: str, result: Result) -> Section:
     """The section of a result file; an experiment without figures of its own has its table."""
-    facts = _provenance(vars(result))
+    known = about.told(result.experiment, [row.method for row in result.summary])
+    facts = (*known, *_provenance(vars(result)))
     if differs := result.request.get("differs_from_training"):
         facts = (*facts, ("set since training", "; ".join(map(str, differs))))
     config = yaml.safe_dump(result.config, sort_keys=False)
@@ -75,6 +78,7 @@ def of_result(slug: str, result: Result) -> Section:
         story.of_result(result),
         paper=paper.beside(result.config),
         versions=result.versions,
+        about=about.about(result.experiment),
     )
 
 
