@@ -38,7 +38,7 @@ class Size:
     assemblies: int = 8
     episodes: int = 1500
     steps: int = 100
-    fps: int = 15
+    fps: int = 12
     speed: float = 10.0
 
 
