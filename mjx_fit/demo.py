@@ -25,7 +25,7 @@ VIDEO = "assembly.mp4"
 
 @dataclass(frozen=True)
 class Size:
-    """How much the demo does: without a training, three to four minutes on two shared cores.
+    """How much the demo does: without a training, about three minutes on two shared cores.
 
     Attributes:
         assemblies: Trials of the assembly experiment.
@@ -38,7 +38,7 @@ class Size:
     assemblies: int = 6
     episodes: int = 1500
     steps: int = 100
-    fps: int = 12
+    fps: int = 10
     speed: float = 10.0
 
 
