@@ -68,7 +68,7 @@ def load(path: Path | Sequence[Path] | None = None, overrides: Sequence[str] = (
         RequestError: The file cannot be read, or a key or value is not allowed.
     """
     tree: dict[str, Any] = {}
-    paths = [] if path is None else [path] if isinstance(path, str | Path) else path
+    paths = [] if path is None else [path] if isinstance(path, Path) else path
     for one in paths:
         for name, section in _read(one).items():
             both = isinstance(section, dict) and isinstance(tree.get(name), dict)
@@ -94,9 +94,11 @@ def from_tree(tree: dict[str, Any]) -> Config:
             raise RequestError(
                 f"config: {field}: unknown key; allowed here: {_allowed(first['loc'])}"
             ) from None
-        if first["type"] == "missing" and isinstance(first["input"], list):  # names the first that is
-            given = f"{len(first['input'])} given, more are needed"
-            raise RequestError(f"config: {field.rpartition('.')[0]}: {given}") from None
+        if first["type"] == "missing" and isinstance(first["input"], list):  # one error for each that is
+            given, missing = len(first["input"]), sum(one["type"] == "missing" for one in error.errors())
+            raise RequestError(
+                f"config: {field.rpartition('.')[0]}: {given} given, {given + missing} are needed"
+            ) from None
         raise RequestError(f"config: {field}: {first['input']!r} is not allowed: {first['msg']}") from None
     require_room(config, "spiral.radius_m", config.spiral.radius_m)
     return config

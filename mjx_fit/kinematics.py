@@ -15,6 +15,7 @@ from jaxtyping import Float
 from mjx_fit import spd
 from mjx_fit.lanes import column, cross, total
 from mjx_fit.scene import JOINTS
+from mjx_fit.shapes import HANGING
 from mjx_fit.types import Array, pytree
 
 POSTURE = (0.0, 0.33, 0.0, -2.39, 0.0, 2.72, 0.0)
@@ -117,7 +118,7 @@ def inverse(chain: Chain, tip_pos_world: Float[Array, "3"]) -> Float[Array, "7"]
     return jax.lax.scan(step, posture_towards(tip_pos_world), length=_ITERATIONS)[0]
 
 
-STRAIGHT_DOWN = np.diag([1.0, -1.0, -1.0]).astype(np.float32)
+STRAIGHT_DOWN = np.diag(HANGING).astype(np.float32)
 """Orientation of the tip in every attempt: z down, sides along the world's axes, as the holes are."""
 
 

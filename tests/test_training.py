@@ -256,18 +256,12 @@ def test_training_stops_early_and_stays_stopped(tmp_path):
     assert files(out) == before
 
 
-def test_a_cosine_schedule_ends_with_its_epochs(run, tmp_path):
+def test_a_cosine_schedule_ends_with_its_epochs(tmp_path):
     out = tmp_path / "run"
-    shutil.copytree(run, out)
-    kept = (out / "config.yaml").read_text()
-    assert "schedule: constant" in kept
-    (out / "config.yaml").write_text(kept.replace("schedule: constant", "schedule: cosine"))
-    waved = replace(CONFIG, train=replace(CONFIG.train, schedule="cosine"))
-    with pytest.raises(RequestError, match=r"train\.epochs is 40 there and 41 here"):
-        train(DATA, replace(waved, train=replace(waved.train, epochs=EPOCHS + 1)), out, 0)
+    waved = replace(CONFIG, train=replace(CONFIG.train, schedule="cosine", epochs=2))
     train(DATA, waved, out, 0)
-    assert metrics(out) == metrics(run)
-    waved = replace(waved, train=replace(waved.train, epochs=2))
+    with pytest.raises(RequestError, match=r"train\.epochs is 2 there and 3 here"):
+        train(DATA, replace(waved, train=replace(waved.train, epochs=3)), out, 0)
     rate = optimizer(waved, 10)
     params = {"w": jnp.ones(())}
     state = rate.init(params)
@@ -282,10 +276,10 @@ def test_a_cosine_schedule_ends_with_its_epochs(run, tmp_path):
 
 def test_the_baseline_is_trained_beside_and_knows_no_prior(tmp_path):
     out = tmp_path / "run"
-    config = replace(CONFIG, train=replace(CONFIG.train, epochs=4, baseline_share=0.5))
+    config = replace(CONFIG, train=replace(CONFIG.train, epochs=8, baseline_share=0.5))
     train_with_baseline(DATA, config, out, 0)
     rows = metrics(out / FRAME_BY_FRAME)
-    assert len(rows) == 2
+    assert len(rows) == 4
     assert all(row["type_nll"] == row["match_nll"] == 0 for row in rows)
     assert all(
         row["val_nll"] == pytest.approx(row["val_pos_logdet"] + row["val_pos_mahalanobis"]) for row in rows

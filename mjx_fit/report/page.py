@@ -62,10 +62,9 @@ def page(sections: Sequence[Section]) -> str:
 
 def _mixed(sections: Sequence[Section]) -> str:
     """A warning that results were made with different versions, where they were."""
-    with_versions = [section.versions for section in sections if section.versions]
     found: dict[str, set[str]] = {}
-    for versions in with_versions:
-        for library, version in versions.items():
+    for section in sections:
+        for library, version in section.versions.items():
             found.setdefault(library, set()).add(version)
     differ = [f"{name} {' and '.join(sorted(them))}" for name, them in found.items() if len(them) > 1]
     if not differ:
@@ -127,7 +126,9 @@ def _table(rows: Sequence[Row], paper: Mapping[tuple[str, str, str], float]) -> 
     bodies = []
     by_metric = sorted(rows, key=lambda row: row.metric)
     for metric, of_metric in groupby(by_metric, key=lambda row: row.metric):
-        bodies.append(f'<tbody><tr><th class="metric" colspan="5">{escape(metric)}</th></tr></tbody>')
+        bodies.append(
+            f'<tbody><tr><th class="metric" colspan="{4 + has_paper}">{escape(metric)}</th></tr></tbody>'
+        )
         for method, of_method in groupby(of_metric, key=lambda row: row.method):
             first, *rest = [_cells(row, beside[row], has_paper) for row in of_method]
             name = escape(method).replace("_", "_<wbr>")

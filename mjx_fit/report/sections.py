@@ -23,7 +23,7 @@ from mjx_fit.report.style import Picture, picture
 
 VIDEOS = {".mp4": "video/mp4", ".gif": "image/gif"}
 _BEGINS = {".mp4": (4, b"ftyp"), ".gif": (0, b"GIF8")}
-"""Where in such a file what stands."""
+"""At which byte such a file has what."""
 LARGEST_VIDEO = 20_000_000
 """Bytes: more than that a page had better not hold."""
 
@@ -43,7 +43,7 @@ class Section:
         video: One to be shown, as ``data:`` address.
         paper: What the paper has of the rows, by method, metric and group.
         versions: Of what it was made with, by library.
-        about: What it is about.
+        about: What the experiment asks, in a sentence or two.
     """
 
     slug: str
