@@ -8,6 +8,18 @@ from typing import NoReturn
 from mjx_fit import __version__, commands
 from mjx_fit.errors import RequestError
 
+_RESUME = (
+    commands.demo,
+    commands.collect,
+    commands.data_merge,
+    commands.train,
+    commands.evaluate_position,
+    commands.evaluate_insertion,
+    commands.evaluate_assembly,
+    commands.paper,
+)
+"""Commands that keep what they have done when they are stopped."""
+
 _RUN = "folder of a training run (default: the weights that come with the package)"
 
 
@@ -132,7 +144,7 @@ def _pictures(parsers: argparse._SubParsersAction) -> None:
 
 def _data(data: argparse.ArgumentParser) -> None:
     whats = data.add_subparsers(required=True, metavar="WHAT")
-    info = _command(whats, "info", commands.data_info, "what a data set holds")
+    info = _command(whats, "info", commands.data_info, "what a data set holds; its pairs are peg-hole")
     info.add_argument("folder", type=Path, metavar="DIR")
     info.add_argument("--json", action="store_true")
     check = _command(whats, "check", commands.data_check, "find every damaged, missing or foreign file")
@@ -204,7 +216,7 @@ def _command(
     parsers: argparse._SubParsersAction, name: str, run: Callable[[argparse.Namespace], None], text: str
 ) -> argparse.ArgumentParser:
     parser = parsers.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".")
-    parser.set_defaults(command=run, computes=False, draws=False)
+    parser.set_defaults(command=run, computes=False, draws=False, resumes=run in _RESUME)
     return parser
 
 

@@ -26,8 +26,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns:
         0: done. 1: the work failed. 2: the request was wrong; one line on stderr says what is allowed.
     """
+    resumes = False
     try:
         args = parser().parse_args(argv)
+        resumes = args.resumes
         if args.draws:  # before anything else imports MuJoCo
             from mjx_fit.picture import gl
 
@@ -50,7 +52,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except MemoryError as error:
         return _refuse(f"this needs more memory than there is ({error or 'none left'}): make it smaller", 1)
     except KeyboardInterrupt:
-        _refuse("stopped; the same command, given again, goes on with what it has", 1)
+        _refuse("stopped" + "; the same command, given again, goes on with what it has" * resumes, 1)
         # At once: XLA may still be compiling in a thread of its own, and an orderly exit would crash in it.
         sys.stderr.flush()
         os._exit(1)

@@ -190,8 +190,6 @@ def _require_one_source(args: argparse.Namespace) -> None:
         raise RequestError(
             "--config, --set, --seed, --engine: none is allowed beside a result: it brings its own"
         )
-    if args.attempt is not None and args.attempt < 1:
-        raise RequestError(f"--attempt: {args.attempt} is not allowed: it must be at least 1")
 
 
 def _recording(args: argparse.Namespace, watch: "Callable[[Recording], None] | None" = None) -> "Recording":
@@ -200,8 +198,8 @@ def _recording(args: argparse.Namespace, watch: "Callable[[Recording], None] | N
 
     asked = _run(args), args.method, args.trial
     if args.result is None:
-        return recording.record(_config(args), *asked, args.seed, args.engine, watch)
-    return recording.replay(results.read(args.result), *asked, watch)
+        return recording.record(_config(args), *asked, args.seed, args.engine, watch, args.attempt)
+    return recording.replay(results.read(args.result), *asked, watch, args.attempt)
 
 
 def bench(args: argparse.Namespace) -> None:

@@ -24,10 +24,10 @@ class Progress:
     """
 
     def __init__(self, name: str, total: int, done: int = 0):
-        self._name, self._total, self._first = name, total, done
+        self._name, self._total = name, total
         self._watchdog = Watchdog(name)
-        self._started = time.monotonic()
-        self._last_line = self._started - SECONDS_BETWEEN_LINES
+        self._last_line = time.monotonic() - SECONDS_BETWEEN_LINES
+        self._paced_from: tuple[float, int] | None = None
         self._console = Console(stderr=True, highlight=False)
         self._bar = None
         if self._console.is_terminal:
@@ -53,12 +53,18 @@ class Progress:
             self._bar.update(self._task, completed=done, description=text)
             return
         now = time.monotonic()
+        if self._paced_from is None:  # the first part was compiled for: it tells nothing of the pace
+            self._paced_from = now, done
         if now - self._last_line < SECONDS_BETWEEN_LINES and done < self._total:
             return
         self._last_line = now
-        passed = done - self._first
-        left = (
-            f"{(now - self._started) / passed * (self._total - done):.0f} s left" if passed else "just begun"
-        )
-        words = ", ".join(part for part in (text, left) if part)
-        self._console.print(f"{self._name}: {done}/{self._total}, {words}", soft_wrap=True)
+        words = [f"{self._name}: {done}/{self._total}", text, self._left(now, done)]
+        self._console.print(", ".join(filter(None, words)), soft_wrap=True)
+
+    def _left(self, now: float, done: int) -> str:
+        if done >= self._total:
+            return ""
+        since, first = self._paced_from or (now, done)
+        if done == first:
+            return "just begun"
+        return f"{(now - since) / (done - first) * (self._total - done):.0f} s left"

@@ -33,7 +33,8 @@ class Shape:
     Attributes:
         name: What it is called in files and figures.
         rectangles: Of each the lower and the upper corner, x, y, x, y in m from the axis of the tool, along
-            the world's axes: as the peg stands in its hole, seen from above.
+            the world's axes: as the peg stands in its hole, seen from above. They may stand apart, like the
+            prongs of a plug: the tool holds each.
     """
 
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]

@@ -84,7 +84,7 @@ def test_bad_seeds_and_places(refused, data, tmp_path):
     for command in (["evaluate", "attempt"], ["evaluate", "assembly", "--methods", "oracle"]):
         assert "cannot be used" in refused(*command, "--out", "/proc/nowhere/x.json")
     crowded = ["--set", "scene.plate_half_width_m=0.2", "--methods", "oracle"]
-    assert "task.n_holes" in refused("evaluate", "assembly", "--out", tmp_path / "r", *crowded)
+    assert "task.n_holes" in refused("evaluate", "assembly", "--out", tmp_path / "r.json", *crowded)
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
@@ -111,6 +111,34 @@ def test_unknown_engine(refused, tmp_path):
         err = refused(*command, "--out", tmp_path / "x.json", "--engine", "warp9")
         assert "'warp9' is not allowed: choose from auto, mjx, native" in err
     assert not list(tmp_path.iterdir())
+
+
+def test_a_result_has_a_name_by_which_a_report_finds_it(refused, tmp_path):
+    err = refused("evaluate", "attempt", "--out", tmp_path / "x.txt", "--engine", "native")
+    assert "x.txt is not allowed: it must end in .json" in err
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("inside", "argv", "goes_on"),
+    [
+        ("mjx_fit.dataset.collect.collect", ["collect", "--out", "d"], True),
+        ("mjx_fit.evaluation.experiments.assembly", ["evaluate", "assembly", "--out", "a.json"], True),
+        ("mjx_fit.evaluation.experiments.attempt", ["evaluate", "attempt", "--out", "a.json"], False),
+        ("mjx_fit.report.build.build", ["report", "d", "--out", "page"], False),
+    ],
+)
+def test_an_interrupt_says_whether_anything_was_kept(inside, argv, goes_on, monkeypatch, capsys):
+    def interrupted(*args):
+        raise KeyboardInterrupt
+
+    codes = []
+    monkeypatch.setattr(inside, interrupted)
+    monkeypatch.setattr(cli.os, "_exit", codes.append)
+    cli.main(argv)
+    assert codes == [1]
+    end = "; the same command, given again, goes on with what it has" if goes_on else ""
+    assert capsys.readouterr().err == f"mjx-fit: stopped{end}\n"
 
 
 def test_missing_data_folder(refused, tmp_path):

@@ -67,6 +67,11 @@ def test_what_cannot_be_played_is_refused(result, tmp_path):
     for request in ({}, {"trials": "3"}, {"trials": 2}):
         with pytest.raises(RequestError, match=r"request\.trials"):
             recording.replay(dataclasses.replace(result, request=request), tmp_path, "oracle", 0)
+    for attempt in (0, 99):
+        with pytest.raises(RequestError, match=rf"--attempt: {attempt} is not allowed: .* from 1 to \d+$"):
+            recording.replay(result, tmp_path, "oracle", 0, attempt=attempt)
+        with pytest.raises(RequestError, match=f"--attempt: {attempt} is not allowed: .* from 1 to 12$"):
+            recording.record(CONFIG, None, "oracle", 0, 0, attempt=attempt)
     with pytest.raises(RequestError, match="nothing to play"):
         recording.replay(dataclasses.replace(result, trials=[]), tmp_path, "oracle", 0)
     with pytest.raises(RequestError, match="--method: 'oracle,full' is not allowed"):

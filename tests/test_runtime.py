@@ -4,6 +4,10 @@ import os
 import subprocess
 import sys
 
+import jax
+
+from mjx_fit.simulate.mjx import compiler_options
+
 PROGRAM = """
 import jax
 from mjx_fit import runtime
@@ -28,3 +32,9 @@ def test_compiled_computations_are_kept_where_the_user_says(tmp_path):
 def test_or_else_in_the_users_cache_folder(tmp_path):
     home = {"HOME": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path / "cache")}
     assert cache_dir(**home).startswith(str(tmp_path))
+
+
+def test_fusion_emitters_are_off_where_jax_lets_them_be():
+    """Until JAX 0.11 a CPU's MJX takes 200 times as long with them, and nothing else would tell."""
+    expected = jax.default_backend() == "cpu" and jax.__version_info__ < (0, 11)
+    assert bool(compiler_options()) == expected

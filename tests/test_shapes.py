@@ -34,7 +34,8 @@ def section(shape, points):
 ELL = Shape("ell", ((-0.020, -0.020, 0.000, 0.020), (0.000, -0.020, 0.020, 0.000)))
 TEE = Shape("tee", ((-0.020, -0.020, 0.000, 0.020), (0.000, -0.008, 0.020, 0.008)))
 FLIPPED = Shape("flipped", tuple((x0, -y1, x1, -y0) for x0, y0, x1, y1 in ELL.rectangles))
-ALL = (*SHAPES, ELL, TEE)
+PLUG = Shape("plug", ((-0.015, -0.012, -0.005, 0.012), (0.005, -0.012, 0.015, 0.012)))
+ALL = (*SHAPES, ELL, TEE, PLUG)
 
 
 def test_sizes_are_the_design_pages():
@@ -75,7 +76,8 @@ def test_hole_has_a_floor_below_its_depth():
 
 
 @pytest.mark.parametrize(
-    ("peg", "hole"), [*itertools.product(SHAPES, SHAPES), (ELL, ELL), (TEE, TEE), (FLIPPED, ELL)]
+    ("peg", "hole"),
+    [*itertools.product(SHAPES, SHAPES), (ELL, ELL), (TEE, TEE), (PLUG, PLUG), (FLIPPED, ELL)],
 )
 def test_a_peg_enters_its_own_hole_only(peg, hole):
     """Minkowski: a rectangle of the peg hits a wall unless it is off by more than the sum of half sizes."""

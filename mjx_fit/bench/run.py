@@ -34,9 +34,10 @@ def bench(config: Config, as_json: bool) -> None:
     """Measures every contender and prints a table, or a JSON list of rows."""
     worlds = WORLDS[jax.default_backend()]
     rows = []
-    for name in CONTENDERS:
-        print(f"bench: {name} ...", file=sys.stderr)
+    for number, name in enumerate(CONTENDERS, 1):
+        print(f"bench: {name} ({number} of {len(CONTENDERS)}) ...", file=sys.stderr)
         rows.append(measure(name, config, worlds))
+        print(f"bench: {name}: {rows[-1]['physics_steps_per_s']:,} physics steps/s", file=sys.stderr)
     raw = rows[0]["physics_steps_per_s"]
     rows = [row | {"ratio_to_raw_batch": round(row["physics_steps_per_s"] / raw, 3)} for row in rows]
     print("bench: train_step ...", file=sys.stderr)
@@ -104,7 +105,9 @@ def _peak_mb() -> float:
 def _print(rows: list[dict], title: str) -> None:
     table = Table(title=title)
     for column in rows[0]:
-        table.add_column(column.replace("_", " "), justify="left" if column == "name" else "right")
+        is_name = column == "name"
+        title = column.replace("_", " ")
+        table.add_column(title, justify="left" if is_name else "right", overflow="fold", no_wrap=is_name)
     for row in rows:
         table.add_row(*(f"{value:,}" if isinstance(value, int) else str(value) for value in row.values()))
     Console().print(table)

@@ -51,9 +51,15 @@ class Asked:
 
 
 def finished(asked: Asked) -> Result | None:
-    """The result, if this very request was finished before."""
+    """The result, if this very request was finished before.
+
+    Raises:
+        RequestError: The file cannot be a result's, or holds another result.
+    """
     require_seed(asked.seed)
     here, out = asked.to_tree(), asked.out
+    if out.suffix != ".json":  # by which a report finds it in a folder
+        raise RequestError(f"--out: {out} is not allowed: it must end in .json")
     if not out.exists():
         files.require_writable(out)  # before minutes of work, not behind them
         return None

@@ -80,8 +80,7 @@ class Recording:
         Raises:
             RequestError: There is none.
         """
-        if not 1 <= number <= len(self.steps):
-            raise RequestError(f"--attempt: {number} is not allowed: it must be from 1 to {len(self.steps)}")
+        _require_attempt(number, len(self.steps))
         return replace(self, steps=(self.steps[number - 1],))
 
 
@@ -96,6 +95,7 @@ def record(
     seed: int,
     engine: str = "auto",
     watch: Watch | None = None,
+    attempt: int | None = None,
 ) -> Recording:
     """Plays one assembly.
 
@@ -107,18 +107,28 @@ def record(
         seed: Root seed.
         engine: ``auto``, ``mjx`` or ``native``.
         watch: Told after every attempt what has been played so far.
+        attempt: Number of the one that will be looked at, if it is one.
 
     Raises:
-        RequestError: There is no such method, or it needs a sensor and there is none.
+        RequestError: There is no such method, it needs a sensor and there is none, or no assembly has so many
+            attempts.
     """
     if trial < 0:
         raise RequestError(f"--trial: {trial} is not allowed: it must be at least 0")
     require_seed(seed)
     picked = (_only(method),)
+    _require_attempt(attempt, config.task.n_holes * config.task.max_attempts)
     return _play(config, run, picked, np.array([trial]), 0, seed, create(engine, config), watch)
 
 
-def replay(result: Result, run: Path, method: str, trial: int, watch: Watch | None = None) -> Recording:
+def replay(
+    result: Result,
+    run: Path,
+    method: str,
+    trial: int,
+    watch: Watch | None = None,
+    attempt: int | None = None,
+) -> Recording:
     """Plays a trial of an assembly result again.
 
     Args:
@@ -127,10 +137,11 @@ def replay(result: Result, run: Path, method: str, trial: int, watch: Watch | No
         method: One of its methods.
         trial: One of its trials.
         watch: Told after every attempt what has been played so far.
+        attempt: Number of the one that will be looked at, if it is one.
 
     Raises:
-        RequestError: The result is of another experiment or has no such trial, the run is of another sensor,
-            or the same choices do not come out, as after a change of versions or machine.
+        RequestError: The result is of another experiment or has no such trial or attempt, the run is of
+            another sensor, or the same choices do not come out, as after a change of versions or machine.
     """
     if result.experiment != "assembly":
         raise RequestError(f"result: {result.experiment!r} is not allowed: it must be of assembly")
@@ -144,6 +155,7 @@ def replay(result: Result, run: Path, method: str, trial: int, watch: Watch | No
             f"it has {', '.join(names)} and trials 0 to {max(row['trial'] for row in result.trials)}"
         )
     _only(method)
+    _require_attempt(attempt, sum(rows[method, trial]["attempts"]))
     sensor = result.request.get("sensor")
     if sensor and checkpoint.fingerprint_of(checkpoint.load_sensor(run)[0]) != sensor:
         raise RequestError(f"--run: {run} is not allowed: the result was made with another sensor")
@@ -164,6 +176,12 @@ def replay(result: Result, run: Path, method: str, trial: int, watch: Watch | No
             "it was made with other versions or on another machine; make the result anew"
         )
     return recording
+
+
+def _require_attempt(number: int | None, most: int) -> None:
+    """Refuse to look at an attempt that there is not."""
+    if number is not None and not 1 <= number <= most:
+        raise RequestError(f"--attempt: {number} is not allowed: it must be from 1 to {most}")
 
 
 def _only(method: str) -> Method:

@@ -66,7 +66,7 @@ class Panel:
     def _head(self, draw: ImageDraw.ImageDraw, moment: Moment) -> None:
         recording, step = self._recording, self._recording.steps[moment.step]
         peg = self._names[recording.peg_type[step.peg]]
-        self._text(draw, 24, 24, recording.method.replace("_", " "), 26)
+        self._text(draw, 24, 24, f"{recording.method.replace('_', ' ')}, trial {recording.trial}", 26)
         colour = _hex(recording.peg_type[step.peg])
         done = f"peg {step.peg + 1} of {len(recording.peg_type)}: "
         self._text(draw, 24, 62, done, 20)
