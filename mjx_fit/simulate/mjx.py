@@ -21,7 +21,6 @@ from mjx_fit.simulate.stages import accelerate, advance, models_of, placed, stac
 from mjx_fit.simulate.threads import on_threads
 from mjx_fit.types import SUBSTEPS, Array, Attempt, Interaction, Trace
 
-
 _WITHOUT_EMITTERS = {"xla_cpu_use_fusion_emitters": False}
 
 
