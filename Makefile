@@ -22,7 +22,7 @@ bench: $(READY)
 	$(RUN)/mjx-fit bench
 
 docs: $(READY)
-	PDOC_ALLOW_EXEC=1 $(RUN)/pdoc --docformat google --output-directory docs/api mjx_fit '!mjx_fit.bench' '!mjx_fit.picture.browser'
+	PDOC_ALLOW_EXEC=1 $(RUN)/pdoc --docformat google --output-directory docs/api mjx_fit '!mjx_fit.bench'
 
 paper: $(READY)
 	$(RUN)/mjx-fit paper --out runs/paper

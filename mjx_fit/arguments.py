@@ -96,8 +96,8 @@ def parser() -> argparse.ArgumentParser:
     paper.add_argument("--seed", type=int, default=0, metavar="S", help="root seed (default 0)")
     _configurable(paper)
 
-    report = _command(parsers, "report", commands.report, "one page from results, runs and data sets")
-    report.add_argument("inputs", type=Path, nargs="+", metavar="FILE.json|DIR")
+    report = _command(parsers, "report", commands.report, "one page from results, videos, runs and data sets")
+    report.add_argument("inputs", type=Path, nargs="+", metavar="FILE|DIR")
     report.add_argument("--out", type=Path, metavar="DIR", help="default: report in the first input's folder")
 
     _pictures(parsers)
@@ -233,7 +233,8 @@ def _configurable(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="FILE",
-        help="YAML with what differs from the defaults; repeatable, later ones win",
+        help="YAML with what differs from the defaults (of demo and paper: from their preset); repeatable, "
+        "later ones win",
     )
     parser.add_argument(
         "--set",

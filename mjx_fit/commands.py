@@ -233,10 +233,8 @@ def _run(args: argparse.Namespace) -> Path:
 def _config(args: argparse.Namespace, preset: str | None = None) -> Config:
     from mjx_fit import resources
 
-    paths = args.config
-    if not paths and preset is not None:
-        paths = [resources.folder("configs") / f"{preset}.yaml"]
-    return config_.load(paths, args.set)
+    preset_file = [] if preset is None else [resources.folder("configs") / f"{preset}.yaml"]
+    return config_.load([*preset_file, *args.config], args.set)
 
 
 def _show(tree: dict, as_json: bool) -> None:

@@ -24,7 +24,7 @@ class Progress:
     """
 
     def __init__(self, name: str, total: int, done: int = 0):
-        self._name, self._total = name, total
+        self._name, self._total, self._before = name, total, done
         self._watchdog = Watchdog(name)
         self._last_line = time.monotonic() - SECONDS_BETWEEN_LINES
         self._paced_from: tuple[float, int] | None = None
@@ -53,7 +53,8 @@ class Progress:
             self._bar.update(self._task, completed=done, description=text)
             return
         now = time.monotonic()
-        if self._paced_from is None:  # the first part was compiled for: it tells nothing of the pace
+        # What was done before took no time, and the first part was compiled for: neither tells of the pace.
+        if self._paced_from is None and done > self._before:
             self._paced_from = now, done
         if now - self._last_line < SECONDS_BETWEEN_LINES and done < self._total:
             return

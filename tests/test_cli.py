@@ -141,6 +141,24 @@ def test_an_interrupt_says_whether_anything_was_kept(inside, argv, goes_on, monk
     assert capsys.readouterr().err == f"mjx-fit: stopped{end}\n"
 
 
+@pytest.mark.parametrize(
+    ("inside", "argv", "preset"),
+    [
+        ("mjx_fit.demo.demo", ["demo"], "demo"),
+        ("mjx_fit.demo.demo", ["demo", "--train"], "quick"),
+        ("mjx_fit.paper.paper", ["paper", "--size", "cpu"], "cpu"),
+    ],
+)
+def test_a_file_of_ones_own_comes_on_top_of_a_preset(inside, argv, preset, monkeypatch, tmp_path):
+    asked = []
+    monkeypatch.setattr(inside, lambda config, *rest: asked.append(config))
+    mine = tmp_path / "mine.yaml"
+    mine.write_text("scene: {friction: 0.4}\n")
+    assert cli.main([*argv, "--out", str(tmp_path / "out"), "--config", str(mine)]) == 0
+    by_itself = config.load(resources.folder("configs") / f"{preset}.yaml")
+    assert asked == [replace(by_itself, scene=replace(by_itself.scene, friction=0.4))]
+
+
 def test_missing_data_folder(refused, tmp_path):
     missing = tmp_path / "nowhere"
     assert f"{missing} is not allowed" in refused("train", "--data", missing, "--out", tmp_path / "run")
@@ -267,7 +285,7 @@ def test_attempt_from_command_to_file(tmp_path, capsys, refused):
     out = tmp_path / "attempt.json"
     command = ["evaluate", "attempt", "--trials", "2", "--engine", "native", "--out", str(out), *TINY]
     assert cli.main(command) == 0
-    assert "success_rate" in capsys.readouterr().out
+    assert "success rate" in capsys.readouterr().out
     result = results.read(out)
     assert [row.group for row in result.summary] == ["matched", "mismatched", "cross", "rectangle", "square"]
     assert [row.n for row in result.summary] == [6, 2, 2, 2, 2]

@@ -1,4 +1,4 @@
-"""The wheel, installed in an empty environment and used from another folder."""
+"""The wheel, built from the sdist, installed in an empty environment and used from another folder."""
 
 import subprocess
 import sys
@@ -16,7 +16,8 @@ ROOT = Path(__file__).parent.parent
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory):
     out = tmp_path_factory.mktemp("wheel")
-    command = [sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", str(out), str(ROOT)]
+    # Without --wheel it is built from the sdist, which so is checked, too.
+    command = [sys.executable, "-m", "build", "--no-isolation", "--outdir", str(out), str(ROOT)]
     subprocess.run(command, check=True, capture_output=True, timeout=200)
     return next(out.glob("*.whl"))
 
@@ -39,6 +40,7 @@ def test_installed_wheel_works_outside_the_checkout(wheel, tmp_path):
     away = tmp_path / "away"
     away.mkdir()
     assembly = ["evaluate", "assembly", "--methods", "full", "--trials", "2", "--out", "a.json"]
-    for argv in (["info"], ["collect", "--episodes", "4", "--steps", "5", "--out", "d"], assembly):
+    collect = ["collect", "--episodes", "4", "--steps", "5", "--out", "d"]
+    for argv in (["info"], collect, assembly, ["report", "a.json", "d"]):
         subprocess.run([tmp_path / "env" / "bin" / "mjx-fit", *argv], check=True, cwd=away, timeout=200)
     assert (away / "d" / "manifest.json").is_file()

@@ -31,10 +31,14 @@ def test_the_time_left_goes_by_the_pace_after_the_first_part(clock, capsys):
 
 def test_work_that_goes_on_does_not_count_what_was_done_before(clock, capsys):
     show = Progress("work", 100, done=90)
-    for done in (92, 94):
-        clock.now += 30
+    for seconds, done in ((1, 90), (300, 92), (30, 94)):
+        clock.now += seconds
         show(done)
-    assert capsys.readouterr().err.splitlines() == ["work: 92/100, just begun", "work: 94/100, 90 s left"]
+    assert capsys.readouterr().err.splitlines() == [
+        "work: 90/100, just begun",
+        "work: 92/100, just begun",
+        "work: 94/100, 90 s left",
+    ]
 
 
 def test_lines_come_seconds_apart_but_for_the_last(clock, capsys):

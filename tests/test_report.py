@@ -268,6 +268,8 @@ def told() -> Result:
         columns = {
             "tried": [[0, 1][:n] + [1] * (n - 2) for n in attempts],
             "match_probability": [[0.25] * n for n in attempts],
+            "chance": [[0.031] * n for n in attempts],
+            "next_best": [[0.0123] * attempts[0], [None] * attempts[1]],
             "error_cm": [[1.57] * n for n in attempts],
             "match_after": [[0.75] * n for n in attempts],
             "error_after_cm": [[0.13] * n for n in attempts],
@@ -288,11 +290,13 @@ def test_the_page_tells_a_usual_and_the_hardest_assembly(tmp_path: Path):
     hardest = text.index("The hardest assembly of 3 under full: trial 2, 5 attempts")
     assert "Peg 1, a cross: in after 2 attempts" in text[usual:hardest]
     rows = (
-        ("1 (square)", "25%", "15.7 mm", "41 N", "failed", "75%", "1.3 mm"),
-        ("2 (cross)", "25%", "15.7 mm", "41 N", "inserted", "", ""),
+        ("1 (square)", "25%", "3.1%", "1.2%", "15.7 mm", "41 N", "failed", "75%", "1.3 mm"),
+        ("2 (cross)", "25%", "3.1%", "1.2%", "15.7 mm", "41 N", "inserted", "", ""),
     )
     table = "".join("<tr>" + "".join(f"<td>{cell}</td>" for cell in row) + "</tr>" for row in rows)
     assert table in text[usual:hardest]
+    assert "the probability that peg and hole match, times" in text[usual:hardest]
+    assert "<td>3.1%</td><td>-</td>" in text[usual:hardest]  # the last hole has no other beside it
     assert "not in after 3: a human helps" in text[hardest:]
     assert text[hardest:].count("failed") == 4
     assert "<script>" not in text

@@ -18,6 +18,7 @@ from mjx_fit.task import trials as trials_
 from mjx_fit.types import Attempt, Observation
 
 COLUMNS = ("tried", "match_probability", "error_cm", "match_after", "error_after_cm", "peak_force_n")
+WHY = ("chance", "next_best")
 CONFIG = dataclasses.replace(Config(), task=dataclasses.replace(Config().task, n_holes=4, max_attempts=6))
 
 
@@ -43,6 +44,9 @@ def test_greedy_takes_the_best_open_hole(holes):
     equals = [tries[i] for i in range(len(holes)) if not filled[i] and reward[i] == best]
     if reward[chosen] == best:
         assert tries[chosen] <= min(equals)
+    others = [reward[i] for i in range(len(holes)) if not filled[i] and i != chosen]
+    second = pomdp.runner_up(jnp.asarray(reward, jnp.float32), jnp.asarray(filled), jnp.asarray(chosen))
+    assert float(second) == max(others) if others else np.isnan(second)
 
 
 def test_ties_go_to_the_least_tried_then_the_first():
@@ -161,19 +165,34 @@ def test_the_diary_says_what_was_believed_before_and_after():
     """First attempts: the detector's error and a third; what failure or truth make of them."""
     trials, _, rows = play("failure_only,perfect_sensor")
     error = 100 * np.linalg.norm(trials.estimate_world - trials.hole_pos_world, axis=-1)
-    assert all(len(row[name][i]) == row["attempts"][i] for row in rows for i in range(4) for name in COLUMNS)
+    kept = (*COLUMNS, *WHY)
+    assert all(len(row[name][i]) == row["attempts"][i] for row in rows for i in range(4) for name in kept)
     for row in rows:
         first, trial, peg = row["tried"][0][0], row["trial"], trials.peg_type[row["trial"], 0]
         before, after = (tuple(row[name][0][0] for name in COLUMNS[i : i + 2]) for i in (1, 3))
         assert before == pytest.approx((1 / 3, error[trial, first]), abs=1e-4)
         a = CONFIG.task.success_probability[peg]
         matches = float(trials.hole_type[trial, first] == peg)
+        assert [row[name][0][0] for name in WHY] == pytest.approx([a / 3, a / 3], abs=1e-4)
         if row["attempts"][0] == 1:
             assert after == before
         elif row["method"] == "failure_only":
             assert after == pytest.approx(((1 - a) / (3 - a), before[1]), abs=1e-4)
         else:
             assert after == pytest.approx((matches, 0), abs=1e-4)
+
+
+def test_the_diary_says_why_a_hole_was_chosen():
+    """P(match) × α of the chosen hole, at least that of the next best, which ends with the other holes."""
+    _, _, rows = play("failure_only,perfect_sensor,oracle")
+    alpha = dict(zip(CONFIG.scene.names, CONFIG.task.success_probability, strict=True))
+    for row in rows:
+        for number, peg in enumerate(row["pegs"]):
+            chance, second = (np.array(row[name][number]) for name in WHY)
+            assert chance == pytest.approx(alpha[peg] * np.array(row["match_probability"][number]), abs=1e-4)
+            assert np.isnan(second).all() if number == 3 else (second <= chance + 1e-4).all()
+    last = next(row for row in rows if row["method"] == "oracle")
+    assert last["chance"][0][0] == pytest.approx(alpha[last["pegs"][0]], abs=1e-4)
 
 
 def test_methods_share_the_wiggles_and_done_rows_are_not_simulated():

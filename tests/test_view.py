@@ -1,4 +1,5 @@
 import dataclasses
+import sys
 from contextlib import contextmanager
 from types import SimpleNamespace
 
@@ -82,6 +83,32 @@ def test_one_attempt_is_shown_alone_and_what_comes_later_is_not_played(play, scr
     )
     assert {step for step, _, _ in opened[0].shown} == {1}
     assert len(played) == 2
+
+
+def test_it_is_looked_at_once_the_playing_is_over(play, screens):
+    """Playing has a watchdog, which takes whoever looks for long for work that stands still."""
+    opened, looked = screens(), []
+
+    def playing(watch):
+        try:
+            return play(watch)
+        finally:
+            looked.append(opened[0].idle)
+
+    view.view(playing, 2, 100.0, False, 8080)
+    assert looked == [1]  # asked once, behind the last picture
+    assert opened[0].idle == 6
+
+
+@pytest.mark.parametrize(
+    ("browser", "why"), [(True, "--browser needs"), (False, "without a display it needs")]
+)
+def test_no_browser_is_one_line_that_says_what_to_install(play, monkeypatch, browser, why):
+    monkeypatch.setitem(sys.modules, "viser", None)
+    monkeypatch.delitem(sys.modules, "mjx_fit.picture.browser", raising=False)
+    monkeypatch.setattr(view, "_has_display", lambda: False)
+    with pytest.raises(RequestError, match=rf"view: {why} viser, .*pip install 'mjx-fit\[view\]'$"):
+        view.view(play, None, 1.0, browser, 8080)
 
 
 def test_a_closed_screen_ends_the_show(play, screens):

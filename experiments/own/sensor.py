@@ -1,4 +1,4 @@
-"""A sensor of one's own: a linear one, fitted in a second, which beats nothing.
+"""A sensor of one's own: a linear one, fitted in a second, which is better than none.
 
     python experiments/own/sensor.py DATA TEST
 

@@ -158,7 +158,9 @@ def replay(
     _require_attempt(attempt, sum(rows[method, trial]["attempts"]))
     sensor = result.request.get("sensor")
     if sensor and checkpoint.fingerprint_of(checkpoint.load_sensor(run)[0]) != sensor:
-        raise RequestError(f"--run: {run} is not allowed: the result was made with another sensor")
+        raise RequestError(
+            f"--run: {run} is not allowed: the result was made with another sensor; give its --run"
+        )
     trials = result.request.get("trials")
     if not isinstance(trials, int) or trials <= max(number for _, number in rows):
         raise RequestError(f"result: request.trials: {trials!r} is not allowed: it must count its trials")

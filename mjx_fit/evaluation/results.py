@@ -28,7 +28,9 @@ class AssemblyTrial(TypedDict):
     A peg that a human inserted (``human``) has as many attempts as were allowed. ``holes`` are the shapes of
     the holes. The rest says, for each peg and attempt, which of them was ``tried``; how likely it was
     believed to match and how far from its true place it was thought to be, before (``match_probability``,
-    ``error_cm``) and after (``match_after``, ``error_after_cm``); and the largest tared force.
+    ``error_cm``) and after (``match_after``, ``error_after_cm``); how likely the attempt was thought to
+    succeed (``chance``), and the best of those at the other empty holes (``next_best``, null where there was
+    none); and the largest tared force.
     """
 
     trial: int
@@ -38,6 +40,8 @@ class AssemblyTrial(TypedDict):
     human: list[bool]
     holes: NotRequired[list[str]]
     tried: NotRequired[list[list[int]]]
+    chance: NotRequired[list[list[float]]]
+    next_best: NotRequired[list[list[float | None]]]
     match_probability: NotRequired[list[list[float]]]
     error_cm: NotRequired[list[list[float]]]
     peak_force_n: NotRequired[list[list[float | None]]]

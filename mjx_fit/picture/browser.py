@@ -2,8 +2,6 @@
 
 # MuJoCo's extension module has no stubs.
 # pyright: reportAttributeAccessIssue=false
-# viser and trimesh come with the extra view.
-# pyright: reportMissingImports=false
 
 import time
 from collections.abc import Callable

@@ -5,6 +5,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 from typing import Protocol
 
@@ -45,6 +46,10 @@ class _ClosedError(Exception):
     """Nobody looks any more."""
 
 
+class _ShownError(Exception):
+    """All that was asked for has been shown: what comes after it need not be played."""
+
+
 def view(
     play: Callable[[Callable[[Recording], None]], Recording],
     attempt: int | None,
@@ -67,11 +72,15 @@ def view(
     require_speed(speed)
     if not 1 <= port <= 65535:
         raise RequestError(f"--port: {port} is not allowed: it must be from 1 to 65535")
-    show = _Show(_open_browser(port) if browser or not _has_display() else _open_window, speed, attempt)
+    opens = _open_window
+    if browser or not _has_display():
+        opens = _open_browser(port, "--browser" if browser else "without a display it")
+    show = _Show(opens, speed, attempt)
     try:
-        recording = play(show)
-        if attempt is not None:
-            recording.only(attempt)
+        with suppress(_ShownError):
+            recording = play(show)
+            if attempt is not None:
+                recording.only(attempt)
         while True:
             show.rest()
     except (_ClosedError, KeyboardInterrupt):
@@ -110,8 +119,8 @@ class _Show:
                 raise _ClosedError
             time.sleep(max(0.0, began + (number + 1) / FPS - time.monotonic()))
         self._tip = shown[-1].tip_pos_world
-        while self._attempt is not None:  # it has been shown: what comes after it is not played
-            self.rest()
+        if self._attempt is not None:
+            raise _ShownError
 
     def rest(self) -> None:
         """Waits a little."""
@@ -139,12 +148,11 @@ def _open_window(puppet: Puppet) -> Screen:
     return Window(puppet)
 
 
-def _open_browser(port: int) -> Callable[[Puppet], Screen]:
+def _open_browser(port: int, what: str) -> Callable[[Puppet], Screen]:
     try:
         from mjx_fit.picture.browser import Browser
     except ImportError:
         raise RequestError(
-            "view: there is no display, and viser, which shows it in a browser, is not installed: "
-            "pip install 'mjx-fit[view]'"
+            f"view: {what} needs viser, which is not installed: pip install 'mjx-fit[view]'"
         ) from None
     return lambda puppet: Browser(puppet, port)

@@ -115,7 +115,7 @@ def _told(story: Story) -> str:
         for heading, rows in story.pegs
     ]
     table = f'<div class="table"><table><thead><tr>{head}</tr></thead>{"".join(bodies)}</table></div>'
-    return f"<details><summary>{escape(story.title)}</summary>{table}</details>"
+    return f"<details><summary>{escape(story.title)}</summary><p>{escape(story_.RULE)}</p>{table}</details>"
 
 
 def _table(rows: Sequence[Row], paper: Mapping[tuple[str, str, str], float]) -> str:

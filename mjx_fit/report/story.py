@@ -22,9 +22,16 @@ class Story:
     pegs: tuple[tuple[str, tuple[tuple[str, ...], ...]], ...]
 
 
+RULE = (
+    "Each attempt goes to the empty hole where it is most likely to succeed, as far as is believed: the "
+    "probability that peg and hole match, times how often an attempt succeeds when they do. Among equals it "
+    "goes to the hole that was tried least with this peg."
+)
 COLUMNS = (
     "hole",
     "believed to match",
+    "chance of success",
+    "at the next best",
     "estimate off by",
     "felt at most",
     "and",
@@ -74,12 +81,17 @@ def _row(trial: dict[str, Any], peg: int, attempt: int) -> tuple[str, ...]:
     return (
         f"{hole + 1} ({trial['holes'][hole]})",
         f"{told('match_probability'):.0%}",
+        *(_share(told(column) if column in trial else None) for column in ("chance", "next_best")),
         f"{10 * told('error_cm'):.1f} mm",
         "-" if felt is None else f"{felt:.0f} N",
         "inserted" if inserted else "failed",
         "" if inserted else f"{told('match_after'):.0%}",
         "" if inserted else f"{10 * told('error_after_cm'):.1f} mm",
     )
+
+
+def _share(value: float | None) -> str:
+    return "-" if value is None else f"{value:.1%}"
 
 
 def _attempts(n: int) -> str:

@@ -17,5 +17,6 @@ def print_summary(result: Result) -> None:
         table.add_column(column, justify="right")
     for row in result.summary:
         interval = "?" if row.low is None or row.high is None else f"{row.low:.3g} to {row.high:.3g}"
-        table.add_row(row.method, row.metric, row.group, f"{row.value:.3g}", interval, str(row.n))
+        metric = row.metric.replace("_", " ")  # a narrow terminal breaks it between words
+        table.add_row(row.method, metric, row.group, f"{row.value:.3g}", interval, str(row.n))
     Console().print(table)

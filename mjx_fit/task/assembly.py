@@ -72,12 +72,13 @@ def run(
     if only is not None:
         table.leave_out_all_but(only)
     while table.active.any():
-        chosen = table.choose()
+        choice = table.choose()
+        chosen = choice.hole
         wiggle_keys, noise_keys = table.keys()
         attempts = table.attempts(chosen, wiggle_keys)
         interactions = engine.run(attempts, config.task.attempt_actions, table.active)
         before = table.now()
-        table.learn(chosen, interactions, noise_keys, learn)
+        table.learn(choice, interactions, noise_keys, learn)
         learned = table.now()
         table.record(chosen, interactions)
         if watch:

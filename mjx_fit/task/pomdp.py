@@ -43,3 +43,17 @@ def greedy(
     open_reward = jnp.where(filled, -1.0, reward)
     best = open_reward >= open_reward.max(-1, keepdims=True) - _TIE
     return jnp.argmin(jnp.where(best, tries, jnp.iinfo(jnp.int32).max), -1)
+
+
+def runner_up(
+    reward: Float[Array, "*batch n"], filled: Bool[Array, "*batch n"], chosen: Int[Array, "*batch"]
+) -> Float[Array, "*batch"]:
+    """The highest expected reward of the empty holes but for the chosen one; NaN where there is no other.
+
+    Args:
+        reward: Expected reward of an attempt at each hole.
+        filled: β of each hole.
+        chosen: As ``greedy`` gives it.
+    """
+    others = ~filled & (jnp.arange(reward.shape[-1]) != chosen[..., None])
+    return jnp.where(others.any(-1), jnp.where(others, reward, -jnp.inf).max(-1), jnp.nan)

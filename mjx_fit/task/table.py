@@ -7,7 +7,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Int, Key
+from jaxtyping import Bool, Float, Int, Key
 
 from mjx_fit.config import Config
 from mjx_fit.filters.belief import initial_belief
@@ -44,6 +44,21 @@ class State:
     filled: Bool[np.ndarray, "R n"]
 
 
+@dataclass(frozen=True)
+class Choice:
+    """What each row tries next, and why.
+
+    Attributes:
+        hole: Which.
+        chance: How likely the attempt is thought to succeed.
+        next_best: The same of the best of the other empty holes; NaN where there is none.
+    """
+
+    hole: Int[np.ndarray, "R"]
+    chance: Float[np.ndarray, "R"]
+    next_best: Float[np.ndarray, "R"]
+
+
 class Table:
     """The state of all rows, method by method, trial by trial: R = methods x trials."""
 
@@ -78,9 +93,10 @@ class Table:
         beliefs = jax.tree.map(np.copy, self._beliefs)
         return State(self.active, self._peg_number(), beliefs, self._filled.copy())
 
-    def choose(self) -> Int[np.ndarray, "R"]:
+    def choose(self) -> Choice:
         """The hole that each row tries next."""
-        return np.asarray(self._choose(self._beliefs, self._peg(), self._filled, self._tries))
+        chosen = self._choose(self._beliefs, self._peg(), self._filled, self._tries)
+        return Choice(*map(np.asarray, chosen))
 
     def keys(self) -> tuple[Key[Array, "R"], Key[Array, "R"]]:
         """Sources of the wiggle and of the sensor noise of each row's next attempt."""
@@ -100,13 +116,13 @@ class Table:
 
     def learn(
         self,
-        chosen: Int[np.ndarray, "R"],
+        choice: Choice,
         interactions: Interaction,
         noise_keys: Key[Array, "R"],
         learn: Learn,
     ) -> None:
         """Updates the beliefs about the holes that were tried."""
-        rows = np.arange(len(chosen))
+        chosen, rows = choice.hole, np.arange(len(choice.hole))
         before = self._belief_about(chosen)
         position = self._of(lambda method: method.learns_position)
         kind = self._of(lambda method: method.learns_type)
@@ -121,7 +137,7 @@ class Table:
         ):
             told = rows[failed & trait]
             tell(self._beliefs, self._world, (told, chosen[told]))
-        self._note(chosen, interactions, before)
+        self._note(choice, interactions, before)
 
     def record(self, chosen: Int[np.ndarray, "R"], interactions: Interaction) -> None:
         """Counts the attempts, fills holes, lets a human help at the cap, and hands out the next pegs."""
@@ -160,14 +176,16 @@ class Table:
         """What each row believes of one of its holes."""
         return jax.tree.map(lambda leaf: leaf[np.arange(len(chosen)), chosen], self._beliefs)
 
-    def _note(self, chosen: Int[np.ndarray, "R"], interactions: Interaction, before: Belief) -> None:
-        """What was tried, what was believed of it before and after, and how hard it pressed."""
-        rows = np.flatnonzero(self.active)
+    def _note(self, choice: Choice, interactions: Interaction, before: Belief) -> None:
+        """What was tried and why, what was believed of it before and after, and how hard it pressed."""
+        chosen, rows = choice.hole, np.flatnonzero(self.active)
         position = self._world["hole_pos_world"][np.arange(len(chosen)), chosen]
         match, error = believed(before, self._peg(), position)
         match_after, error_after = believed(self._belief_about(chosen), self._peg(), position)
         columns = {
             "tried": chosen,
+            "chance": choice.chance,
+            "next_best": choice.next_best,
             "match_probability": match,
             "error_cm": error,
             "peak_force_n": np.round(peak_force(interactions), 1),
@@ -202,7 +220,10 @@ class Table:
 
     def _greedy(self, beliefs: Belief, peg_type, filled, tries):
         alpha = success_probability(self._config, beliefs.pos_cov)
-        return pomdp.greedy(pomdp.expected_reward(beliefs.type_logp, peg_type, alpha), filled, tries)
+        reward = pomdp.expected_reward(beliefs.type_logp, peg_type, alpha)
+        hole = pomdp.greedy(reward, filled, tries)
+        chance = jnp.take_along_axis(reward, hole[:, None], axis=1)[:, 0]
+        return hole, chance, pomdp.runner_up(reward, filled, hole)
 
     def _attempt_keys(self, trial, peg_number, attempt_number):
         key = self._root
