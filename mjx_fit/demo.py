@@ -35,7 +35,7 @@ class Size:
         speed: Seconds of an attempt in a second of it.
     """
 
-    assemblies: int = 6
+    assemblies: int = 5
     episodes: int = 1500
     steps: int = 100
     fps: int = 10
