@@ -39,7 +39,7 @@ class Size:
     episodes: int = 1500
     steps: int = 100
     fps: int = 10
-    speed: float = 10.0
+    speed: float = 12.0
 
 
 def demo(config: Config, out: Path, size: Size, train: bool) -> None:
