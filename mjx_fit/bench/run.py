@@ -106,8 +106,8 @@ def _print(rows: list[dict], title: str) -> None:
     table = Table(title=title)
     for column in rows[0]:
         is_name = column == "name"
-        title = column.replace("_", " ")
-        table.add_column(title, justify="left" if is_name else "right", overflow="fold", no_wrap=is_name)
+        words = column.replace("_", " ")
+        table.add_column(words, justify="left" if is_name else "right", overflow="fold", no_wrap=is_name)
     for row in rows:
         table.add_row(*(f"{value:,}" if isinstance(value, int) else str(value) for value in row.values()))
     Console().print(table)
