@@ -24,7 +24,10 @@ _RUN = "folder of a training run (default: the weights that come with the packag
 
 
 class _Parser(argparse.ArgumentParser):
-    """argparse, but with a refusal in one line."""
+    """argparse, but with a refusal in one line, and no abbreviations: --trial and --trials are two things."""
+
+    def __init__(self, *args, **kwargs):
+        super().__init__(*args, **kwargs, allow_abbrev=False)
 
     def error(self, message: str) -> NoReturn:
         raise RequestError(f"{message}; see {self.prog} --help")

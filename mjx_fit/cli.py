@@ -52,7 +52,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     except MemoryError as error:
         return _refuse(f"this needs more memory than there is ({error or 'none left'}): make it smaller", 1)
     except KeyboardInterrupt:
-        _refuse("stopped" + "; the same command, given again, goes on with what it has" * resumes, 1)
+        _refuse(
+            "stopped"
+            + "; the same command, given again, goes on behind the last part that was finished" * resumes,
+            1,
+        )
         # At once: XLA may still be compiling in a thread of its own, and an orderly exit would crash in it.
         sys.stderr.flush()
         os._exit(1)

@@ -137,7 +137,7 @@ def test_an_interrupt_says_whether_anything_was_kept(inside, argv, goes_on, monk
     monkeypatch.setattr(cli.os, "_exit", codes.append)
     cli.main(argv)
     assert codes == [1]
-    end = "; the same command, given again, goes on with what it has" if goes_on else ""
+    end = "; the same command, given again, goes on behind the last part that was finished" if goes_on else ""
     assert capsys.readouterr().err == f"mjx-fit: stopped{end}\n"
 
 
@@ -157,6 +157,12 @@ def test_a_file_of_ones_own_comes_on_top_of_a_preset(inside, argv, preset, monke
     assert cli.main([*argv, "--out", str(tmp_path / "out"), "--config", str(mine)]) == 0
     by_itself = config.load(resources.folder("configs") / f"{preset}.yaml")
     assert asked == [replace(by_itself, scene=replace(by_itself.scene, friction=0.4))]
+
+
+def test_options_are_written_out(refused, tmp_path):
+    """--trial is another option elsewhere: an assembly is not to be taken for two of them."""
+    err = refused("evaluate", "assembly", "--trial", 2, "--out", tmp_path / "x.json")
+    assert "unrecognized arguments: --trial 2" in err
 
 
 def test_missing_data_folder(refused, tmp_path):

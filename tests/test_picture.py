@@ -81,6 +81,14 @@ def test_what_cannot_be_played_is_refused(result, tmp_path):
         recording.replay(result, tmp_path, "failure_only", 0)
 
 
+def test_what_comes_after_the_attempt_in_question_is_not_played(result, tmp_path):
+    row = next(row for row in result.trials if row["method"] == "failure_only" and sum(row["attempts"]) > 3)
+    again = recording.replay(result, tmp_path, "failure_only", row["trial"], attempt=2)
+    tried = [hole for holes in row["tried"] for hole in holes]
+    assert [step.hole for step in again.steps] == tried[:2]
+    assert len(recording.record(CONFIG, None, "failure_only", 1, 5, attempt=3).steps) == 3
+
+
 def test_a_single_attempt_of_a_recording(played):
     assert [step.number for step in played.only(2).steps] == [2]
     with pytest.raises(RequestError, match=f"--attempt: 0 .* from 1 to {len(played.steps)}"):

@@ -31,5 +31,7 @@ def main(folder: Path, episodes: int = 240, steps: int = 100) -> None:
 
 
 if __name__ == "__main__":
+    if len(sys.argv) < 2:
+        raise SystemExit(__doc__)
     runtime.configure()
     main(Path(sys.argv[1]), *map(int, sys.argv[2:]))

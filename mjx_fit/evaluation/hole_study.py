@@ -124,7 +124,7 @@ def _sensors(
         if method.reads == "frame" and not own.is_dir():
             raise RequestError(
                 f"--run: {folder} is not allowed: {method.name} needs its {FRAME_BY_FRAME}, which is not "
-                "there; train with a train.baseline_share above 0"
+                "there; leave it out of --methods, or train with a train.baseline_share above 0"
             )
         sensors[method.name], trained = checkpoint.load_sensor(own)
         # The baseline's network and training are the run's, but for what makes it the baseline.

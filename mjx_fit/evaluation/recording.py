@@ -1,6 +1,7 @@
 """One assembly, played again from its result file's request: every attempt with all that was believed."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -87,6 +88,10 @@ class Recording:
 Watch = Callable[[Recording], None]
 
 
+class _PlayedError(Exception):
+    """What was to be looked at has been played."""
+
+
 def record(
     config: Config,
     run: Path | None,
@@ -107,7 +112,7 @@ def record(
         seed: Root seed.
         engine: ``auto``, ``mjx`` or ``native``.
         watch: Told after every attempt what has been played so far.
-        attempt: Number of the one that will be looked at, if it is one.
+        attempt: Number of the one that will be looked at, if it is one: no later one is played.
 
     Raises:
         RequestError: There is no such method, it needs a sensor and there is none, or no assembly has so many
@@ -118,7 +123,7 @@ def record(
     require_seed(seed)
     picked = (_only(method),)
     _require_attempt(attempt, config.task.n_holes * config.task.max_attempts)
-    return _play(config, run, picked, np.array([trial]), 0, seed, create(engine, config), watch)
+    return _play(config, run, picked, np.array([trial]), 0, seed, create(engine, config), watch, attempt)
 
 
 def replay(
@@ -137,7 +142,7 @@ def replay(
         method: One of its methods.
         trial: One of its trials.
         watch: Told after every attempt what has been played so far.
-        attempt: Number of the one that will be looked at, if it is one.
+        attempt: Number of the one that will be looked at, if it is one: no later one is played.
 
     Raises:
         RequestError: The result is of another experiment or has no such trial or attempt, the run is of
@@ -170,8 +175,8 @@ def replay(
     ids = next(piece for piece in pieces if trial in piece)
     row = names.index(method) * len(ids) + int(np.flatnonzero(ids == trial)[0])
     picked = chosen(",".join(names), ASSEMBLY)
-    recording = _play(config, run, picked, ids, row, result.seed, engine, watch)
-    expected = [hole for holes in rows[method, trial].get("tried", []) for hole in holes]
+    recording = _play(config, run, picked, ids, row, result.seed, engine, watch, attempt)
+    expected = [hole for holes in rows[method, trial].get("tried", []) for hole in holes][:attempt]
     if expected and expected != [step.hole for step in recording.steps]:
         raise RequestError(
             f"render: {method}, trial {trial} does not come out as in the result: "
@@ -207,8 +212,9 @@ def _play(
     seed: int,
     engine: Engine,
     watch: Watch | None,
+    last: int | None,
 ) -> Recording:
-    """Plays one row of the methods times the trials with these ids."""
+    """Plays one row of the methods times the trials with these ids, up to an attempt or to the end."""
     method, place = methods[row // len(ids)], row % len(ids)
     sensor, reading = None, [one.name for one in methods if one.needs_sensor]
     if reading:  # of any row: the update of all is compiled as one
@@ -227,6 +233,8 @@ def _play(
         steps.append(_step_of(round_, row, steps))
         if watch:
             watch(so_far())
+        if len(steps) == last:
+            raise _PlayedError
 
     with Progress("playing: pegs", config.task.n_holes) as progress:
         done_before = (len(methods) * len(ids) - 1) * config.task.n_holes
@@ -234,7 +242,9 @@ def _play(
         def told(pegs: int, text: str) -> None:
             progress(pegs - done_before, f"{len(steps)} attempts")
 
-        assembly.run(config, methods, drawn, seed, engine, learner(config, sensor), told, note, only=row)
+        learn = learner(config, sensor)
+        with suppress(_PlayedError):
+            assembly.run(config, methods, drawn, seed, engine, learn, told, note, only=row)
     return so_far()
 
 

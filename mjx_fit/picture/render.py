@@ -1,5 +1,6 @@
 """A recording as a video: the robot on the left, its belief and what it felt on the right."""
 
+import sys
 import warnings
 from collections.abc import Iterator
 from itertools import pairwise
@@ -22,6 +23,8 @@ from mjx_fit.shapes import plate_top_m
 
 FORMATS = (".mp4", ".gif")
 SIZE_PX = (1280, 720)
+MANY_FRAMES = 2000
+"""Minutes of drawing without a graphics card."""
 MOST_GIF_FRAMES, MOST_GIF_FPS = 1000, 50
 """A GIF counts in hundredths of a second, and its frames are held at once."""
 Frame = UInt8[np.ndarray, "h w 3"]
@@ -66,6 +69,9 @@ def render(recording: Recording, out: Path, fps: int, speed: float, size: tuple[
             f"--out: {out} is not allowed: a GIF of {len(shown)} frames would be held in memory, up to "
             f"{MOST_GIF_FRAMES} are; take .mp4, --attempt, fewer --fps or more --speed"
         )
+    if len(shown) > MANY_FRAMES:
+        what = f"{len(shown)} frames for {len(recording.steps)} attempts"
+        print(f"render: {what}; a larger --speed, or one --attempt, has fewer", file=sys.stderr)
     frames = _frames(recording, shown, size)
     write = _write_gif if out.suffix == ".gif" else _write_mp4
     files.replace_with(out, lambda hidden: write(frames, hidden, fps, size))

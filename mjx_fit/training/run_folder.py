@@ -123,9 +123,11 @@ def summary(out: Path) -> str:
     )
     rows = [json.loads(line) for line in (out / METRICS).read_text().splitlines()]
     best = min(rows, key=lambda row: row["val_nll"])
+    helps = best["val_nll"] < best["prior_nll"]
     return (
         f"{sides or 'trained'}; validation NLL {best['val_nll']:.3f} after epoch {best['epoch'] + 1} of "
-        f"{len(rows)}, {best['prior_nll']:.3f} before the update"
+        f"{len(rows)}, {best['prior_nll']:.3f} without the sensor (lower is better)"
+        + ("" if helps else ": it is worse than none; train longer or on more data")
     )
 
 
