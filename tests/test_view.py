@@ -26,7 +26,9 @@ CONFIG = dataclasses.replace(
 @pytest.fixture
 def play(monkeypatch):
     monkeypatch.setattr(recording, "create", lambda name, config: PathEngine())
-    return lambda watch: recording.record(CONFIG, None, "failure_only", 1, 5, watch=watch)
+    return lambda watch, attempt=None: recording.record(
+        CONFIG, None, "failure_only", 1, 5, watch=watch, attempt=attempt
+    )
 
 
 class Screen:
@@ -79,7 +81,7 @@ def test_every_attempt_is_shown_in_order_until_it_is_closed(play, screens):
 def test_one_attempt_is_shown_alone_and_what_comes_later_is_not_played(play, screens):
     opened, played = screens(), []
     view.view(
-        lambda watch: play(lambda so_far: played.append(so_far) or watch(so_far)), 2, 100.0, False, 8080
+        lambda watch: play(lambda so_far: played.append(so_far) or watch(so_far), 2), 2, 100.0, False, 8080
     )
     assert {step for step, _, _ in opened[0].shown} == {1}
     assert len(played) == 2
@@ -91,7 +93,7 @@ def test_it_is_looked_at_once_the_playing_is_over(play, screens):
 
     def playing(watch):
         try:
-            return play(watch)
+            return play(watch, 2)
         finally:
             looked.append(opened[0].idle)
 

@@ -5,7 +5,6 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from functools import partial
 from typing import Protocol
 
@@ -46,10 +45,6 @@ class _ClosedError(Exception):
     """Nobody looks any more."""
 
 
-class _ShownError(Exception):
-    """All that was asked for has been shown: what comes after it need not be played."""
-
-
 def view(
     play: Callable[[Callable[[Recording], None]], Recording],
     attempt: int | None,
@@ -60,7 +55,7 @@ def view(
     """Plays an assembly and shows every attempt once it has been simulated; stays open at the end.
 
     Args:
-        play: Plays, and tells what was played after every attempt.
+        play: Plays as far as is shown, and tells what was played after every attempt.
         attempt: Show only the one with this number.
         speed: Seconds of an attempt in a second of the show.
         browser: Whether to show it in a browser though there is a display.
@@ -77,10 +72,9 @@ def view(
         opens = _open_browser(port, "--browser" if browser else "without a display it")
     show = _Show(opens, speed, attempt)
     try:
-        with suppress(_ShownError):
-            recording = play(show)
-            if attempt is not None:
-                recording.only(attempt)
+        recording = play(show)
+        if attempt is not None:
+            recording.only(attempt)
         while True:
             show.rest()
     except (_ClosedError, KeyboardInterrupt):
@@ -119,8 +113,6 @@ class _Show:
                 raise _ClosedError
             time.sleep(max(0.0, began + (number + 1) / FPS - time.monotonic()))
         self._tip = shown[-1].tip_pos_world
-        if self._attempt is not None:
-            raise _ShownError
 
     def rest(self) -> None:
         """Waits a little."""

@@ -56,4 +56,4 @@ def runner_up(
         chosen: As ``greedy`` gives it.
     """
     others = ~filled & (jnp.arange(reward.shape[-1]) != chosen[..., None])
-    return jnp.where(others.any(-1), jnp.where(others, reward, -jnp.inf).max(-1), jnp.nan)
+    return jnp.nanmax(jnp.where(others, reward, jnp.nan), -1)
