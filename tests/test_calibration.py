@@ -1,5 +1,7 @@
 """Scores against scikit-learn's definitions, enumeration and simulation."""
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -11,10 +13,12 @@ from scipy.stats import multivariate_normal
 from synthetic import make_episodes
 
 from mjx_fit.config import Config
+from mjx_fit.errors import RequestError
 from mjx_fit.evaluation import calibration, held_out
 from mjx_fit.randomness import root_key
 from mjx_fit.sensors.model import ContactSensor
 from mjx_fit.settings import SensorConfig
+from mjx_fit.types import Observation
 from mjx_fit.wrist import read
 
 
@@ -109,3 +113,49 @@ def test_type_probabilities_are_products_over_the_attempts_of_a_sequence_so_far(
             if sequence[j] == sequence[k] and number[j] <= number[k]:
                 product = product * np.exp(logp[j])
         np.testing.assert_allclose(np.exp(got[k]), product / product.sum(), rtol=1e-4)
+
+
+def test_what_a_posterior_comes_to_by_hand():
+    """One row at a time: the filter's update and the baseline's, their errors, probabilities and scores."""
+    n, config = 12, Config()
+    data = make_episodes(n, actions=6, min_length=6)
+    rng = np.random.default_rng(2)
+    factor = np.tril(rng.uniform(0.001, 0.004, (n, 2, 2)))
+    observation = Observation(
+        innovation=rng.normal(0, 0.01, (n, 2)).astype(np.float32),
+        pos_noise_cov=(factor @ factor.swapaxes(1, 2)).astype(np.float32),
+        match_logits=rng.normal(0, 2, (n, 2)).astype(np.float32),
+        match_model_logp=np.log(rng.dirichlet([1, 1], (n, 3))).astype(np.float32),
+    )
+    ids, names = rng.permutation(n), config.scene.names
+    held = jax.tree.map(np.asarray, data.interaction)
+    for with_prior in (True, False):
+        after = held_out.posterior(observation, data, ids, config, with_prior=with_prior)
+        for k, row in enumerate(held_out.rows("full", 6, after, data, ids, names)):
+            i, noise = ids[k], observation.pos_noise_cov[k].astype(float)
+            truth, estimate = held.hole_pos_world[i].astype(float), held.estimate_world[i].astype(float)
+            cov = np.asarray(data.estimate_cov[i], float)
+            gain = cov @ np.linalg.inv(cov + noise) if with_prior else np.eye(2)
+            error = truth - estimate - gain @ observation.innovation[k]
+            cov = (np.eye(2) - gain) @ cov if with_prior else noise
+            squared = error @ np.linalg.inv(cov) @ error
+            odds = np.exp(observation.match_logits[k])
+            assert row["prior_error_cm"] == pytest.approx(100 * np.linalg.norm(truth - estimate), rel=1e-4)
+            assert row["error_cm"] == pytest.approx(100 * np.linalg.norm(error), rel=1e-2, abs=1e-4)
+            assert row["squared_mahalanobis"] == pytest.approx(squared, rel=1e-2, abs=1e-3)
+            nll = 0.5 * np.log(np.linalg.det(1e4 * cov)) + squared / 2
+            assert row["nll"] == pytest.approx(nll, rel=1e-2, abs=1e-2)
+            assert row["match_probability"] == pytest.approx(odds[1] / odds.sum(), rel=1e-3)
+            assert row["pair"] == [names[held.peg_type[i]], names[held.hole_type[i]]]
+            assert (row["trial"], row["attempt"], row["actions"]) == (i, 1, 6)
+
+
+def test_only_whole_attempts_that_failed_are_looked_at():
+    data = make_episodes(12, actions=6, min_length=4)
+    inserted, valid = np.arange(12) % 3 == 0, np.arange(12) != 7
+    data = replace(data, interaction=replace(data.interaction, inserted=inserted, valid=valid))
+    want = [i for i in range(12) if data.interaction.length[i] >= 5 and i % 3 and i != 7]
+    assert 0 < len(want) < 7
+    assert held_out.failed_attempts(data, 5).tolist() == want
+    with pytest.raises(RequestError, match="no failed attempt of 7 actions"):
+        held_out.failed_attempts(data, 7)

@@ -8,11 +8,14 @@ import jax
 import numpy as np
 import pytest
 from collecting import Collector, files_of
+from fakes import FakeEngine
 
 from mjx_fit.config import Config, load
 from mjx_fit.dataset import manifest, shard, store
 from mjx_fit.dataset.draws import pair_of, policy_of
 from mjx_fit.dataset.merge import merge
+from mjx_fit.dataset.plan import Plan
+from mjx_fit.dataset.sequences import Sequences
 from mjx_fit.errors import RequestError
 from mjx_fit.policies import SPIRAL
 from mjx_fit.simulate.native import NativeEngine
@@ -232,3 +235,23 @@ def test_what_other_versions_began_is_not_continued(collect, tmp_path):
     with pytest.raises(RequestError, match=r"begun with jax 0\.1, and here is"):
         collect(out)
     assert not (out / "shard-00000005.h5").exists()
+
+
+def test_a_sequence_ends_with_a_world_that_broke(tmp_path, capsys):
+    """What was believed after it is of no attempt, so that nothing begins from there."""
+
+    class Breaking(FakeEngine):
+        def run(self, attempts, actions, active=None, horizon=None):
+            done = super().run(attempts, actions, active, horizon)
+            broken = (len(self.seen) == 2) & (np.arange(len(done.length)) == 1)
+            return replace(done, valid=~broken, inserted=np.zeros(len(broken), bool))
+
+    engine = Breaking()
+    plan = Plan(episodes=9, steps=2, policy="random", seed=0, batch=9, sequence=3)
+    sequences = Sequences(engine, Config(), plan, tmp_path, None)
+    data = sequences(0)
+    assert [active.tolist() for _, active in engine.seen] == [[True] * 3, [True] * 3, [True, False, True]]
+    assert data.interaction.valid.tolist() == [i != 4 for i in range(9)]
+    assert (data.interaction.length > 0).tolist() == [i != 5 for i in range(9)]
+    assert sequences.broken == 1
+    assert "episode 4: the simulation turned non-finite" in capsys.readouterr().err

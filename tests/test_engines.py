@@ -275,6 +275,12 @@ def test_only_a_peg_in_its_hole_is_inserted(scene):
     places = np.array([[0.09 * (i == 5), 0, height] for i, height in enumerate(heights)])
     inserted = engine.is_inserted(places, hole, scene, 0.01)
     assert inserted.tolist() == [False, True, True, False, False, False]
+    # To any side, as far as 2 cm; and a peg exactly as deep as it must be is in.
+    ring = 0.019 * np.array([[1, 0], [0, 1], [-1, 0], [0, -1], [0.7, 0.7]])
+    deep = np.full((5, 1), top - 0.02)
+    assert engine.is_inserted(np.hstack([ring, deep]), hole, scene, 0.02 - 1e-9).all()
+    assert not engine.is_inserted(np.hstack([1.1 * ring, deep]), hole, scene, 0.01)[:4].any()
+    assert engine.is_inserted(np.array([0, 0, floor]), hole, scene, top - floor)
 
 
 def test_auto_is_native_on_a_cpu_and_unknown_engines_are_refused():

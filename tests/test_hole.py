@@ -256,3 +256,60 @@ def test_what_insertion_trials_come_to():
     assert rows["full", "p_value", "no_update"].value < 0.001
     assert rows["full", "attempts_saved", "sample"].value == pytest.approx(0)
     assert rows["full", "p_value", "sample"].value == 1
+
+
+def test_nees_and_coverage_of_position_trials():
+    """Squared distances by hand; per dimension one half, and no score for an oracle, which is certain."""
+    squared = [[2.0] * 6, [4.0] * 6, [8.0] * 6]
+    trials = [
+        {"trial": i, "method": method, "pair": ("cross", "square"), "error_cm": [1.0] * 6,
+         "squared_mahalanobis": of, "inserted_at": None}
+        for method in ("full", "oracle") for i, of in enumerate(squared)
+    ]  # fmt: skip
+    rows = {(row.method, row.metric, row.group): row.value for row in position.summarise(trials)}
+    assert rows["full", "nees", "3"] == pytest.approx(14 / 3 / 2)
+    assert rows["full", "coverage_50", "3"] == 0  # 1.386
+    assert rows["full", "coverage_90", "3"] == pytest.approx(2 / 3)  # 4.605
+    assert ("oracle", "nees", "3") not in rows
+
+
+def test_the_peak_force_of_an_insertion_is_the_largest_of_its_attempts():
+    trials = [
+        {"trial": i, "seed": 0, "method": "full", "shape": "cross", "attempts": 3, "success": True,
+         "peak_force_n": force}
+        for i, force in enumerate([[30.0, 50.0, None], [20.0, 10.0, 15.0]])
+    ]  # fmt: skip
+    rows = {row.metric: row for row in insertion.summarise(trials)}
+    assert rows["peak_force_n"].value == pytest.approx((50 + 20) / 2)
+
+
+class Breaking(FakeEngine):
+    """Every other world breaks in the first round, wherever its peg ended."""
+
+    def run(self, attempts, actions, active=None, horizon=None):
+        done = super().run(attempts, actions, active, horizon)
+        broken = (len(self.seen) == 1) & (np.arange(len(done.length)) % 2 == 0)
+        nothing = np.where(broken[:, None, None, None], np.nan, np.zeros((1, 1, 50, 6)))
+        trace = replace(done.trace, wrench_sensor=done.trace.wrench_sensor + nothing)
+        return replace(done, valid=~broken, inserted=np.zeros(len(broken), bool), trace=trace)
+
+
+def test_no_method_learns_from_a_broken_world(monkeypatch):
+    """By the filter or frame by frame: what was believed stays, while the world beside it teaches."""
+    monkeypatch.setattr(learning.nnx, "split", lambda sensor: (sensor, {}))
+    monkeypatch.setattr(learning.nnx, "merge", lambda sensor, state: sensor)
+    sensor: Any = Says([0.002, -0.003])
+    picked = tuple(one for one in methods.POSITION if one.reads)
+    updates = {
+        "full": learning.filter_update(CONFIG, sensor),
+        "frame_by_frame": learning.frame_update(CONFIG, sensor),
+    }
+    holes = make_holes()
+    found = hole.run(CONFIG, picked, holes, 2, Breaking(), updates, lambda done: None)
+    for done in found.values():
+        moved = np.abs(np.diff(done.mean_world, axis=1)).max(-1) > 1e-5
+        assert moved[:, 0].tolist() == [False, True] * (T // 2)
+        assert np.array_equal(np.diff(done.cov, axis=1)[::2, 0], np.zeros((T // 2, 2, 2)))
+        assert np.isfinite(done.mean_world).all()
+        assert np.isfinite(done.cov).all()
+    assert (found["full"].mean_world[::2, 2] != found["full"].mean_world[::2, 1]).any()

@@ -121,3 +121,11 @@ def test_likelihood_is_the_density_per_square_centimetre():
     assert logdet + mahalanobis == pytest.approx(nll, rel=1e-4)
     assert kalman.gaussian_nll(*f32(target, mean, cov)) == pytest.approx(nll, rel=1e-4)
     assert logdet == pytest.approx(0.5 * np.log(np.linalg.det(1e4 * cov)), rel=1e-4, abs=1e-5)
+
+
+@given(seed=st.integers(0, 2**32 - 1), log_scale=st.floats(-9, 0))
+def test_scale_tril_is_lapacks_cholesky_factor(seed, log_scale):
+    cov = spd(np.random.default_rng(seed), 10**log_scale, 4)
+    with jax.enable_x64(True):
+        got = kalman.scale_tril(jnp.asarray(cov))
+    np.testing.assert_allclose(got, np.linalg.cholesky(cov), rtol=1e-9, atol=1e-12 * cov.max())

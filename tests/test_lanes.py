@@ -49,9 +49,16 @@ VALUES = st.one_of(  # of few lengths: each is compiled
 @given(VALUES, st.sampled_from([1, 2, 5]))
 def test_the_largest_are_found_in_order(values, count):
     value = np.asarray(values, np.float32) / 1000
-    fields = jnp.stack([jnp.asarray(value), jnp.arange(len(value), dtype=jnp.float32)])
+    # A place of zero means none: shifted by one, which the first may be.
+    fields = jnp.stack([jnp.asarray(value), jnp.arange(1, len(value) + 1, dtype=jnp.float32)])
     got = np.asarray(largest(jnp.asarray(value)[:, None], fields[..., None], count))
     positive = sorted((v for v in value.tolist() if v > 0), reverse=True)[:count]
     for (found, place), want in zip(got[:, :, 0], [*positive, *[0.0] * count], strict=False):
         assert found == pytest.approx(want, rel=1e-4)
-        assert want == 0 or found == value[int(place)]
+        assert found == value[int(place) - 1] if want else place == 0
+
+
+def test_nothing_is_found_where_no_value_is_positive():
+    value = jnp.array([[0.0, -1.0, 2.0], [-1.0, 0.0, 0.0]])  # two values in each of three worlds
+    got = largest(value, jnp.full((1, 2, 3), 7.0), 2)
+    assert got[:, 0].tolist() == [[0, 0, 7], [0, 0, 0]]

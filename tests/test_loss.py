@@ -10,7 +10,7 @@ import pytest
 
 from mjx_fit.config import Config
 from mjx_fit.dataset.windows import Sample
-from mjx_fit.training.loss import filter_loss, sequence_loss, weighted_sum
+from mjx_fit.training.loss import filter_loss, frame_by_frame_loss, sequence_loss, weighted_sum
 from mjx_fit.types import Belief, Observation, Reading
 
 B = 8
@@ -175,3 +175,17 @@ def test_a_chain_of_one_is_a_window_alone():
     alone = filter_loss(observation, sample)
     for name in ("pos_logdet", "pos_mahalanobis", "match_nll", "mismatch_nll"):
         np.testing.assert_allclose(getattr(alone, name), getattr(chained, name)[:, 0], rtol=1e-4, atol=1e-5)
+
+
+def test_the_baselines_loss_takes_the_observed_position_for_the_belief():
+    observation, sample = make_problem()
+    losses = jax.jit(frame_by_frame_loss)(observation, sample)
+    for i in range(B):
+        o, s = (jax.tree.map(lambda x, i=i: np.asarray(x[i], float), tree) for tree in (observation, sample))
+        error, cov = 100 * (s.hole_pos_world - s.prior.pos_mean_world - o.innovation), 1e4 * o.pos_noise_cov
+        logdet, mahalanobis = 0.5 * np.log(np.linalg.det(cov)), 0.5 * error @ np.linalg.inv(cov) @ error
+        assert losses.pos_logdet[i] == pytest.approx(logdet, rel=1e-3, abs=1e-4)
+        assert losses.pos_mahalanobis[i] == pytest.approx(mahalanobis, rel=1e-3, abs=1e-4)
+        assert losses.total[i] == losses.nll[i] == pytest.approx(logdet + mahalanobis, rel=1e-3, abs=1e-4)
+    for name in ("type_nll", "match_nll", "mismatch_nll"):
+        assert not np.asarray(getattr(losses, name)).any()

@@ -1,15 +1,20 @@
 """The mirrored reading against the simulation of the mirrored world."""
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from synthetic import make_interactions
 
 from mjx_fit.config import Config
 from mjx_fit.dataset.mirror import mirror_belief, mirror_place, mirror_reading
 from mjx_fit.settings import WristConfig
 from mjx_fit.simulate.native import NativeEngine
-from mjx_fit.types import Attempt, Belief
-from mjx_fit.wrist import centre_of_pressure, read
+from mjx_fit.types import Attempt, Belief, Reading
+from mjx_fit.wrist import centre_of_pressure, peak_force, read
 
 SILENT = WristConfig(force_noise_n=0.0, torque_xy_noise_nm=0.0, torque_z_noise_nm=0.0)
 ACTIONS = 12
@@ -101,3 +106,67 @@ def test_the_centre_of_pressure_is_where_the_force_acts():
         np.testing.assert_allclose(centre_of_pressure(jnp.asarray(wrench), lever), at_world, atol=1e-6)
     nothing = centre_of_pressure(jnp.zeros(6), lever)
     np.testing.assert_array_equal(nothing, [0, 0])
+
+
+def test_a_mirrored_reading_turns_as_rigid_bodies_do():
+    """With S the reflection, by matrices: positions and forces are S v, rotations S R S, and a torque or an
+    angular velocity w, which is the skew matrix of x -> w x x, is S [w] S."""
+    rng = np.random.default_rng(3)
+    n, reflection = 40, np.diag([1.0, -1.0, 1.0])
+    down = Rotation.from_matrix(np.diag([1.0, -1.0, -1.0]))
+    turned = Rotation.from_rotvec(rng.normal(0, 0.4, (n, 3))) * down
+    quat = turned.as_quat(scalar_first=True)
+    quat *= np.sign(quat[:, 1:2])  # as ``control.tip_quaternion`` has it
+    vector, axial, wrench = rng.normal(size=(n, 3)), rng.normal(size=(n, 3)), rng.normal(size=(n, 50, 6))
+    reading = Reading(
+        wrench_sensor=wrench,
+        pressure_tip=vector[:, :2],
+        tip_pos_estimate=vector,
+        tip_quat_world=quat,
+        tip_linvel_world=vector,
+        tip_angvel_world=axial,
+        contact=np.ones(n),
+        action_world=vector,
+        mask=np.ones(n, bool),
+        peg_type=np.array(0),
+    )
+    mirrored = mirror_reading(reading)
+    rotation = Rotation.from_quat(np.asarray(mirrored.tip_quat_world), scalar_first=True).as_matrix()
+    np.testing.assert_allclose(rotation, reflection @ turned.as_matrix() @ reflection, atol=1e-12)
+    assert (np.asarray(mirrored.tip_quat_world)[:, 1] > 0).all()
+    for name in ("tip_pos_estimate", "tip_linvel_world", "action_world"):
+        np.testing.assert_allclose(getattr(mirrored, name), vector @ reflection, atol=1e-12)
+    np.testing.assert_allclose(mirrored.pressure_tip, (vector @ reflection)[:, :2], atol=1e-12)
+    np.testing.assert_allclose(mirrored.wrench_sensor[..., :3], wrench[..., :3] @ reflection, atol=1e-12)
+    for before, after in (
+        (axial, mirrored.tip_angvel_world),
+        (wrench[:, 0, 3:], mirrored.wrench_sensor[:, 0, 3:]),
+    ):
+        for a, b in zip(before, after, strict=True):
+            skew = np.cross(np.eye(3), a)
+            np.testing.assert_allclose(np.cross(np.eye(3), b), reflection @ skew @ reflection, atol=1e-12)
+
+
+def test_a_touch_has_a_centre_of_pressure_on_the_face():
+    """A hundredth of a newton with a torque of the noise's size would put it a metre away."""
+    for torque in ([0.0, -1.0], [1.0, 0.0], [-1.0, 1.0]):
+        got = centre_of_pressure(jnp.array([0, 0, 0.01, *torque, 0]), 0.07)
+        np.testing.assert_allclose(
+            got, 0.04 * np.array([-np.sign(torque[1]), -np.sign(torque[0])]), rtol=1e-6
+        )
+
+
+def test_the_peak_force_is_the_largest_of_the_real_samples():
+    """By a loop: tared, of all samples of all actions that were performed, the force without the torque."""
+    data = jax.tree.map(np.asarray, make_interactions(6, actions=5, min_length=1))
+    # What the tare is taken from is no small matter, nor is a torque.
+    tare = 30 + 10 * np.asarray(data.tare_sensor)
+    wrench = np.asarray(data.trace.wrench_sensor) + tare[:, None, None]
+    wrench[..., 3:] *= 100
+    data = replace(data, tare_sensor=tare, trace=replace(data.trace, wrench_sensor=wrench))
+    assert data.length.min() < 5
+    for i, got in enumerate(peak_force(data)):
+        force = [
+            np.linalg.norm(sample[:3] - tare[i, :3]) for row in wrench[i, : data.length[i]] for sample in row
+        ]
+        assert got == pytest.approx(max(force), rel=1e-5)

@@ -76,3 +76,53 @@ def test_detector_has_the_stated_distribution(kind, key):
     # E|(x, y)| on [-1, 1]^2 is 0.7652; a uniform radius has mean 1/2.
     assert distance.mean() == pytest.approx(0.02 * {"square": 0.7652, "disc": 0.5}[kind], rel=0.02)
     assert error.mean(0) == pytest.approx([0, 0], abs=3e-4)
+
+
+def test_a_policy_goes_by_the_estimate_and_never_by_the_hole(key):
+    """Spiral and random, as an attempt names them: the goal stays over the estimate, wherever the tip is."""
+    config, estimate = Config(), np.array([0.5, 0.1], np.float32)
+    step, here = jnp.asarray(7), np.array([0.503, 0.099, 0.05], np.float32)
+
+    def act(hole, tip, policy):
+        zero = jnp.asarray(0)
+        attempt = Attempt(zero, zero, jnp.asarray(hole), jnp.asarray(estimate), jnp.asarray(policy), key)
+        return np.asarray(policies.action(attempt, step, 100, jnp.asarray(tip), config))
+
+    own = jax.random.fold_in(key, step)
+    relative = jnp.asarray(here[:2] - estimate)
+    for policy, want in (
+        (policies.SPIRAL, policies.spiral(step, 100, relative, own, config.spiral)),
+        (policies.RANDOM, policies.random(step, relative, own, key, config.random)),
+    ):
+        got = act(estimate, here, policy)
+        np.testing.assert_allclose(got, want, atol=1e-7)
+        np.testing.assert_array_equal(act(estimate + 0.01, here, policy), got)
+        moved = act(estimate, here + np.array([0.002, -0.001, 0.003], np.float32), policy)
+        np.testing.assert_allclose(moved - got, [-0.002, 0.001, 0], atol=1e-7)
+
+
+def test_sweeps_are_straight_lines_from_the_estimate_that_turn_at_their_last_action(key):
+    config = RandomConfig(wiggle_m=0.0, actions_per_sweep=6)
+    goals = np.asarray(
+        jax.vmap(lambda j: policies.random(j, jnp.zeros(2), key, key, config))(jnp.arange(24))[:, :2], float
+    )
+    from_estimate = np.vstack([np.zeros(2), goals])  # before the first action
+    bend = np.abs(np.diff(from_estimate, 2, axis=0)).max(1)  # at action j
+    turns = np.arange(23) % 6 == 5
+    assert bend[~turns].max() < 1e-7
+    assert bend[turns].min() > 1e-4
+
+
+def test_way_points_and_wiggles_are_independent(key):
+    """A key used twice would make the wiggle of one action tell a way-point of a later one."""
+    config, n = RandomConfig(actions_per_sweep=1, wiggle_m=0.0), 3000
+    keys, steps = jax.random.split(key, n), jnp.arange(5)
+    of_step = jax.vmap(jax.random.fold_in, (None, 0))
+
+    def draws(attempt_key):
+        goal = jax.vmap(lambda j: policies.random(j, jnp.zeros(2), key, attempt_key, config)[:2])(steps)
+        wiggle = jax.vmap(lambda own: jax.random.normal(own, (3,)))(of_step(attempt_key, jnp.arange(7)))
+        return jnp.concatenate([goal.ravel(), wiggle.ravel()])
+
+    correlation = np.corrcoef(jax.vmap(draws)(keys), rowvar=False)
+    assert np.abs(correlation - np.eye(len(correlation))).max() < 4.5 / np.sqrt(n)

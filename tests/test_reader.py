@@ -87,3 +87,21 @@ def test_equal_batches_hold_everything_once(n, size):
     assert sorted(ids[weight > 0].tolist()) == list(range(n))
     assert (weight == 0).sum() < len(ids) or n == 1
     assert weight.sum() == pytest.approx(n)
+
+
+def test_of_chains_every_attempt_counts_once_and_no_gap_counts():
+    """Chains of up to three; a gap is filled with the chain's own first attempt, without weight."""
+    chains = np.array([[0, 1, 2], [3, -1, -1], [4, 5, -1], [6, 7, 8], [9, -1, -1]])
+    ids, weight = (np.asarray(x) for x in equal_batches(jnp.asarray(chains), 6))
+    assert ids.shape == (3, 2, 3)
+    assert sorted(ids[weight == 1].tolist()) == list(range(10))
+    assert set(weight.ravel().tolist()) == {0, 1}
+    firsts = np.broadcast_to(ids[..., :1], ids.shape)
+    gaps = np.array([chains[np.flatnonzero(chains[:, 0] == row[0])[0]] < 0 for row in ids.reshape(-1, 3)])
+    assert (ids.reshape(-1, 3)[gaps] == firsts.reshape(-1, 3)[gaps]).all()
+
+
+def test_a_data_set_leaves_half_of_the_free_memory():
+    size = sum(leaf.nbytes for leaf in jax.tree.leaves(DATA))
+    assert isinstance(placed(DATA, free_bytes=2 * size).episode, jax.Array)
+    assert isinstance(placed(DATA, free_bytes=2 * size - 2).episode, np.ndarray)

@@ -132,3 +132,13 @@ def test_a_placed_peg_stands_over_the_floor():
     model = picture_scene(SceneConfig(), [2], np.array([[0.5, 0.1]]))
     geom, config = model.geom("placed_0_0"), SceneConfig()
     assert geom.pos[2] - geom.size[2] == pytest.approx(-config.hole_depth_m + 0.002)
+
+
+def test_holes_may_stand_side_by_side():
+    """Apart along one axis is apart: two boxes may share an x or a y, and often do."""
+    config, beside = SceneConfig(), 0
+    for seed in range(20):
+        centres = place_holes(np.random.default_rng(seed), 3, config)
+        gap = np.abs(centres[:, None] - centres)[np.triu_indices(3, 1)]
+        beside += (gap.min(1) < 2 * config.plate_half_width_m).sum()
+    assert beside > 10

@@ -12,7 +12,14 @@ from hypothesis import strategies as st
 from synthetic import make_interactions
 
 from mjx_fit.errors import RequestError
-from mjx_fit.sensors.model import ContactSensor, InputScale, row_features
+from mjx_fit.sensors.encoder import TraceEncoder
+from mjx_fit.sensors.model import (
+    ContactSensor,
+    InputScale,
+    contact_features,
+    final_position,
+    row_features,
+)
 from mjx_fit.settings import SceneConfig, SensorConfig, WristConfig
 from mjx_fit.types import Observation, Reading
 from mjx_fit.wrist import read
@@ -186,3 +193,41 @@ def test_heads_that_do_not_divide_the_width_are_refused():
         RequestError, match=r"sensor\.heads: 3 is not allowed: it must divide sensor\.width, 16"
     ):
         make_sensor(replace(SMALL, heads=3))
+
+
+def test_places_are_weighted_means_of_the_real_rows():
+    """A place that all real rows share comes through as it is; others stay within their reach."""
+    config = replace(SMALL, places=3)
+    encoder = TraceEncoder(config, 5, nnx.Rngs(0))
+    rng = np.random.default_rng(0)
+    mask = np.arange(ROWS) < np.array([1, 4, ROWS])[:, None]
+    wrench, rows = rng.normal(size=(3, ROWS, 50, 6)), rng.normal(size=(3, ROWS, 5))
+    places = np.where(mask[..., None], np.array([0.3, -1.2, 0.7, 2.0]), 50.0)
+
+    def means(places):
+        inputs = (jnp.asarray(x, jnp.float32) for x in (wrench, rows, places))
+        return np.asarray(encoder(*inputs, jnp.asarray(mask), None))[:, config.width :].reshape(3, 3, 4)
+
+    np.testing.assert_allclose(means(places), np.broadcast_to([0.3, -1.2, 0.7, 2.0], (3, 3, 4)), rtol=1e-5)
+    apart = np.where(mask[..., None], rng.normal(size=(3, ROWS, 4)), 50.0)
+    found, real = means(apart), np.where(mask[..., None], apart, np.nan)
+    assert (found >= np.nanmin(real, 1)[:, None] - 1e-5).all()
+    assert (found <= np.nanmax(real, 1)[:, None] + 1e-5).all()
+
+
+def test_the_final_position_is_that_of_the_last_real_row():
+    reading = make_reading(rows=ROWS + 2)
+    count = np.asarray(reading.mask).sum(1)
+    want = [np.asarray(reading.tip_pos_estimate)[i, count[i] - 1, :2] for i in range(len(count))]
+    np.testing.assert_array_equal(final_position(reading), want)
+
+
+def test_pressure_is_felt_where_the_tip_is_and_not_opposite():
+    reading = make_reading()
+    tip, pressure = np.asarray(reading.tip_pos_estimate), np.asarray(reading.pressure_tip)
+    got = contact_features(reading)
+    np.testing.assert_allclose(got[..., -2:], tip[..., :2] + pressure, atol=1e-7)
+    np.testing.assert_allclose(got[..., -4:-2], pressure, atol=1e-7)
+    wrench = np.asarray(reading.wrench_sensor, float)
+    np.testing.assert_allclose(got[..., :6], wrench.mean(2), rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(got[..., 6:12], wrench.std(2), rtol=1e-4, atol=1e-5)

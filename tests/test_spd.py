@@ -22,9 +22,11 @@ def test_solves_agree_with_lapack(seed, n):
         factor = spd.factor(jax.numpy.asarray(matrix))
         half, whole = spd.solve_lower(factor, b), spd.solve(factor, b)
         vector = spd.solve(factor, b[:, 0])
+        damped = spd.solve(spd.factor(jax.numpy.asarray(matrix), 0.1), b)
     assert np.allclose(half, scipy.linalg.solve_triangular(lower, b, lower=True), atol=1e-9)
     assert np.allclose(whole, np.linalg.solve(matrix, b), atol=1e-8)
     assert np.allclose(vector, np.asarray(whole)[:, 0], atol=1e-9)
+    assert np.allclose(damped, np.linalg.solve(matrix + 0.1 * np.eye(n), b), atol=1e-8)
 
 
 def test_a_bad_matrix_spoils_no_other_world():

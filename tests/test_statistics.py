@@ -12,6 +12,7 @@ from mjx_fit.evaluation.statistics import (
     bootstrap_mean,
     bootstrap_means,
     bootstrap_ratio,
+    clustered_rate,
     holm,
     sign_flip,
     wilson,
@@ -134,3 +135,27 @@ def test_holm_rejects_what_its_steps_reject(p_values):
             rejected.add(i)
         assert {i for i in range(m) if adjusted[i] <= level} == rejected
     assert all(a >= p for a, p in zip(adjusted, p_values, strict=True))
+
+
+@given(value=st.floats(-1e3, 1e3), n=st.integers(2, 60))
+def test_an_interval_holds_its_mean_whatever_rounding_does(value, n):
+    mean, low, high = bootstrap_mean(np.full(n, value), range(n))
+    assert low <= mean <= high
+    assert high - low <= 1e-12 * abs(value)
+
+
+def test_a_rate_without_spread_is_wilsons_over_clusters():
+    clusters = [0, 0, 0, 4, 4, 9]
+    assert clustered_rate(np.ones(6, bool), clusters) == wilson(3, 3)
+    assert clustered_rate(np.zeros(6, bool), clusters) == wilson(0, 3)
+    assert (wilson(3, 3).value, wilson(0, 3).value) == (1, 0)
+    some = np.array([True, True, False, True, False, False])
+    assert clustered_rate(some, clusters) == bootstrap_mean(some, clusters)
+
+
+def test_sign_flip_counts_the_pattern_that_was_seen():
+    """Of 60 draws alike no other pattern of 20,000 goes as far; of one draw every pattern does, as it does
+    where draws cancel out."""
+    assert sign_flip(np.full(60, 0.7), range(60)) == 1 / 20_001
+    assert sign_flip(np.array([0.3, 0.4]), [5, 5]) == 1
+    assert sign_flip(np.array([0.1, 0.2, -0.3]), range(3)) == 1

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from mjx_fit.config import Config
 from mjx_fit.errors import RequestError
 from mjx_fit.filters.belief import initial_belief
-from mjx_fit.filters.success import success_probability
+from mjx_fit.filters.success import _standard_normal, success_probability
 from mjx_fit.task import assembly, learning, methods, pomdp
 from mjx_fit.task import trials as trials_
 from mjx_fit.types import Attempt, Observation
@@ -334,3 +334,47 @@ def test_a_human_finds_an_empty_hole_where_another_peg_sits_in_the_right_one():
         for before, after in ((one.before.filled.sum(1), one.after.filled.sum(1)) for one in seen):
             assert (after >= before).all()
         assert seen[-1].after.filled.all()
+
+
+class Breaking(FakeEngine):
+    """Every world of the first round breaks."""
+
+    def run(self, attempts, actions, active=None, horizon=None):
+        done = super().run(attempts, actions, active, horizon)
+        broken = np.full(len(done.length), len(self.seen) == 1)
+        return dataclasses.replace(done, valid=~broken, inserted=done.inserted & ~broken)
+
+
+def test_a_broken_world_counts_as_an_attempt_and_teaches_nothing():
+    """No method, not even one that a failure tells the truth; and beliefs are distributions all the way."""
+    trials, seen = trials_.draw_trials(CONFIG, 0, np.arange(6)), []
+    learn = learning.learner(CONFIG, StubSensor())  # pyright: ignore[reportArgumentType]
+    assembly.run(CONFIG, methods.ASSEMBLY, trials, 0, Breaking(), learn, lambda done, text: None, seen.append)
+    first, second, *_ = seen
+    jax.tree.map(np.testing.assert_array_equal, first.learned.beliefs, first.before.beliefs)
+    assert not first.after.filled.any()
+    changed = (second.learned.beliefs.type_logp != second.before.beliefs.type_logp).any((1, 2))
+    for number, method in enumerate(methods.ASSEMBLY):
+        own = slice(6 * number, 6 * number + 6)
+        assert changed[own].any(), method.name
+    for one in seen:
+        total = np.exp(np.asarray(one.learned.beliefs.type_logp, float)).sum(-1)
+        np.testing.assert_allclose(total, 1, atol=1e-5)
+
+
+def test_no_draw_of_an_assembly_comes_twice():
+    """Wiggles differ from attempt to attempt, and detections from hole to hole."""
+    trials, engine, rows = play("failure_only", n_trials=5)
+    keys = np.concatenate([keys[active] for keys, active in engine.seen])
+    assert len(keys) == sum(sum(row["attempts"]) for row in rows)
+    assert len(np.unique(keys, axis=0)) == len(keys)
+    error = (trials.estimate_world - trials.hole_pos_world).reshape(-1, 2)
+    apart = np.abs(error[:, None] - error).max(-1) + np.eye(len(error))
+    assert apart.min() > 1e-6
+
+
+def test_the_quadrature_has_the_moments_of_a_normal_distribution():
+    points = _standard_normal().astype(float)
+    assert points.T @ points / len(points) == pytest.approx(np.eye(2), abs=0.02)
+    radius = np.linalg.norm(points, axis=1)
+    assert radius.mean() == pytest.approx(np.sqrt(np.pi / 2), abs=0.01)

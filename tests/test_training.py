@@ -1,7 +1,9 @@
 """Training on a small set whose wrench tells the answer: it learns, resumes, and refuses what it must."""
 
 import json
+import math
 import shutil
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,8 +24,9 @@ from mjx_fit.training.baseline import FRAME_BY_FRAME, train_with_baseline
 from mjx_fit.training.checkpoint import LAST, from_arrays, load_sensor, to_arrays
 from mjx_fit.training.loop import train
 from mjx_fit.training.loss import filter_loss
+from mjx_fit.training.saver import Saver
 from mjx_fit.training.sides import require_chains
-from mjx_fit.training.step import optimizer
+from mjx_fit.training.step import TrainState, optimizer
 
 EPISODES, EPOCHS = 240, 40
 DATA = make_episodes(EPISODES, actions=12, min_length=6)
@@ -391,3 +394,15 @@ def test_a_run_says_when_its_sensor_is_worse_than_none(tmp_path, best_nll, is_wo
     said = run_folder.summary(tmp_path)
     assert f"validation NLL {best_nll:.3f} after epoch 2 of 2, 1.300 without the sensor" in said
     assert ("worse than none" in said) == is_worse
+
+
+def test_the_saver_waits_for_every_member_and_keeps_the_first_of_equals(tmp_path):
+    saver = Saver(tmp_path, [tmp_path / "a", tmp_path / "b"], math.inf, patience=2)
+    saver.saved_at = time.monotonic()  # nothing is due
+    state = TrainState(nnx.State({}), nnx.State({}), ())
+    for epoch, nll in enumerate([(3.0, 3.0), (3.0, 2.0), (4.0, 2.0), (4.0, 2.0)], start=1):
+        stale = saver.is_stale(epoch)
+        assert not stale
+        assert saver.after_epoch(epoch, state, np.array(nll), 99) is (epoch == 4)
+        assert saver.best_epoch.tolist() == [1, min(epoch, 2)]
+    assert not Saver(tmp_path, [tmp_path], 0.0, patience=0).is_stale(1000)
