@@ -117,7 +117,7 @@ def test_type_probabilities_are_products_over_the_attempts_of_a_sequence_so_far(
 
 def test_what_a_posterior_comes_to_by_hand():
     """One row at a time: the filter's update and the baseline's, their errors, probabilities and scores."""
-    n, config = 12, Config()
+    n, config = 4, Config()
     data = make_episodes(n, actions=6, min_length=6)
     rng = np.random.default_rng(2)
     factor = np.tril(rng.uniform(0.001, 0.004, (n, 2, 2)))

@@ -204,9 +204,11 @@ def test_places_are_weighted_means_of_the_real_rows():
     wrench, rows = rng.normal(size=(3, ROWS, 50, 6)), rng.normal(size=(3, ROWS, 5))
     places = np.where(mask[..., None], np.array([0.3, -1.2, 0.7, 2.0]), 50.0)
 
+    encode = nnx.jit(lambda encoder, *inputs: encoder(*inputs, None))
+
     def means(places):
-        inputs = (jnp.asarray(x, jnp.float32) for x in (wrench, rows, places))
-        return np.asarray(encoder(*inputs, jnp.asarray(mask), None))[:, config.width :].reshape(3, 3, 4)
+        code = encode(encoder, *(np.asarray(x, np.float32) for x in (wrench, rows, places)), mask)
+        return np.asarray(code)[:, config.width :].reshape(3, 3, 4)
 
     np.testing.assert_allclose(means(places), np.broadcast_to([0.3, -1.2, 0.7, 2.0], (3, 3, 4)), rtol=1e-5)
     apart = np.where(mask[..., None], rng.normal(size=(3, ROWS, 4)), 50.0)
@@ -215,19 +217,15 @@ def test_places_are_weighted_means_of_the_real_rows():
     assert (found <= np.nanmax(real, 1)[:, None] + 1e-5).all()
 
 
-def test_the_final_position_is_that_of_the_last_real_row():
-    reading = make_reading(rows=ROWS + 2)
-    count = np.asarray(reading.mask).sum(1)
-    want = [np.asarray(reading.tip_pos_estimate)[i, count[i] - 1, :2] for i in range(len(count))]
-    np.testing.assert_array_equal(final_position(reading), want)
-
-
-def test_pressure_is_felt_where_the_tip_is_and_not_opposite():
-    reading = make_reading()
-    tip, pressure = np.asarray(reading.tip_pos_estimate), np.asarray(reading.pressure_tip)
-    got = contact_features(reading)
-    np.testing.assert_allclose(got[..., -2:], tip[..., :2] + pressure, atol=1e-7)
-    np.testing.assert_allclose(got[..., -4:-2], pressure, atol=1e-7)
-    wrench = np.asarray(reading.wrench_sensor, float)
-    np.testing.assert_allclose(got[..., :6], wrench.mean(2), rtol=1e-4, atol=1e-5)
-    np.testing.assert_allclose(got[..., 6:12], wrench.std(2), rtol=1e-4, atol=1e-5)
+def test_the_final_position_and_where_it_was_pressed():
+    """Of the last real row; pressed where the tip is and from there on, not opposite to it."""
+    rng = np.random.default_rng(1)
+    tip, pressure, wrench = (rng.normal(size=(4, 5, *axes)) for axes in ((3,), (2,), (50, 6)))
+    count = np.array([1, 3, 5, 4])
+    reading = Reading(*[np.zeros(0)] * 10)
+    reading = replace(reading, wrench_sensor=wrench, pressure_tip=pressure, tip_pos_estimate=tip)
+    reading = replace(reading, mask=np.arange(5) < count[:, None])
+    final, features = jax.jit(lambda one: (final_position(one), contact_features(one)))(reading)
+    np.testing.assert_allclose(final, [tip[i, n - 1, :2] for i, n in enumerate(count)], rtol=1e-6)
+    want = [wrench.mean(2), wrench.std(2), pressure, tip[..., :2] + pressure]
+    np.testing.assert_allclose(features, np.concatenate(want, -1), atol=1e-5)

@@ -356,7 +356,7 @@ def test_a_broken_world_counts_as_an_attempt_and_teaches_nothing():
     changed = (second.learned.beliefs.type_logp != second.before.beliefs.type_logp).any((1, 2))
     for number, method in enumerate(methods.ASSEMBLY):
         own = slice(6 * number, 6 * number + 6)
-        assert changed[own].any(), method.name
+        assert changed[own].any() or method.knows_truth, method.name
     for one in seen:
         total = np.exp(np.asarray(one.learned.beliefs.type_logp, float)).sum(-1)
         np.testing.assert_allclose(total, 1, atol=1e-5)

@@ -396,13 +396,19 @@ def test_a_run_says_when_its_sensor_is_worse_than_none(tmp_path, best_nll, is_wo
     assert ("worse than none" in said) == is_worse
 
 
-def test_the_saver_waits_for_every_member_and_keeps_the_first_of_equals(tmp_path):
+def test_the_saver_waits_for_every_member_and_keeps_the_first_of_equals(tmp_path, monkeypatch):
+    saved = []
+
+    def save(folder, epochs_done, arrays):
+        saved.append((folder.relative_to(tmp_path).parts[0], folder.name, epochs_done))
+
+    monkeypatch.setattr("mjx_fit.training.saver.checkpoint.save", save)
     saver = Saver(tmp_path, [tmp_path / "a", tmp_path / "b"], math.inf, patience=2)
-    saver.saved_at = time.monotonic()  # nothing is due
+    saver.saved_at = time.monotonic()  # nothing is due before the end
     state = TrainState(nnx.State({}), nnx.State({}), ())
     for epoch, nll in enumerate([(3.0, 3.0), (3.0, 2.0), (4.0, 2.0), (4.0, 2.0)], start=1):
-        stale = saver.is_stale(epoch)
-        assert not stale
+        assert not saved
         assert saver.after_epoch(epoch, state, np.array(nll), 99) is (epoch == 4)
         assert saver.best_epoch.tolist() == [1, min(epoch, 2)]
+    assert saved == [("a", "best", 1), ("b", "best", 2), ("checkpoints", "last", 4)]
     assert not Saver(tmp_path, [tmp_path], 0.0, patience=0).is_stale(1000)

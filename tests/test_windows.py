@@ -91,20 +91,6 @@ def test_both_kinds_of_windows_come_from_inserted_interactions(many):
     assert many.failed[:, ~inserted].all()
 
 
-def test_the_mirror_tells_nothing_of_the_prior():
-    """A key used twice would make the first type's probability tell whether a window is mirrored."""
-    config = replace(CONFIG, train=replace(CONFIG.train, mirror=True))
-    n = COPIES * EPISODES
-    copies = jax.tree.map(lambda x: jnp.concatenate([x] * COPIES), DATA)
-    sample = sample_windows(copies, jnp.arange(n), jax.random.key(9), config)
-    mirrored = np.asarray(sample.hole_pos_world[:, 1] * copies.interaction.hole_pos_world[:, 1] < 0)
-    assert mirrored.mean() == pytest.approx(0.5, abs=0.05)
-    first = np.exp(np.asarray(sample.prior.type_logp, float))
-    columns = np.column_stack([mirrored, first[:, :2], np.asarray(sample.reading.mask.sum(1))])
-    correlation = np.corrcoef(columns, rowvar=False)[0, 1:]
-    assert np.abs(correlation).max() < 4.5 / np.sqrt(n)
-
-
 def test_draws_depend_on_key_and_episode_and_not_on_the_batch(many):
     config = replace(CONFIG, wrist=WristConfig())
     some = sample_windows(DATA, jnp.array([7, 2]), jax.random.key(5), config)
@@ -213,3 +199,17 @@ def test_a_chain_is_mirrored_as_a_whole_and_its_windows_are_those_of_its_episode
         alone.reading.tip_pos_estimate[rows][..., 1],
         atol=1e-7,
     )
+
+
+def test_the_mirror_tells_nothing_of_the_prior():
+    """A key used twice would make the first type's probability tell whether a window is mirrored."""
+    config = replace(CONFIG, train=replace(CONFIG.train, mirror=True))
+    n = COPIES * EPISODES
+    copies = jax.tree.map(lambda x: jnp.concatenate([x] * COPIES), DATA)
+    sample = sample_windows(copies, jnp.arange(n), jax.random.key(9), config)
+    mirrored = np.asarray(sample.hole_pos_world[:, 1] * copies.interaction.hole_pos_world[:, 1] < 0)
+    assert mirrored.mean() == pytest.approx(0.5, abs=0.05)
+    first = np.exp(np.asarray(sample.prior.type_logp, float))
+    columns = np.column_stack([mirrored, first[:, :2], np.asarray(sample.reading.mask.sum(1))])
+    correlation = np.corrcoef(columns, rowvar=False)[0, 1:]
+    assert np.abs(correlation).max() < 4.5 / np.sqrt(n)
