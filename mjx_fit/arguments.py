@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from mjx_fit import __version__, commands
-from mjx_fit.errors import RequestError
+from mjx_fit.errors import RequestError, shortened
 
 _RESUME = (
     commands.demo,
@@ -30,7 +30,7 @@ class _Parser(argparse.ArgumentParser):
         super().__init__(*args, **kwargs, allow_abbrev=False)
 
     def error(self, message: str) -> NoReturn:
-        raise RequestError(f"{message}; see {self.prog} --help")
+        raise RequestError(f"{shortened(message, 300)}; see {self.prog} --help")
 
 
 def parser() -> argparse.ArgumentParser:

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Sequence
 
 from mjx_fit.arguments import parser
-from mjx_fit.errors import RequestError, WorkError
+from mjx_fit.errors import RequestError, WorkError, one_line
 
 _WRONG_PLACE = {
     errno.ENOENT,
@@ -64,5 +64,5 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _refuse(message: str, code: int) -> int:
-    print(f"mjx-fit: {' '.join(message.split())}", file=sys.stderr)
+    print(f"mjx-fit: {one_line(message)}", file=sys.stderr)
     return code

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 from mjx_fit import config as config_
 from mjx_fit.config import Config
-from mjx_fit.errors import RequestError, WorkError
+from mjx_fit.errors import RequestError, WorkError, require
+from mjx_fit.settings import MAX_EPOCHS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -97,13 +98,15 @@ def data_export(args: argparse.Namespace) -> None:
 
 def train(args: argparse.Namespace) -> None:
     from mjx_fit.dataset import manifest
+    from mjx_fit.randomness import require_seed
     from mjx_fit.training import run_folder
     from mjx_fit.training.baseline import train_from
 
     config = _config(args)
+    require_seed(args.seed)
+    run_folder.require_members(args.members)
     if args.epochs is not None:
-        if args.epochs < 1:
-            raise RequestError(f"--epochs: {args.epochs} is not allowed: it must be at least 1")
+        require("--epochs", args.epochs, 1, MAX_EPOCHS)
         config = replace(config, train=replace(config.train, epochs=args.epochs))
     index, of = manifest.read(args.data).part
     if of > 1:

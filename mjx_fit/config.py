@@ -6,16 +6,16 @@ An unknown key, a wrong type or a value out of range raises ``RequestError``. Un
 import dataclasses
 import json
 import math
-import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import yaml
 from pydantic import TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
-from mjx_fit.errors import RequestError
+from mjx_fit import limits, schema_errors, strict_yaml
+from mjx_fit.errors import RequestError, shortened, shown
 from mjx_fit.settings import (
     STRICT,
     ControlConfig,
@@ -47,15 +47,6 @@ class Config:
     train: TrainConfig = TrainConfig()
 
 
-class _Loader(yaml.SafeLoader):
-    """YAML 1.1 takes ``1e-4`` for a string; every researcher means a number."""
-
-
-_Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float", re.compile(r"^[-+]?[0-9]+[eE][-+]?[0-9]+$"), list("-+0123456789")
-)
-
-
 def load(path: Path | Sequence[Path] | None = None, overrides: Sequence[str] = ()) -> Config:
     """The configuration of a run.
 
@@ -85,21 +76,16 @@ def from_tree(tree: dict[str, Any]) -> Config:
         RequestError: A key or value is not allowed.
     """
     try:
-        # JSON, so that lists may stand for tuples; YAML's dates and such become text, which no field allows.
-        config = TypeAdapter(Config).validate_json(json.dumps(tree, default=str))
+        # JSON, so that lists may stand for tuples; what it cannot say becomes text, which no field takes.
+        text = json.dumps(tree, default=shown)
+        config = TypeAdapter(Config).validate_json(text)
     except ValidationError as error:
-        first = error.errors()[0]
-        field = ".".join(str(part) for part in first["loc"])
-        if first["type"] == "unexpected_keyword_argument":
-            raise RequestError(
-                f"config: {field}: unknown key; allowed here: {_allowed(first['loc'])}"
-            ) from None
-        if first["type"] == "missing" and isinstance(first["input"], list):  # one error for each that is
-            given, missing = len(first["input"]), sum(one["type"] == "missing" for one in error.errors())
-            raise RequestError(
-                f"config: {field.rpartition('.')[0]}: {given} given, {given + missing} are needed"
-            ) from None
-        raise RequestError(f"config: {field}: {first['input']!r} is not allowed: {first['msg']}") from None
+        raise RequestError(f"config: {schema_errors.in_words(error, Config)}") from None
+    except (RecursionError, TypeError, ValueError):  # nested without end, or keys that are no names
+        raise RequestError(
+            f"config: {shown(tree)} is not allowed: it must hold sections of names and values"
+        ) from None
+    limits.require_steady(config.control, config.spiral, config.random)
     require_room(config, "spiral.radius_m", config.spiral.radius_m)
     return config
 
@@ -137,7 +123,7 @@ def to_yaml(config: Config) -> str:
 
 def from_yaml(text: str) -> Config:
     """What ``to_yaml`` wrote."""
-    return from_tree(yaml.load(text, _Loader))
+    return from_tree(strict_yaml.load(text))
 
 
 def differences(one: Config, other: Config) -> list[str]:
@@ -152,17 +138,36 @@ def differences(one: Config, other: Config) -> list[str]:
 
 
 def _read(path: Path) -> dict[str, Any]:
+    name = str(path) if str(path).isprintable() else shown(str(path))
     try:
-        loaded = yaml.load(Path(path).read_text(), _Loader)
+        with Path(path).open("rb") as file:
+            content = file.read(strict_yaml.MOST_BYTES + 1)
+        loaded = strict_yaml.load(_decoded(content))
     except OSError as error:
-        raise RequestError(f"config: {path} cannot be read: {error.strerror}") from None
-    except (UnicodeDecodeError, yaml.YAMLError) as error:
-        raise RequestError(f"config: {path} cannot be read: {' '.join(str(error).split())}") from None
+        raise RequestError(f"config: {shortened(name, 300)} cannot be read: {error.strerror}") from None
+    except strict_yaml.StrictYamlError as error:
+        raise RequestError(f"config: {shortened(name, 300)} cannot be read: {error}") from None
+    except ValueError:
+        raise RequestError(f"config: {name} cannot be read: a path holds no NUL") from None
     if not isinstance(loaded, dict | None):
         raise RequestError(
-            f"config: {path} must hold sections such as 'scene:', not a {type(loaded).__name__}"
+            f"config: {name} must hold sections such as 'scene:', not a {type(loaded).__name__}"
         )
     return loaded or {}
+
+
+def _decoded(content: bytes) -> str:
+    """UTF-8 text, whatever the locale."""
+    if len(content) > strict_yaml.MOST_BYTES:
+        raise strict_yaml.StrictYamlError(
+            f"it has more than the {strict_yaml.MOST_BYTES} bytes that are allowed"
+        )
+    try:
+        return content.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise strict_yaml.StrictYamlError(
+            f"byte {error.start} (0x{content[error.start]:02x}) is not allowed: it must be UTF-8 text"
+        ) from None
 
 
 def _set(tree: dict[str, Any], override: str) -> None:
@@ -170,22 +175,14 @@ def _set(tree: dict[str, Any], override: str) -> None:
     keys = path.strip().split(".")
     if not separator or len(keys) != 2 or not all(keys):
         raise RequestError(
-            f"--set: {override!r} is not allowed: write section.key=value, e.g. scene.clearance_m=0.002"
+            f"--set: {shown(override)} is not allowed: write section.key=value, e.g. scene.clearance_m=0.002"
         )
     section = tree.setdefault(keys[0], {})
     if not isinstance(section, dict):
-        raise RequestError(f"config: {keys[0]}: {section!r} is not allowed: it must be a section")
+        raise RequestError(f"config: {keys[0]}: {shown(section)} is not allowed: it must be a section")
     try:
-        section[keys[1]] = yaml.load(text, _Loader)
-    except yaml.YAMLError:
-        raise RequestError(f"--set: {override!r} is not allowed: {text!r} is no YAML value") from None
-
-
-def _allowed(loc: tuple[int | str, ...]) -> str:
-    node: Any = Config
-    for part in loc[:-1]:
-        if isinstance(part, int):  # a place in a tuple
-            node = get_args(node)[0]
-            continue
-        node = next(field.type for field in dataclasses.fields(node) if field.name == part)
-    return ", ".join(field.name for field in dataclasses.fields(node))
+        section[keys[1]] = strict_yaml.load(text)
+    except strict_yaml.StrictYamlError as error:
+        raise RequestError(
+            f"--set: {shown(override)} is not allowed: {shown(text)} is no YAML value: {error}"
+        ) from None

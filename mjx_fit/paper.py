@@ -13,7 +13,7 @@ from mjx_fit.config import Config
 from mjx_fit.dataset.collect import collect
 from mjx_fit.dataset.draws import draw_attempts
 from mjx_fit.dataset.plan import Plan
-from mjx_fit.errors import RequestError
+from mjx_fit.errors import RequestError, shown
 from mjx_fit.evaluation import experiments
 from mjx_fit.evaluation.calibrate import calibrate
 from mjx_fit.evaluation.insertion import insertion
@@ -93,7 +93,7 @@ def size_of(name: str) -> Size:
         RequestError: There is none.
     """
     if name not in SIZES:
-        raise RequestError(f"--size: {name!r} is not allowed: choose from {', '.join(SIZES)}")
+        raise RequestError(f"--size: {shown(name)} is not allowed: choose from {', '.join(SIZES)}")
     return SIZES[name]
 
 

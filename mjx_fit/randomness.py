@@ -9,7 +9,7 @@ import zlib
 import jax
 from jaxtyping import Key
 
-from mjx_fit.errors import RequestError
+from mjx_fit.errors import require
 
 
 def root_key(seed: int, use: str) -> Key[jax.Array, ""]:
@@ -28,5 +28,4 @@ def require_seed(seed: int) -> None:
     Raises:
         RequestError: It does not fit 32 bits.
     """
-    if not 0 <= seed < 2**32:
-        raise RequestError(f"--seed: {seed} is not allowed: it must be between 0 and 4294967295")
+    require("--seed", seed, 0, 2**32 - 1)

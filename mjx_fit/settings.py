@@ -1,4 +1,8 @@
-"""The sections of a configuration: every number that a run depends on, with its unit and its range."""
+"""The sections of a configuration: every number that a run depends on, with its unit and its range.
+
+Ranges end where a number stops to mean something: an attempt at the ends of all of them keeps its peg
+upright and over its plate. Where numbers bound each other, ``mjx_fit.limits`` says how.
+"""
 
 from itertools import pairwise
 from typing import Annotated, Literal
@@ -6,12 +10,20 @@ from typing import Annotated, Literal
 from pydantic import ConfigDict, Field, model_validator
 from pydantic.dataclasses import dataclass
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Probability = Annotated[float, Field(gt=0, lt=1)]
-Count = Annotated[int, Field(ge=1)]
+from mjx_fit.errors import shown
 
-Rates = tuple[Annotated[float, Field(ge=0, lt=1)], ...]
+Probability = Annotated[float, Field(ge=1e-6, le=0.999999)]
+"""As near to 0 and 1 as single precision can tell well."""
+
+Rates = tuple[Annotated[float, Field(ge=0, le=0.999999)], ...]
+
+Stiffness = Annotated[float, Field(ge=50, le=1500)]
+Push = Annotated[float, Field(ge=0.0005, le=0.02)]
+Wiggle = Annotated[float, Field(ge=0, le=0.01)]
+Spread = Annotated[float, Field(ge=0.0001, le=0.02)]
+Window = Annotated[int, Field(ge=1, le=1000)]
+MAX_EPOCHS = 1_000_000
+Channels = Annotated[int, Field(ge=1, le=512)]
 
 _ERROR_KNOTS_M = (0.0, 0.001, 0.002, 0.003, 0.005, 0.0075, 0.01, 0.0125, 0.015, 0.0175)
 _SUCCESS_BY_ERROR = (
@@ -24,6 +36,8 @@ STRICT = ConfigDict(extra="forbid", strict=True)
 
 Metres = Annotated[float, Field(ge=-0.03, le=0.03)]
 Corners = tuple[Metres, Metres, Metres, Metres]
+LEAST_SIDE_M = 0.001
+"""Of a rectangle: what is thinner bends, and a rigid body does not."""
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -37,14 +51,17 @@ class Shape:
             prongs of a plug: the tool holds each.
     """
 
-    name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
+    name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$", max_length=40)]
     rectangles: Annotated[tuple[Corners, ...], Field(min_length=1, max_length=4)]
 
     @model_validator(mode="after")
     def _corners_in_order(self) -> "Shape":
         for x0, y0, x1, y1 in self.rectangles:
-            if x0 >= x1 or y0 >= y1:
-                raise ValueError(f"{self.name}: {[x0, y0, x1, y1]} must be a lower and an upper corner")
+            if min(x1 - x0, y1 - y0) < LEAST_SIDE_M:
+                raise ValueError(
+                    f"rectangles: {[x0, y0, x1, y1]} is not allowed in {self.name!r}: it must be a lower "
+                    f"and an upper corner, and no side shorter than {LEAST_SIDE_M}"
+                )
         return self
 
     @property
@@ -100,13 +117,13 @@ class SceneConfig:
     peg_length_m: Annotated[float, Field(ge=0.05, le=0.15)] = 0.07
     friction: Annotated[float, Field(ge=0, le=2)] = 0.3
     contact_time_s: Annotated[float, Field(ge=0.004, le=0.05)] = 0.01
-    contact_width_m: Annotated[float, Field(gt=0, le=0.001)] = 0.00025
+    contact_width_m: Annotated[float, Field(ge=0.00001, le=0.001)] = 0.00025
     max_contacts: Annotated[int, Field(ge=4, le=64)] = 8
 
     @model_validator(mode="after")
     def _names_differ(self) -> "SceneConfig":
         if len(set(self.names)) < N_TYPES:
-            raise ValueError(f"shapes: {', '.join(self.names)}: the names must differ")
+            raise ValueError(f"shapes: {', '.join(self.names)} are not allowed: the names must differ")
         return self
 
     @property
@@ -127,10 +144,10 @@ class ControlConfig:
         kp_posture: As ``kp_position`` for the joints, in the null space of the task, critically damped.
     """
 
-    kp_position: Positive = 600.0
-    kp_orientation: Positive = 600.0
-    damping_ratio: Positive = 1.2
-    kp_posture: NonNegative = 10.0
+    kp_position: Stiffness = 600.0
+    kp_orientation: Annotated[float, Field(ge=50, le=4000)] = 600.0
+    damping_ratio: Annotated[float, Field(ge=0.5, le=5)] = 1.2
+    kp_posture: Annotated[float, Field(ge=0, le=400)] = 10.0
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -144,10 +161,10 @@ class SpiralConfig:
         wiggle_m: σ, standard deviation of the wiggle per axis.
     """
 
-    radius_m: Positive = 0.015
-    turns: Positive = 2.0
-    push_m: Positive = 0.004
-    wiggle_m: NonNegative = 0.00125
+    radius_m: Annotated[float, Field(ge=0.0001, le=0.18)] = 0.015
+    turns: Annotated[float, Field(ge=0.01, le=40)] = 2.0
+    push_m: Push = 0.004
+    wiggle_m: Wiggle = 0.00125
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -161,10 +178,10 @@ class RandomConfig:
         wiggle_m: Standard deviation of the wiggle per axis.
     """
 
-    reach_m: Positive = 0.025
-    actions_per_sweep: Count = 12
-    push_m: Positive = 0.004
-    wiggle_m: NonNegative = 0.00125
+    reach_m: Annotated[float, Field(ge=0.0001, le=0.18)] = 0.025
+    actions_per_sweep: Annotated[int, Field(ge=1, le=1000)] = 12
+    push_m: Push = 0.004
+    wiggle_m: Wiggle = 0.00125
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -179,7 +196,7 @@ class DetectorConfig:
 
     kind: Literal["square", "disc"] = "square"
     half_width_m: Annotated[float, Field(ge=0, le=0.03)] = 0.02
-    prior_std_m: Positive = 0.01
+    prior_std_m: Annotated[float, Field(ge=0.0001, le=0.1)] = 0.01
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -191,13 +208,13 @@ class SequenceConfig:
         max_std_m: Largest one; both are drawn between these, log-uniform, their direction uniform.
     """
 
-    min_std_m: Annotated[float, Field(ge=0.0001, le=0.02)] = 0.001
-    max_std_m: Annotated[float, Field(ge=0.0001, le=0.02)] = 0.008
+    min_std_m: Spread = 0.001
+    max_std_m: Spread = 0.008
 
     @model_validator(mode="after")
     def _ordered(self) -> "SequenceConfig":
         if self.min_std_m > self.max_std_m:
-            raise ValueError("min_std_m must be at most max_std_m")
+            raise ValueError(f"min_std_m: {self.min_std_m} is not allowed: it must be at most max_std_m")
         return self
 
 
@@ -212,10 +229,14 @@ class WristConfig:
         tare_samples: Samples that are averaged when the sensor is tared.
     """
 
-    force_noise_n: NonNegative = 0.1
-    torque_xy_noise_nm: NonNegative = 0.005
-    torque_z_noise_nm: NonNegative = 0.003
-    tare_samples: Count = 50
+    force_noise_n: Annotated[float, Field(ge=0, le=30)] = 0.1
+    torque_xy_noise_nm: Annotated[float, Field(ge=0, le=3)] = 0.005
+    torque_z_noise_nm: Annotated[float, Field(ge=0, le=3)] = 0.003
+    tare_samples: Annotated[int, Field(ge=1, le=100_000)] = 50
+
+
+LEAST_STEP_M = 0.00001
+"""Between distances, for single precision to tell them apart."""
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -240,24 +261,30 @@ class TaskConfig:
     """
 
     n_holes: Annotated[int, Field(ge=1, le=8)] = 5
-    max_attempts: Count = 30
+    max_attempts: Annotated[int, Field(ge=1, le=1000)] = 30
     attempt_actions: Annotated[int, Field(ge=1, le=400)] = 100
-    insertion_depth_m: Annotated[float, Field(gt=0, le=0.025)] = 0.01
+    insertion_depth_m: Annotated[float, Field(ge=0.001, le=0.025)] = 0.01
     success_probability: tuple[Probability, Probability, Probability] = (0.118, 0.162, 0.117)
     outcome_model: Literal["constant", "covariance"] = "constant"
-    error_knots_m: Annotated[tuple[NonNegative, ...], Field(min_length=1)] = _ERROR_KNOTS_M
+    error_knots_m: Annotated[
+        tuple[Annotated[float, Field(ge=0, le=0.1)], ...], Field(min_length=1, max_length=100)
+    ] = _ERROR_KNOTS_M
     success_by_error: tuple[Rates, Rates, Rates] = _SUCCESS_BY_ERROR
     hard_match: bool = False
 
     @model_validator(mode="after")
     def _one_rate_for_each_knot(self) -> "TaskConfig":
         knots = self.error_knots_m
-        if list(knots) != sorted(set(knots)):
-            raise ValueError(f"error_knots_m: {list(knots)} must ascend")
+        if any(after - before < LEAST_STEP_M for before, after in pairwise(knots)):
+            raise ValueError(
+                f"error_knots_m: {shown(list(knots))} is not allowed: they must ascend, by {LEAST_STEP_M} "
+                "at least"
+            )
         for rates in self.success_by_error:
             if len(rates) != len(knots):
                 raise ValueError(
-                    f"success_by_error: {list(rates)} must have a rate for each of error_knots_m"
+                    f"success_by_error: {shown(list(rates))} is not allowed: there must be a rate for "
+                    f"each of error_knots_m, {len(knots)}"
                 )
         return self
 
@@ -284,18 +311,18 @@ class SensorConfig:
             what the maximum over time gives; 0: none, as in the paper.
     """
 
-    width: Annotated[int, Field(ge=4, multiple_of=4)] = 64
-    conv_channels: tuple[Count, Count, Count, Count, Count] = (16, 32, 64, 64, 64)
-    layers: Count = 4
-    heads: Count = 4
-    feedforward: Count = 128
-    dropout: Annotated[float, Field(ge=0, lt=1)] = 0.0
+    width: Annotated[int, Field(ge=4, le=512, multiple_of=4)] = 64
+    conv_channels: tuple[Channels, Channels, Channels, Channels, Channels] = (16, 32, 64, 64, 64)
+    layers: Annotated[int, Field(ge=1, le=32)] = 4
+    heads: Annotated[int, Field(ge=1, le=64)] = 4
+    feedforward: Annotated[int, Field(ge=1, le=4096)] = 128
+    dropout: Annotated[float, Field(ge=0, le=0.9)] = 0.0
     positional: bool = False
     causal: bool = False
     noise: Literal["peg", "trace"] = "peg"
     reference: Literal["estimate", "final"] = "estimate"
     contact_features: bool = False
-    places: Annotated[int, Field(ge=0)] = 0
+    places: Annotated[int, Field(ge=0, le=64)] = 0
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -322,16 +349,16 @@ class TrainConfig:
             sensor, as a share of ``epochs``; 0: leave it out.
     """
 
-    epochs: Count = 5000
-    batch_size: Count = 128
-    learning_rate: Positive = 1e-4
+    epochs: Annotated[int, Field(ge=1, le=MAX_EPOCHS)] = 5000
+    batch_size: Annotated[int, Field(ge=1, le=16_384)] = 128
+    learning_rate: Annotated[float, Field(ge=1e-12, le=1)] = 1e-4
     schedule: Literal["constant", "cosine"] = "constant"
-    adam_b2: Probability = 0.99
-    weight_decay: NonNegative = 0.0
+    adam_b2: Annotated[float, Field(ge=0.1, le=0.99999)] = 0.99
+    weight_decay: Annotated[float, Field(ge=0, le=10)] = 0.0
     mirror: bool = False
-    min_window: Count = 20
-    max_window: Count = 100
+    min_window: Window = 20
+    max_window: Window = 100
     sequence: Annotated[int, Field(ge=1, le=30)] = 1
-    validation_fraction: Probability = 0.1
-    patience: Annotated[int, Field(ge=0)] = 0
+    validation_fraction: Annotated[float, Field(ge=0.001, le=0.9)] = 0.1
+    patience: Annotated[int, Field(ge=0, le=1_000_000)] = 0
     baseline_share: Annotated[float, Field(ge=0, le=1)] = 1.0

@@ -57,7 +57,7 @@ def test_unknown_config_key(refused, tmp_path):
 def test_config_of_wrong_type_or_range(refused, tmp_path):
     out = ["collect", "--out", tmp_path / "d"]
     assert "'wide'" in refused(*out, "--set", "scene.clearance_m=wide")
-    assert "less than or equal to 0.005" in refused(*out, "--set", "scene.clearance_m=1")
+    assert "it must be a number between 0.0001 and 0.005" in refused(*out, "--set", "scene.clearance_m=1")
     assert "'blob'" in refused(*out, "--set", "detector.kind=blob")
     assert "True" in refused(*out, "--set", "scene.friction=true")
     assert "section.key=value" in refused(*out, "--set", "clearance")

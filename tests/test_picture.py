@@ -68,9 +68,11 @@ def test_what_cannot_be_played_is_refused(result, tmp_path):
         with pytest.raises(RequestError, match=r"request\.trials"):
             recording.replay(dataclasses.replace(result, request=request), tmp_path, "oracle", 0)
     for attempt in (0, 99):
-        with pytest.raises(RequestError, match=rf"--attempt: {attempt} is not allowed: .* from 1 to \d+$"):
+        with pytest.raises(
+            RequestError, match=rf"--attempt: {attempt} is not allowed: .* between 1 and \d+$"
+        ):
             recording.replay(result, tmp_path, "oracle", 0, attempt=attempt)
-        with pytest.raises(RequestError, match=f"--attempt: {attempt} is not allowed: .* from 1 to 12$"):
+        with pytest.raises(RequestError, match=f"--attempt: {attempt} is not allowed: .* between 1 and 12$"):
             recording.record(CONFIG, None, "oracle", 0, 0, attempt=attempt)
     with pytest.raises(RequestError, match="nothing to play"):
         recording.replay(dataclasses.replace(result, trials=[]), tmp_path, "oracle", 0)
@@ -91,7 +93,7 @@ def test_what_comes_after_the_attempt_in_question_is_not_played(result, tmp_path
 
 def test_a_single_attempt_of_a_recording(played):
     assert [step.number for step in played.only(2).steps] == [2]
-    with pytest.raises(RequestError, match=f"--attempt: 0 .* from 1 to {len(played.steps)}"):
+    with pytest.raises(RequestError, match=f"--attempt: 0 .* between 1 and {len(played.steps)}"):
         played.only(0)
 
 

@@ -8,7 +8,7 @@ from mjx_fit import config as config_
 from mjx_fit.config import Config
 from mjx_fit.dataset.draws import POLICIES
 from mjx_fit.dataset.manifest import Manifest
-from mjx_fit.errors import RequestError
+from mjx_fit.errors import RequestError, require, shown
 from mjx_fit.randomness import require_seed
 from mjx_fit.settings import SensorConfig, TrainConfig
 from mjx_fit.simulate.engine import even_batch, resolve
@@ -98,22 +98,16 @@ def plan_of(manifest: Manifest) -> Plan:
 
 def check(plan: Plan) -> None:
     require_seed(plan.seed)
-    for field, value, allowed, expected in (
-        ("--episodes", plan.episodes, 1 <= plan.episodes <= MAX_EPISODES, f"between 1 and {MAX_EPISODES}"),
-        ("--steps", plan.steps, 1 <= plan.steps <= MAX_ACTIONS, f"between 1 and {MAX_ACTIONS}"),
-        ("--policy", plan.policy, plan.policy in POLICIES, f"one of {', '.join(POLICIES)}"),
-        ("--batch", plan.batch, 1 <= plan.batch <= MAX_BATCH, f"between 1 and {MAX_BATCH}"),
-        ("--sequence", plan.sequence, 1 <= plan.sequence <= MAX_SEQUENCE, f"between 1 and {MAX_SEQUENCE}"),
-        ("--num-shards", plan.num_shards, plan.num_shards >= 1, "at least 1"),
-        (
-            "--shard-index",
-            plan.shard_index,
-            0 <= plan.shard_index < plan.num_shards,
-            f"between 0 and {plan.num_shards - 1}, one less than --num-shards",
-        ),
-    ):
-        if not allowed:
-            raise RequestError(f"{field}: {value!r} is not allowed: it must be {expected}")
+    require("--episodes", plan.episodes, 1, MAX_EPISODES)
+    require("--steps", plan.steps, 1, MAX_ACTIONS)
+    if plan.policy not in POLICIES:
+        raise RequestError(
+            f"--policy: {shown(plan.policy)} is not allowed: it must be one of {', '.join(POLICIES)}"
+        )
+    require("--batch", plan.batch, 1, MAX_BATCH)
+    require("--sequence", plan.sequence, 1, MAX_SEQUENCE)
+    require("--num-shards", plan.num_shards, 1, MAX_EPISODES)
+    require("--shard-index", plan.shard_index, 0, plan.num_shards - 1, "one less than --num-shards")
     if plan.episodes % plan.sequence:
         raise RequestError(
             f"--episodes: {plan.episodes} is not allowed: it must be a multiple of --sequence, "

@@ -43,7 +43,7 @@ def attempt(config: Config, out: Path, trials: int, seed: int, engine: str) -> R
     Raises:
         RequestError: A value is not allowed, or the file holds another result.
     """
-    outcome.require_positive("--trials", trials)
+    outcome.require_trials(trials, 4)  # as many for each shape, and mismatched ones
     request = {"trials": trials}
     asked = outcome.Asked(out, "attempt", config, seed, request, engine)
     done = outcome.finished(asked)
@@ -92,8 +92,8 @@ def assembly(
         RequestError: A value is not allowed, a method needs a sensor and there is none, or the file holds
             another result.
     """
-    outcome.require_positive("--trials", trials)
     picked = chosen(methods, ASSEMBLY)
+    outcome.require_trials(trials, len(picked))
     reading = [method.name for method in picked if method.needs_sensor]
     if reading and run is None:
         raise RequestError(f"--run: none is not allowed: {reading[0]} needs the folder of a training run")

@@ -47,11 +47,11 @@ def insertion(
     Raises:
         RequestError: A value is not allowed, the run lacks a sensor, or the file holds another result.
     """
-    outcome.require_positive("--trials", trials)
-    outcome.require_positive("--seeds", seeds)
+    picked = chosen(methods, INSERTION)
+    outcome.require_trials(trials, len(picked), seeds)
     study = Study(
         "insertion",
-        chosen(methods, INSERTION),
+        picked,
         {"trials": trials, "seeds": seeds},
         ATTEMPTS,
         trials * seeds,

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from mjx_fit import config as config_
 from mjx_fit import files, provenance
 from mjx_fit.config import Config
-from mjx_fit.errors import RequestError
+from mjx_fit.errors import RequestError, require
 from mjx_fit.evaluation import results
 from mjx_fit.evaluation.results import Result
 from mjx_fit.evaluation.statistics import Row
@@ -94,10 +94,20 @@ def rounded(values: Float[np.ndarray, " n"]) -> list[float | None]:
     return [float(f"{value:.5g}") if math.isfinite(value) else None for value in values.tolist()]
 
 
-def require_positive(field: str, value: int) -> None:
-    """Refuse a number of things that is not one."""
-    if value < 1:
-        raise RequestError(f"{field}: {value} is not allowed: it must be at least 1")
+MAX_TRIALS, MAX_SEEDS, MAX_ROWS = 10**6, 10**4, 10**7
+"""Of an experiment: a row for each method, trial and seed, of a few hundred bytes in the result file."""
+
+
+def require_trials(trials: int, methods: int = 1, seeds: int = 1) -> None:
+    """Refuse a number of trials that is none, or of which the rows would never all be there.
+
+    Raises:
+        RequestError: It is not allowed.
+    """
+    require("--trials", trials, 1, MAX_TRIALS)
+    require("--seeds", seeds, 1, MAX_SEEDS)
+    each = methods * seeds
+    require("--trials", trials, 1, MAX_ROWS // each, f"each has {each} rows, one for each method and seed")
 
 
 def with_network_of(trained: Config, config: Config) -> Config:

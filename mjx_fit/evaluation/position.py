@@ -43,10 +43,11 @@ def position(
     Raises:
         RequestError: A value is not allowed, the run lacks a sensor, or the file holds another result.
     """
-    outcome.require_positive("--trials", trials)
+    picked = chosen(methods, POSITION)
+    outcome.require_trials(trials, 2 * len(picked))
     study = Study(
         "position",
-        chosen(methods, POSITION),
+        picked,
         {"trials": trials},
         ATTEMPTS,
         2 * trials,

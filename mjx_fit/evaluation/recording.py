@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Int
 
 from mjx_fit import config as config_
 from mjx_fit.config import Config
-from mjx_fit.errors import RequestError
+from mjx_fit.errors import RequestError, require, shown
 from mjx_fit.evaluation import outcome, parts
 from mjx_fit.evaluation.results import Result
 from mjx_fit.progress import Progress
@@ -118,8 +118,7 @@ def record(
         RequestError: There is no such method, it needs a sensor and there is none, or no assembly has so many
             attempts.
     """
-    if trial < 0:
-        raise RequestError(f"--trial: {trial} is not allowed: it must be at least 0")
+    require("--trial", trial, 0, outcome.MAX_TRIALS - 1)
     require_seed(seed)
     picked = (_only(method),)
     _require_attempt(attempt, config.task.n_holes * config.task.max_attempts)
@@ -156,7 +155,7 @@ def replay(
     names = list(dict.fromkeys(name for name, _ in rows))
     if (method, trial) not in rows:
         raise RequestError(
-            f"--method, --trial: {method}, {trial} are not in the result: "
+            f"--method, --trial: {shown(method)}, {shown(trial)} are not in the result: "
             f"it has {', '.join(names)} and trials 0 to {max(row['trial'] for row in result.trials)}"
         )
     _only(method)
@@ -187,8 +186,8 @@ def replay(
 
 def _require_attempt(number: int | None, most: int) -> None:
     """Refuse to look at an attempt that there is not."""
-    if number is not None and not 1 <= number <= most:
-        raise RequestError(f"--attempt: {number} is not allowed: it must be from 1 to {most}")
+    if number is not None:
+        require("--attempt", number, 1, most)
 
 
 def _only(method: str) -> Method:
@@ -199,7 +198,7 @@ def _only(method: str) -> Method:
     """
     known = {one.name: one for one in ASSEMBLY}
     if method not in known:
-        raise RequestError(f"--method: {method!r} is not allowed: choose from {', '.join(known)}")
+        raise RequestError(f"--method: {shown(method)} is not allowed: choose from {', '.join(known)}")
     return known[method]
 
 

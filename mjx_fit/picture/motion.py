@@ -8,7 +8,7 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float
 
-from mjx_fit.errors import RequestError
+from mjx_fit.errors import require
 from mjx_fit.evaluation.recording import Recording, Step
 from mjx_fit.shapes import plate_top_m
 from mjx_fit.simulate.engine import START_HEIGHT_M
@@ -51,8 +51,7 @@ def require_speed(speed: float) -> None:
     Raises:
         RequestError: It is not allowed.
     """
-    if not 0.1 <= speed <= 100:
-        raise RequestError(f"--speed: {speed} is not allowed: it must be from 0.1 to 100")
+    require("--speed", speed, 0.1, 100)
 
 
 def moments(recording: Recording, fps: int, speed: float) -> list[Moment]:

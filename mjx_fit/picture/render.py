@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import UInt8
 from PIL import Image
 
-from mjx_fit import files
+from mjx_fit import errors, files
 from mjx_fit.errors import RequestError, WorkError
 from mjx_fit.evaluation.recording import Recording
 from mjx_fit.picture.motion import Moment, moments, require_speed
@@ -38,8 +38,7 @@ def require(out: Path, fps: int, speed: float) -> None:
     """
     if out.suffix not in FORMATS:
         raise RequestError(f"--out: {out} is not allowed: it must end in {' or '.join(FORMATS)}")
-    if not 1 <= fps <= 60:
-        raise RequestError(f"--fps: {fps} is not allowed: it must be from 1 to 60")
+    errors.require("--fps", fps, 1, 60)
     require_speed(speed)
     if out.suffix == ".gif" and fps > MOST_GIF_FPS:
         raise RequestError(f"--fps: {fps} is not allowed for a GIF: it must be at most {MOST_GIF_FPS}")

@@ -10,7 +10,7 @@ from typing import Protocol
 
 import numpy as np
 
-from mjx_fit.errors import RequestError
+from mjx_fit.errors import RequestError, require
 from mjx_fit.evaluation.recording import Recording
 from mjx_fit.picture.motion import HOME_M, Moment, moments_of, require_speed
 from mjx_fit.picture.panel import Panel
@@ -65,8 +65,7 @@ def view(
         RequestError: A value is not allowed, or there is neither a display nor viser.
     """
     require_speed(speed)
-    if not 1 <= port <= 65535:
-        raise RequestError(f"--port: {port} is not allowed: it must be from 1 to 65535")
+    require("--port", port, 1, 65535)
     opens = _open_window
     if browser or not _has_display():
         opens = _open_browser(port, "--browser" if browser else "without a display it")

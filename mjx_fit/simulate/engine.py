@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from mjx_fit.config import Config
-from mjx_fit.errors import RequestError
+from mjx_fit.errors import RequestError, shown
 from mjx_fit.kinematics import Chain, inverse
 from mjx_fit.scene import Scene
 from mjx_fit.types import Array, Attempt, Interaction
@@ -77,7 +77,7 @@ def resolve(name: str) -> str:
         RequestError: There is no such engine.
     """
     if name not in ENGINES:
-        raise RequestError(f"--engine: {name!r} is not allowed: choose from {', '.join(ENGINES)}")
+        raise RequestError(f"--engine: {shown(name)} is not allowed: choose from {', '.join(ENGINES)}")
     if name != "auto":
         return name
     return "native" if jax.default_backend() == "cpu" else "mjx"

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeVar
 
-from mjx_fit.errors import RequestError
+from mjx_fit.errors import RequestError, shown
 
 KNOWN_VARIANCE_M2 = 1e-8
 """What is believed of a position that is known: (0.1 mm)²."""
@@ -84,6 +84,6 @@ def chosen(names: str, among: Sequence[M]) -> tuple[M, ...]:
     picked = {}
     for name in names.split(","):
         if name not in known:
-            raise RequestError(f"--methods: {name!r} is not allowed: choose from {', '.join(known)}")
+            raise RequestError(f"--methods: {shown(name)} is not allowed: choose from {', '.join(known)}")
         picked[name] = known[name]
     return tuple(picked.values())

@@ -14,8 +14,9 @@ from jaxtyping import Int
 from mjx_fit import config as config_
 from mjx_fit import files, provenance
 from mjx_fit.config import Config
-from mjx_fit.errors import RequestError
+from mjx_fit.errors import RequestError, require
 
+MAX_MEMBERS = 100
 CONFIG, RUN, METRICS = "config.yaml", "run.json", "metrics.jsonl"
 
 
@@ -29,14 +30,22 @@ def identity(config: Config) -> Config:
     return replace(config, train=replace(config.train, epochs=1))
 
 
+def require_members(count: int) -> None:
+    """Refuse a number of sensors that is none, or more than are trained at once.
+
+    Raises:
+        RequestError: It is not allowed.
+    """
+    require("--members", count, 1, MAX_MEMBERS)
+
+
 def members(out: Path, count: int, inside: str = "") -> list[Path]:
     """The folders of the runs of an ensemble; of one alone, its own.
 
     Raises:
-        RequestError: There must be at least one, or the folder holds what is no part of so many.
+        RequestError: There may not be so many, or the folder holds what is no part of so many.
     """
-    if count < 1:
-        raise RequestError(f"--members: {count} is not allowed: it must be at least 1")
+    require_members(count)
     if count == 1:
         return [out / inside]
     folders = [out / f"member-{member}" for member in range(count)]

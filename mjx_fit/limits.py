@@ -1,0 +1,47 @@
+"""How numbers of different sections bound each other, so that a peg stays pressed on its plate, and upright.
+
+Measured with the native engine: attempts of both policies at the ends of the ranges and of these rules, one
+at a time and together (tests/test_hostile_configs.py holds fifty of them).
+"""
+
+import math
+
+from mjx_fit.errors import require
+from mjx_fit.settings import ControlConfig, RandomConfig, SpiralConfig
+
+TORQUE_STEP_S = 0.002
+MOST_DAMPING = 0.6
+MOST_PUSH_MPS2 = 10.0
+
+
+def require_steady(control: ControlConfig, spiral: SpiralConfig, random: RandomConfig) -> None:
+    """Make sure that the controller is stable in steps of 2 ms, and that a push is one.
+
+    Raises:
+        RequestError: Numbers that are allowed alone are not together.
+    """
+    for name in ("kp_position", "kp_orientation"):
+        kp = getattr(control, name)
+        most = MOST_DAMPING / (2 * math.sqrt(kp) * TORQUE_STEP_S)
+        require(
+            "config: control.damping_ratio",
+            control.damping_ratio,
+            0,
+            round(most, 3),
+            f"with control.{name} {kp} more is unstable in steps of 2 ms",
+        )
+    for name, policy in (("spiral", spiral), ("random", random)):
+        require(
+            f"config: {name}.push_m",
+            policy.push_m,
+            0,
+            round(MOST_PUSH_MPS2 / control.kp_position, 6),
+            f"with control.kp_position {control.kp_position} more presses harder than an arm holds",
+        )
+        require(
+            f"config: {name}.wiggle_m",
+            policy.wiggle_m,
+            0,
+            policy.push_m,
+            f"more than {name}.push_m lifts the peg off the plate",
+        )
