@@ -20,6 +20,7 @@ from mjx_fit.kinematics import chain_of
 from mjx_fit.scene import simulation_scene
 from mjx_fit.simulate.block import Block, Layout, batch_at_rest
 from mjx_fit.simulate.engine import is_inserted, start_qpos
+from mjx_fit.simulate.plausible import LIMIT_ACTIONS, actions_at_limit, is_lost
 from mjx_fit.simulate.threads import on_threads, parts_of
 from mjx_fit.types import SUBSTEPS, Array, Attempt, Interaction, Trace
 
@@ -134,17 +135,23 @@ class NativeEngine:
         done.tare_sensor[ids] = block.tare_sensor
         hole, depth = np.asarray(own.hole_pos_world), self._config.task.insertion_depth_m
         running = shown = np.arange(len(ids))
+        held = np.zeros(len(ids), np.int32)
         for step in range(actions):
             before = block.qpos.copy(), block.qvel.copy()
             self._act(block, ids, running, shown, rows, step, horizon, done)
-            finite = block.finite()
-            inserted = finite & is_inserted(block.tip_pos_world, hole, self.scene, depth)
+            held = actions_at_limit(held, block.at_limit())
+            trace = done.trace
+            lost = is_lost(
+                trace.tip_pos_world[ids, step], trace.tip_quat_world[ids, step], hole, self._config.scene
+            )
+            valid = block.finite() & ~lost & (held < LIMIT_ACTIONS)
+            inserted = valid & is_inserted(block.tip_pos_world, hole, self.scene, depth)
             done.length[ids[running]] = step + 1
-            done.valid[ids[running]] = finite[running]
+            done.valid[ids[running]] = valid[running]
             done.inserted[ids[running]] = inserted[running]
-            done.end_qpos[ids[running]] = np.where(finite[:, None], block.qpos, before[0])[running]
-            done.end_qvel[ids[running]] = np.where(finite[:, None], block.qvel, before[1])[running]
-            over = (~finite | inserted)[running]
+            done.end_qpos[ids[running]] = np.where(valid[:, None], block.qpos, before[0])[running]
+            done.end_qvel[ids[running]] = np.where(valid[:, None], block.qvel, before[1])[running]
+            over = (~valid | inserted)[running]
             if over.all():
                 return
             if over.any():

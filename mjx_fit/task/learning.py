@@ -24,8 +24,8 @@ def learner(config: Config, sensor: ContactSensor | None) -> Learn:
     """Makes the update of a batch of beliefs about the holes that were just tried.
 
     The function takes the beliefs (n,) before, the interactions (n,), keys of the sensor noise (n,), and for
-    each whether the trace may update position and type. Beliefs whose attempt succeeded, or whose simulation
-    broke, stay as they are.
+    each whether the trace may update position and type. Beliefs whose attempt succeeded, or is not valid,
+    stay as they are.
 
     Args:
         config: Gives α, the wrist's noise and the plate's height.
