@@ -16,8 +16,9 @@ from mjx_fit.config import Config
 from mjx_fit.kinematics import chain_of
 from mjx_fit.lanes import worlds_last
 from mjx_fit.scene import Scene, pair_index, simulation_scene
-from mjx_fit.simulate.engine import is_inserted, start_qpos
+from mjx_fit.simulate.engine import is_inserted, silence_mujoco, start_qpos
 from mjx_fit.simulate.plausible import LIMIT_ACTIONS, actions_at_limit, at_limit, is_lost
+from mjx_fit.simulate.requests import MOST_THREADS, require_attempts, require_count
 from mjx_fit.simulate.stages import accelerate, advance, models_of, placed, stacked_models
 from mjx_fit.simulate.threads import on_threads
 from mjx_fit.types import SUBSTEPS, Array, Attempt, Interaction, Trace
@@ -65,7 +66,12 @@ class MjxEngine:
             config: The configuration.
             threads: Host threads, where the device is the CPU.
             policy: Gives the actions; the library's are those that an attempt names.
+
+        Raises:
+            RequestError: The number of threads is not allowed.
         """
+        threads = require_count("threads", threads, 1, MOST_THREADS)
+        silence_mujoco()
         self.scene = simulation_scene(config.scene)
         self._models, self._axes = stacked_models(self.scene)
         self._chain = chain_of(self.scene.models[0])
@@ -83,10 +89,10 @@ class MjxEngine:
         horizon: int | None = None,
     ) -> Interaction:
         """See ``Engine.run``."""
+        actions, horizon, active = require_attempts(attempts, actions, horizon, active)
         n = len(attempts.peg_type)
-        active = np.ones(n, bool) if active is None else active
         rows = self._rows(n)
-        rollout = self._executable(attempts, rows, actions, horizon or actions)
+        rollout = self._executable(attempts, rows, actions, horizon)
         starts = range(0, n, rows)
         done: dict[int, Interaction] = {}
 

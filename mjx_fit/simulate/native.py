@@ -19,8 +19,9 @@ from mjx_fit.config import Config
 from mjx_fit.kinematics import chain_of
 from mjx_fit.scene import simulation_scene
 from mjx_fit.simulate.block import Block, Layout, batch_at_rest
-from mjx_fit.simulate.engine import is_inserted, start_qpos
+from mjx_fit.simulate.engine import is_inserted, silence_mujoco, start_qpos
 from mjx_fit.simulate.plausible import LIMIT_ACTIONS, actions_at_limit, is_lost
+from mjx_fit.simulate.requests import MOST_THREADS, require_attempts, require_count
 from mjx_fit.simulate.threads import on_threads, parts_of
 from mjx_fit.types import SUBSTEPS, Array, Attempt, Interaction, Trace
 
@@ -57,7 +58,12 @@ class NativeEngine:
             policy: Gives the actions; the library's are those that an attempt names.
             on_step: Told, after every step of a block, which worlds it holds and their batch; from several
                 threads at once. For benchmarks and experiments.
+
+        Raises:
+            RequestError: The number of threads is not allowed.
         """
+        threads = require_count("threads", threads, 1, MOST_THREADS)
+        silence_mujoco()
         self.scene = simulation_scene(config.scene)
         self._config = config
         self._threads, self._policy, self._on_step = threads, policy, on_step
@@ -76,12 +82,13 @@ class NativeEngine:
         horizon: int | None = None,
     ) -> Interaction:
         """See ``Engine.run``."""
+        actions, horizon, active = require_attempts(attempts, actions, horizon, active)
         done = _nothing_done(attempts, actions)
-        wanted = np.arange(len(done.length)) if active is None else np.flatnonzero(active)
+        wanted = np.flatnonzero(active)
         parts = [wanted[part] for part in parts_of(len(wanted), self._threads, ROWS[-1])]
 
         def run_part(ids: Int[np.ndarray, "m"]) -> None:
-            self._run_block(ids, attempts, actions, horizon or actions, done)
+            self._run_block(ids, attempts, actions, horizon, done)
 
         on_threads(self._threads, run_part, parts)
         return done
@@ -238,7 +245,8 @@ def _rows(attempts: Attempt, ids: Int[np.ndarray, "m"]) -> Attempt:
 
     def take(leaf):
         if jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key):
-            return jax.random.wrap_key_data(jnp.asarray(np.asarray(jax.random.key_data(leaf))[padded]))
+            data = jnp.asarray(np.asarray(jax.random.key_data(leaf))[padded])
+            return jax.random.wrap_key_data(data, impl=jax.random.key_impl(leaf))
         return np.asarray(leaf)[padded]
 
     return jax.tree.map(take, attempts)

@@ -58,7 +58,7 @@ def _say_what_is_left_out(data: Episode) -> None:
     invalid = np.asarray(~data.interaction.valid)
     if invalid.any():
         print(
-            f"mjx-fit: {invalid.sum():,} of {len(invalid):,} interactions are not valid and left out of training",
+            f"mjx-fit: {invalid.sum():,} of {len(invalid):,} interactions are not valid: left out",
             file=sys.stderr,
         )
 
