@@ -28,7 +28,7 @@ def demo(args: argparse.Namespace) -> None:
 
 
 def collect(args: argparse.Namespace) -> None:
-    from mjx_fit.dataset.collect import collect
+    from mjx_fit.dataset.collect import collect, invalid_in
     from mjx_fit.dataset.plan import Plan
 
     config = _config(args)
@@ -37,7 +37,7 @@ def collect(args: argparse.Namespace) -> None:
     plan = Plan(**asked, sensor=sensor)
     collect(config, args.out, plan, update)
     part = f" (part {plan.shard_index} of {plan.num_shards})" if plan.num_shards > 1 else ""
-    print(f"{args.out}: complete{part}")
+    print(f"{args.out}: complete{part}{invalid_in(args.out)}")
 
 
 def _update(config: Config, run: Path) -> "tuple[Update, str]":

@@ -86,9 +86,11 @@ class Interaction:
         hole_pos_world: As in the request, m.
         estimate_world: As in the request, m: this interaction's own μ0.
         tare_sensor: Clean reading at rest in free space just before the attempt, N and N·m.
-        end_qpos: Joint angles at the end, rad; where the simulation broke, before the action that broke it.
-        end_qvel: The same of the joint velocities, rad/s.
-        valid: False where the simulation turned non-finite, in the last action counted by ``length``.
+        end_qpos: Joint angles at the end, rad; where not valid, before the action that made it so.
+        end_qvel: Joint velocities at the same moment, rad/s.
+        valid: False where the simulation turned non-finite, or the attempt left what is believed (a peg that
+            tilts too far or leaves its plate, a torque limit for too long: ``mjx_fit.simulate.plausible``),
+            in the last action counted by ``length``.
     """
 
     trace: Trace

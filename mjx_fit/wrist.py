@@ -11,6 +11,7 @@ from jaxtyping import Float, Int, Key
 
 from mjx_fit.settings import SceneConfig, WristConfig
 from mjx_fit.shapes import plate_top_m
+from mjx_fit.traces import require_readable
 from mjx_fit.types import Array, Interaction, Reading
 
 MIN_PRESS_N = 1.0
@@ -71,7 +72,11 @@ def read(
         rows: L, static: rows beyond the window are padding, zeros and masked out.
         start: First action.
         count: Actions to read; those beyond the interaction's end are padding. None: all there are.
+
+    Raises:
+        RequestError: The interaction cannot be read (``mjx_fit.traces``).
     """
+    require_readable(interaction, batch=0)
     offsets = jnp.arange(rows)
     mask = start + offsets < interaction.length
     if count is not None:

@@ -12,8 +12,12 @@ from mjx_fit.dataset.plan import Plan, check
 from mjx_fit.dataset.sequences import Sequences, Update
 from mjx_fit.dataset.writer import Writer, is_finished, new_manifest, new_shard
 from mjx_fit.progress import Progress
+from mjx_fit.simulate.broken import kept_in
 from mjx_fit.simulate.engine import create
 from mjx_fit.types import SUBSTEPS
+
+_BROKEN = "broken"
+"""Folder, in that of the data set, of what can be replayed."""
 
 
 def collect(config: Config, out: Path, plan: Plan, update: Update | None = None) -> None:
@@ -41,9 +45,15 @@ def collect(config: Config, out: Path, plan: Plan, update: Update | None = None)
     with Writer(out, wanted) as writer:
         missing = writer.missing(shards)
         if missing:
-            simulate = Sequences(create(plan.engine, config), config, plan, out / "broken", update)
+            simulate = Sequences(create(plan.engine, config), config, plan, out / _BROKEN, update)
             _fill(writer, {name: shards[name] for name in missing}, len(shards), simulate, request)
         writer.finish()
+
+
+def invalid_in(out: Path) -> str:
+    """Words for how many interactions of a collection are not valid; none where all are."""
+    count = kept_in(out / _BROKEN)
+    return f", {count} not valid: trainings leave them out" if count else ""
 
 
 def _fill(
@@ -62,5 +72,5 @@ def _fill(
             speed = actions * SUBSTEPS / (time.monotonic() - began)
             words = [f"{inserted} inserted", f"{speed:,.0f} steps/s"]
             if simulate.broken:
-                words.append(f"{simulate.broken} broken")
+                words.append(f"{simulate.broken} invalid")
             progress(done, ", ".join(words))

@@ -30,7 +30,7 @@ class Sequences:
     """Simulates batches of sequences.
 
     Attributes:
-        broken: Worlds so far whose simulation turned non-finite.
+        broken: Worlds so far that are not valid: left out of training.
     """
 
     def __init__(self, engine: Engine, config: Config, plan: Plan, dumps: Path, update: Update | None):

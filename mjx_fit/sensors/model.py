@@ -11,6 +11,7 @@ from jaxtyping import Float
 from mjx_fit.sensors.encoder import WRENCH_AXES, TraceEncoder
 from mjx_fit.sensors.heads import MatchModel, PositionNoise, SkipMLP
 from mjx_fit.settings import SensorConfig
+from mjx_fit.traces import require_reading
 from mjx_fit.types import Array, Observation, Reading
 
 METRES_PER_CM = 0.01
@@ -59,7 +60,11 @@ class ContactSensor(nnx.Module):
         Args:
             reading: Any batch axes. What padding rows hold makes no difference.
             rngs: Source of dropout while training; None at test.
+
+        Raises:
+            RequestError: A field of the reading has another shape or is not finite (``mjx_fit.traces``).
         """
+        require_reading(reading)
         batch = reading.mask.shape[:-1]
         flat = jax.tree.map(lambda x: x.reshape(math.prod(batch), *x.shape[len(batch) :]), reading)
         origin = jnp.zeros((len(flat.peg_type), 2))

@@ -10,6 +10,7 @@ from mujoco.batch import Batch
 
 from mjx_fit import control
 from mjx_fit.scene import Scene, pair_index
+from mjx_fit.simulate import plausible
 from mjx_fit.types import SUBSTEPS, Array, Attempt
 
 # Position- and velocity-dependent fields are current after each step; a persistent batch then continues from
@@ -153,6 +154,10 @@ class Block:
         """
         state = np.concatenate([self.qpos, self.qvel], 1)
         return np.logical_and(np.isfinite(state).all(1), np.isfinite(self._applied).all((0, 2)))
+
+    def at_limit(self) -> Bool[np.ndarray, "m"]:
+        """Whether some joint was at its torque limit (m,) at every step of the last action."""
+        return plausible.at_limit(self._applied).all(0)
 
     def touched(self) -> Bool[np.ndarray, "m"]:
         """Whether a contact force acted (m,) at any step of the last action."""

@@ -1,4 +1,7 @@
-"""Worlds whose simulation turned non-finite: reported by name, and kept for replay."""
+"""Worlds that were stopped, as they turned non-finite or left what is believed: reported, kept for replay.
+
+``mjx_fit.simulate.plausible`` says what is believed.
+"""
 
 import sys
 from pathlib import Path
@@ -12,10 +15,14 @@ from mjx_fit import files
 from mjx_fit.config import Config
 from mjx_fit.simulate.engine import Engine
 from mjx_fit.simulate.native import NativeEngine
+from mjx_fit.simulate.plausible import reason
 from mjx_fit.types import Attempt, Interaction
 
 _PLAIN = ("peg_type", "hole_type", "hole_pos_world", "estimate_world", "policy")
 """Fields of an attempt that are plain arrays."""
+
+MOST_LINES = 10
+"""Worlds of one batch that are reported by name; the others are counted."""
 
 
 def report(
@@ -27,6 +34,8 @@ def report(
     folder: Path,
 ) -> int:
     """Names the broken worlds of a batch on stderr and writes each into a file that ``replay`` reads.
+
+    The first ``MOST_LINES`` are named with what went wrong, the others counted.
 
     Args:
         interactions: What came of a batch (n,).
@@ -40,7 +49,7 @@ def report(
         How many there are.
     """
     broken = np.flatnonzero(~interactions.valid)
-    for i in broken:
+    for place, i in enumerate(broken):
         path = folder / f"broken-{ids[i]:08d}.npz"
         arrays = {
             "qpos": interactions.end_qpos[i],
@@ -52,12 +61,19 @@ def report(
             **{name: np.asarray(getattr(attempts, name))[i] for name in _PLAIN},
         }
         files.replace_with(path, lambda temporary, arrays=arrays: _save(temporary, arrays))
-        print(
-            f"mjx-fit: episode {ids[i]}: the simulation turned non-finite in action {arrays['step']}; "
-            f"it is left out, and its state before that action is in {path}",
-            file=sys.stderr,
-        )
+        if place < MOST_LINES:
+            _say(
+                f"episode {ids[i]}: {reason(interactions, i, config.scene)} in action {arrays['step']}; "
+                f"it is left out, and its state before that action is in {path}"
+            )
+    if len(broken) > MOST_LINES:
+        _say(f"{len(broken) - MOST_LINES} more episodes of this batch are left out likewise; see {folder}")
     return len(broken)
+
+
+def kept_in(folder: Path) -> int:
+    """Number of broken worlds that ``report`` has written into a folder."""
+    return sum(1 for _ in folder.glob("broken-*.npz"))
 
 
 def replay(path: Path) -> Interaction:
@@ -104,6 +120,10 @@ class Reporting:
         report(interactions, attempts, ids, horizon or actions, self._config, self._folder)
         self._seen += len(ids)
         return interactions
+
+
+def _say(message: str) -> None:
+    print(f"mjx-fit: {message}", file=sys.stderr)
 
 
 def _save(path: Path, arrays: dict) -> None:

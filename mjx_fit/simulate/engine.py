@@ -1,11 +1,15 @@
 """What an engine is, and which one ``auto`` means."""
 
+# MuJoCo's extension module has no stubs.
+# pyright: reportAttributeAccessIssue=false
+
 import math
 import os
 from typing import Protocol
 
 import jax
 import jax.numpy as jnp
+import mujoco
 import numpy as np
 from jaxtyping import Bool, Float
 
@@ -49,6 +53,9 @@ class Engine(Protocol):
 
         Returns:
             A batch (n,) of interactions with J rows each, as NumPy arrays.
+
+        Raises:
+            RequestError: The batch cannot be run (``mjx_fit.simulate.requests``).
         """
         ...
 
@@ -93,6 +100,15 @@ def create(name: str, config: Config) -> Engine:
     from mjx_fit.simulate.native import NativeEngine
 
     return (MjxEngine if resolve(name) == "mjx" else NativeEngine)(config, host_threads())
+
+
+def silence_mujoco() -> None:
+    """Keeps MuJoCo's warnings out of a file in the working folder: what breaks is in ``Interaction.valid``.
+
+    A caller that has set a handler of its own keeps it.
+    """
+    if mujoco.get_mju_user_warning() is None:
+        mujoco.set_mju_user_warning(lambda message: None)
 
 
 def host_threads() -> int:

@@ -16,7 +16,9 @@ from mjx_fit.config import Config
 from mjx_fit.kinematics import chain_of
 from mjx_fit.lanes import worlds_last
 from mjx_fit.scene import Scene, pair_index, simulation_scene
-from mjx_fit.simulate.engine import is_inserted, start_qpos
+from mjx_fit.simulate.engine import is_inserted, silence_mujoco, start_qpos
+from mjx_fit.simulate.plausible import LIMIT_ACTIONS, actions_at_limit, at_limit, is_lost
+from mjx_fit.simulate.requests import MOST_THREADS, require_attempts, require_count
 from mjx_fit.simulate.stages import accelerate, advance, models_of, placed, stacked_models
 from mjx_fit.simulate.threads import on_threads
 from mjx_fit.types import SUBSTEPS, Array, Attempt, Interaction, Trace
@@ -64,7 +66,12 @@ class MjxEngine:
             config: The configuration.
             threads: Host threads, where the device is the CPU.
             policy: Gives the actions; the library's are those that an attempt names.
+
+        Raises:
+            RequestError: The number of threads is not allowed.
         """
+        threads = require_count("threads", threads, 1, MOST_THREADS)
+        silence_mujoco()
         self.scene = simulation_scene(config.scene)
         self._models, self._axes = stacked_models(self.scene)
         self._chain = chain_of(self.scene.models[0])
@@ -82,10 +89,10 @@ class MjxEngine:
         horizon: int | None = None,
     ) -> Interaction:
         """See ``Engine.run``."""
+        actions, horizon, active = require_attempts(attempts, actions, horizon, active)
         n = len(attempts.peg_type)
-        active = np.ones(n, bool) if active is None else active
         rows = self._rows(n)
-        rollout = self._executable(attempts, rows, actions, horizon or actions)
+        rollout = self._executable(attempts, rows, actions, horizon)
         starts = range(0, n, rows)
         done: dict[int, Interaction] = {}
 
@@ -150,21 +157,27 @@ def rollout_world(
     tare = _free_reading(model, data)
 
     def act(carry, step):
-        data, running = carry
+        data, running, held = carry
         arm = arm_state(model, data, scene)
         action = policy(attempt, step, horizon, arm.tip_pos_world, config)
-        after, (wrench, touched) = hold(model, data, arm.tip_pos_world + action, config, scene)
+        after, (wrench, touched, limited) = hold(model, data, arm.tip_pos_world + action, config, scene)
         row = _trace_row(model, after, scene, wrench, touched.any(), action)
         inserted = is_inserted(
             row.tip_pos_world, attempt.hole_pos_world, scene, config.task.insertion_depth_m
         )
         finite = jnp.isfinite(after.qpos).all() & jnp.isfinite(after.qvel).all()
+        held = actions_at_limit(held, limited.all())
+        lost = is_lost(row.tip_pos_world, row.tip_quat_world, attempt.hole_pos_world, config.scene)
+        valid = finite & ~lost & (held < LIMIT_ACTIONS)
+        inserted &= valid
         # A world that is done, or about to break, is frozen: the others of its batch go on.
-        data = jax.tree.map(partial(jnp.where, running & finite), after, data)
+        data = jax.tree.map(partial(jnp.where, running & valid), after, data)
         row = jax.tree.map(lambda leaf: jnp.where(running, leaf, jnp.zeros_like(leaf)), row)
-        return (data, running & ~inserted & finite), (row, running, running & inserted, running & ~finite)
+        carry = data, running & ~inserted & valid, held
+        return carry, (row, running, running & inserted, running & ~valid)
 
-    (end, _), (trace, ran, inserted, broke) = jax.lax.scan(act, (data, active), jnp.arange(actions))
+    carry = data, active, jnp.int32(0)
+    (end, *_), (trace, ran, inserted, broke) = jax.lax.scan(act, carry, jnp.arange(actions))
     return Interaction(
         trace=trace,
         length=ran.sum(),
@@ -182,16 +195,18 @@ def rollout_world(
 
 def hold(
     model: mjx.Model, data: mjx.Data, goal_pos_world: Float[Array, "3"], config: Config, scene: Scene
-) -> tuple[mjx.Data, tuple[Float[Array, "50 6"], Bool[Array, "50"]]]:
+) -> tuple[mjx.Data, tuple[Float[Array, "50 6"], Bool[Array, "50"], Bool[Array, "50"]]]:
     """Pulls the tip to a goal for one action: 50 steps of control and physics.
 
-    Needs and leaves data whose position and velocity stages are current. Returns the wrench (N, N·m) and
-    whether a contact force acted, step by step.
+    Needs and leaves data whose position and velocity stages are current. Returns the wrench (N, N·m),
+    whether a contact force acted and whether a joint was at its torque limit, step by step.
     """
     torque = worlds_last(partial(control.torque, gains=config.control))
 
     def substep(data, _):
-        return advance(model, data, torque(arm_state(model, data, scene), goal_pos_world))
+        applied = torque(arm_state(model, data, scene), goal_pos_world)
+        data, sample = advance(model, data, applied)
+        return data, (*sample, at_limit(applied))
 
     return jax.lax.scan(substep, data, length=SUBSTEPS)
 

@@ -19,7 +19,9 @@ from mjx_fit.config import Config
 from mjx_fit.kinematics import chain_of
 from mjx_fit.scene import simulation_scene
 from mjx_fit.simulate.block import Block, Layout, batch_at_rest
-from mjx_fit.simulate.engine import is_inserted, start_qpos
+from mjx_fit.simulate.engine import is_inserted, silence_mujoco, start_qpos
+from mjx_fit.simulate.plausible import LIMIT_ACTIONS, actions_at_limit, is_lost
+from mjx_fit.simulate.requests import MOST_THREADS, require_attempts, require_count
 from mjx_fit.simulate.threads import on_threads, parts_of
 from mjx_fit.types import SUBSTEPS, Array, Attempt, Interaction, Trace
 
@@ -56,7 +58,12 @@ class NativeEngine:
             policy: Gives the actions; the library's are those that an attempt names.
             on_step: Told, after every step of a block, which worlds it holds and their batch; from several
                 threads at once. For benchmarks and experiments.
+
+        Raises:
+            RequestError: The number of threads is not allowed.
         """
+        threads = require_count("threads", threads, 1, MOST_THREADS)
+        silence_mujoco()
         self.scene = simulation_scene(config.scene)
         self._config = config
         self._threads, self._policy, self._on_step = threads, policy, on_step
@@ -75,12 +82,13 @@ class NativeEngine:
         horizon: int | None = None,
     ) -> Interaction:
         """See ``Engine.run``."""
+        actions, horizon, active = require_attempts(attempts, actions, horizon, active)
         done = _nothing_done(attempts, actions)
-        wanted = np.arange(len(done.length)) if active is None else np.flatnonzero(active)
+        wanted = np.flatnonzero(active)
         parts = [wanted[part] for part in parts_of(len(wanted), self._threads, ROWS[-1])]
 
         def run_part(ids: Int[np.ndarray, "m"]) -> None:
-            self._run_block(ids, attempts, actions, horizon or actions, done)
+            self._run_block(ids, attempts, actions, horizon, done)
 
         on_threads(self._threads, run_part, parts)
         return done
@@ -134,17 +142,23 @@ class NativeEngine:
         done.tare_sensor[ids] = block.tare_sensor
         hole, depth = np.asarray(own.hole_pos_world), self._config.task.insertion_depth_m
         running = shown = np.arange(len(ids))
+        held = np.zeros(len(ids), np.int32)
         for step in range(actions):
             before = block.qpos.copy(), block.qvel.copy()
             self._act(block, ids, running, shown, rows, step, horizon, done)
-            finite = block.finite()
-            inserted = finite & is_inserted(block.tip_pos_world, hole, self.scene, depth)
+            held = actions_at_limit(held, block.at_limit())
+            trace = done.trace
+            lost = is_lost(
+                trace.tip_pos_world[ids, step], trace.tip_quat_world[ids, step], hole, self._config.scene
+            )
+            valid = block.finite() & ~lost & (held < LIMIT_ACTIONS)
+            inserted = valid & is_inserted(block.tip_pos_world, hole, self.scene, depth)
             done.length[ids[running]] = step + 1
-            done.valid[ids[running]] = finite[running]
+            done.valid[ids[running]] = valid[running]
             done.inserted[ids[running]] = inserted[running]
-            done.end_qpos[ids[running]] = np.where(finite[:, None], block.qpos, before[0])[running]
-            done.end_qvel[ids[running]] = np.where(finite[:, None], block.qvel, before[1])[running]
-            over = (~finite | inserted)[running]
+            done.end_qpos[ids[running]] = np.where(valid[:, None], block.qpos, before[0])[running]
+            done.end_qvel[ids[running]] = np.where(valid[:, None], block.qvel, before[1])[running]
+            over = (~valid | inserted)[running]
             if over.all():
                 return
             if over.any():
@@ -231,7 +245,8 @@ def _rows(attempts: Attempt, ids: Int[np.ndarray, "m"]) -> Attempt:
 
     def take(leaf):
         if jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key):
-            return jax.random.wrap_key_data(jnp.asarray(np.asarray(jax.random.key_data(leaf))[padded]))
+            data = jnp.asarray(np.asarray(jax.random.key_data(leaf))[padded])
+            return jax.random.wrap_key_data(data, impl=jax.random.key_impl(leaf))
         return np.asarray(leaf)[padded]
 
     return jax.tree.map(take, attempts)

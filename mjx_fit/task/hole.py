@@ -74,7 +74,7 @@ def run(
 ) -> dict[str, Outcome]:
     """Tries every hole under every method until the peg is in, ``max_attempts`` times at most.
 
-    An attempt whose simulation broke counts as a failed one from which nothing was learned.
+    An attempt that is not valid counts as a failed one from which nothing was learned.
 
     Args:
         config: Task, detector and physics.

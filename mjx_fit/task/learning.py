@@ -14,6 +14,8 @@ from mjx_fit.dataset.sequences import Update
 from mjx_fit.filters.belief import update_position, update_type
 from mjx_fit.filters.success import success_probability
 from mjx_fit.sensors.model import ContactSensor
+from mjx_fit.task.entrance import require_update
+from mjx_fit.traces import require_readable
 from mjx_fit.types import Array, Belief, Interaction, Reading
 from mjx_fit.wrist import read
 
@@ -24,12 +26,14 @@ def learner(config: Config, sensor: ContactSensor | None) -> Learn:
     """Makes the update of a batch of beliefs about the holes that were just tried.
 
     The function takes the beliefs (n,) before, the interactions (n,), keys of the sensor noise (n,), and for
-    each whether the trace may update position and type. Beliefs whose attempt succeeded, or whose simulation
-    broke, stay as they are.
+    each whether the trace may update position and type. Beliefs whose attempt succeeded, or is not valid,
+    stay as they are.
 
     Args:
         config: Gives α, the wrist's noise and the plate's height.
         sensor: The trained sensor; None when no method reads traces.
+
+    The function raises ``RequestError`` where a field of a belief or an interaction is not what it must be.
     """
     hard = config.task.hard_match
     graph, state = nnx.split(sensor) if sensor is not None else (None, None)
@@ -50,11 +54,16 @@ def learner(config: Config, sensor: ContactSensor | None) -> Learn:
         return jax.tree.map(lambda new, old: _where(failed, new, old), updated, beliefs)
 
     compiled = jax.jit(learn)
-    return lambda *args: compiled(state, *args)
+
+    def checked(beliefs, interactions, keys, learns_position, learns_type):
+        require_update(beliefs, interactions, keys)
+        return compiled(state, beliefs, interactions, keys, learns_position, learns_type)
+
+    return checked
 
 
 def filter_update(config: Config, sensor: ContactSensor) -> Update:
-    """Makes the update of position and type by a trained sensor."""
+    """Makes the update of position and type by a trained sensor; it checks what it is given, as a learner."""
     learn = learner(config, sensor)
 
     def update(beliefs: Belief, interactions: Interaction, keys: Key[Array, "n"]) -> Belief:
@@ -65,7 +74,10 @@ def filter_update(config: Config, sensor: ContactSensor) -> Update:
 
 
 def frame_update(config: Config, sensor: ContactSensor) -> Update:
-    """Makes the update of the frame-by-frame baseline: what its sensor says of the last attempt, and R."""
+    """Makes the update of the frame-by-frame baseline: what its sensor says of the last attempt, and R.
+
+    It checks what it is given, as a learner does.
+    """
     graph, state = nnx.split(sensor)
 
     @jax.jit
@@ -79,7 +91,11 @@ def frame_update(config: Config, sensor: ContactSensor) -> Update:
             pos_cov=_where(failed, seen.pos_noise_cov, beliefs.pos_cov),
         )
 
-    return lambda *args: update(state, *args)
+    def checked(beliefs: Belief, interactions: Interaction, keys: Key[Array, "n"]) -> Belief:
+        require_update(beliefs, interactions, keys)
+        return update(state, beliefs, interactions, keys)
+
+    return checked
 
 
 def readings(
@@ -92,7 +108,11 @@ def readings(
         keys: Sources of the noise.
         config: Gives the noise of the wrist and the scene.
         count: Actions to read; the others are padding, so that it compiles once. None: all.
+
+    Raises:
+        RequestError: An interaction cannot be read (``mjx_fit.traces``).
     """
+    require_readable(interactions)
     rows = interactions.trace.contact.shape[1]
 
     def one(interaction: Interaction, key: Key[Array, ""]) -> Reading:

@@ -1,7 +1,10 @@
 """The sensor and, behind it, the baseline that the paper compares it with, in one run."""
 
+import sys
 from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
 
 from mjx_fit.config import Config
 from mjx_fit.dataset import manifest, store
@@ -45,9 +48,19 @@ def train_with_baseline(data: Episode, config: Config, out: Path, seed: int, mem
     Raises:
         RequestError: As ``mjx_fit.training.loop.train``.
     """
+    _say_what_is_left_out(data)
     train(data, config, out, seed, members=members)
     if config.train.baseline_share and config.sensor.reference != "final":
         train(data, _of_baseline(config), out, seed, members=members, inside=FRAME_BY_FRAME)
+
+
+def _say_what_is_left_out(data: Episode) -> None:
+    invalid = np.asarray(~data.interaction.valid)
+    if invalid.any():
+        print(
+            f"mjx-fit: {invalid.sum():,} of {len(invalid):,} interactions are not valid: left out",
+            file=sys.stderr,
+        )
 
 
 def _of_baseline(config: Config) -> Config:

@@ -1,0 +1,87 @@
+"""How far an attempt may go and still be believed; beyond, its world is stopped like one that diverged.
+
+The physics is a model of a peg that stands nearly upright on its plate, and of an arm that has the torque it
+needs. Each bound lies far outside what attempts with the default configuration meet: in 1,000 spirals and 300
+random attempts, and in 2,000 more with friction from 0.15 to 1.2, gains from 350 to 1000 and a contact time
+of 20 ms, the largest tilt was TILT, the tip never came within BESIDE of the plate's edge, and no joint was at
+its limit for a whole action.
+"""
+
+import math
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from mjx_fit.control import TORQUE_LIMIT_NM
+from mjx_fit.settings import SceneConfig
+from mjx_fit.shapes import plate_top_m
+from mjx_fit.types import Array, Interaction
+
+MOST_TILT_DEG = 15.0
+"""Largest angle between the tip's orientation and straight down with its sides along the world's axes."""
+
+BELOW_FLOOR_M = 0.002
+"""How far below the floor of the hole the tip may be: contact yields, but not by more."""
+
+LIMIT_ACTIONS = 5
+"""Actions in a row throughout which some joint is at its torque limit, that are too many: half a second."""
+
+_ACTION_S = 0.1
+
+# Straight down is the quaternion (0, 1, 0, 0), so x is the cosine of half the angle to it.
+_LEAST_X = np.float32(math.cos(math.radians(MOST_TILT_DEG) / 2))
+
+
+def is_lost(
+    tip_pos_world: Float[Array, "*n 3"],
+    tip_quat_world: Float[Array, "*n 4"],
+    hole_pos_world: Float[Array, "*n 2"],
+    scene: SceneConfig,
+) -> Bool[Array, "*n"]:
+    """Whether pegs are tilted too far, beside their plate or below the floor of its hole.
+
+    Args:
+        tip_pos_world: Centre of the peg's lower face, m.
+        tip_quat_world: Its orientation, with x not negative.
+        hole_pos_world: True centre of the hole and of the plate, m.
+        scene: Gives the plate's size.
+    """
+    return _is_tilted(tip_quat_world) | _has_left(tip_pos_world, hole_pos_world, scene)
+
+
+def at_limit(torque: Float[Array, "*n 7"]) -> Bool[Array, "*n"]:
+    """Whether some joint is given the largest torque (N·m) that it has."""
+    return (abs(torque) >= TORQUE_LIMIT_NM).any(-1)
+
+
+def actions_at_limit(before: Int[Array, "*n"], throughout: Bool[Array, "*n"]) -> Int[Array, "*n"]:
+    """Number of actions in a row that were at a torque limit throughout, after one more action."""
+    return (before + 1) * throughout
+
+
+def reason(done: Interaction, i: int, scene: SceneConfig) -> str:
+    """Says why interaction i of a batch is not valid: a clause that "in action 3" may follow."""
+    trace, last = done.trace, int(done.length[i]) - 1
+    position, quaternion = (np.asarray(leaf)[i, last] for leaf in (trace.tip_pos_world, trace.tip_quat_world))
+    felt = position, quaternion, trace.wrench_sensor[i, last], trace.action_world[i, last]
+    if not all(np.isfinite(leaf).all() for leaf in felt):
+        return "the simulation turned non-finite"
+    if _is_tilted(quaternion):
+        angle = math.degrees(2 * math.acos(min(1.0, abs(float(quaternion[1])))))
+        return f"the peg tilted by {angle:.0f} degrees (at most {MOST_TILT_DEG:.0f} are believed)"
+    if _has_left(position, np.asarray(done.hole_pos_world)[i], scene):
+        return "the peg left the plate"
+    if last + 1 >= LIMIT_ACTIONS:
+        return f"a joint was at its torque limit for {LIMIT_ACTIONS * _ACTION_S:.1f} s, up to and"
+    return "the simulation turned non-finite"
+
+
+def _is_tilted(tip_quat_world: Float[Array, "*n 4"]) -> Bool[Array, "*n"]:
+    return tip_quat_world[..., 1] < _LEAST_X
+
+
+def _has_left(
+    tip_pos_world: Float[Array, "*n 3"], hole_pos_world: Float[Array, "*n 2"], scene: SceneConfig
+) -> Bool[Array, "*n"]:
+    beside = (abs(tip_pos_world[..., :2] - hole_pos_world) > scene.plate_half_width_m).any(-1)
+    return beside | (tip_pos_world[..., 2] < plate_top_m(scene) - scene.hole_depth_m - BELOW_FLOOR_M)

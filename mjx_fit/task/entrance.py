@@ -1,0 +1,58 @@
+"""What an update of beliefs can be given: checked on the host, once for each batch."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from mjx_fit.errors import RequestError
+from mjx_fit.settings import N_TYPES
+from mjx_fit.traces import require_readable
+from mjx_fit.types import Belief, Interaction
+
+_SUM_TOLERANCE = 1e-3
+
+
+def require_update(beliefs: Belief, interactions: Interaction, keys: Any) -> None:
+    """Makes sure that beliefs (n,) can be updated by interactions (n,) with these keys of noise (n,).
+
+    Raises:
+        RequestError: A field has another shape, or a value that is not allowed; the message names it.
+    """
+    require_readable(interactions)
+    n = len(interactions.length)
+    require_beliefs(beliefs, n)
+    if not jnp.issubdtype(keys.dtype, jax.dtypes.prng_key) or keys.shape != (n,):
+        _refuse("keys", f"{keys.dtype} {keys.shape}", f"they must be ({n},), as jax.random.key makes them")
+
+
+def require_beliefs(beliefs: Belief, n: int) -> None:
+    """Makes sure that n beliefs are such: finite means, positive definite covariances, probabilities.
+
+    Raises:
+        RequestError: One is not; the message names the field and the row.
+    """
+    for name, shape in (("pos_mean_world", (2,)), ("pos_cov", (2, 2)), ("type_logp", (N_TYPES,))):
+        given = np.shape(getattr(beliefs, name))
+        if given != (n, *shape):
+            _refuse(f"belief: {name}", f"shape {given}", f"it must be {(n, *shape)}")
+    mean, cov, logp = (np.asarray(leaf, np.float64) for leaf in jax.tree.leaves(beliefs))
+    with np.errstate(all="ignore"):
+        a, b, c, d = cov[:, 0, 0], cov[:, 0, 1], cov[:, 1, 0], cov[:, 1, 1]
+        symmetric = abs(b - c) <= 1e-3 * np.sqrt(a * d)
+        is_covariance = np.isfinite(cov).all((1, 2)) & (a > 0) & (d > 0) & (a * d - b * c > 0) & symmetric
+        adds_up = abs(np.exp(logp).sum(1) - 1) <= _SUM_TOLERANCE
+    for name, leaf, good, allowed in (
+        ("pos_mean_world", mean, np.isfinite(mean).all(1), "it must be finite"),
+        ("pos_cov", cov, is_covariance, "it must be finite, symmetric and positive definite"),
+        ("type_logp", logp, adds_up, "the exponentials must add up to 1"),
+    ):
+        if not good.all():
+            row = int(good.argmin())
+            shown = [float(f"{number:.4g}") for number in leaf[row].ravel()]
+            _refuse(f"belief: {name} of row {row}", str(shown), allowed)
+
+
+def _refuse(name: str, value: str, allowed: str) -> None:
+    raise RequestError(f"{name}: {value} is not allowed: {allowed}")
