@@ -6,6 +6,7 @@ from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
+import jax
 import numpy as np
 import pytest
 
@@ -78,11 +79,17 @@ def interactions() -> Interaction:
     return Interaction(Trace(*trace), *rest, valid=np.arange(n) > 0)  # pyright: ignore[reportArgumentType]
 
 
+def as_stored(leaf: np.ndarray) -> np.ndarray:
+    """Single floats and short integers, as JAX makes them."""
+    return leaf.astype({"f": np.float32, "i": np.int32}.get(leaf.dtype.kind, leaf.dtype))
+
+
 def dataset_folder(path: Path) -> Path:
     plan = Plan(episodes=20, steps=30, engine="native", seed=12)
     request, ids = plan.request(config.Config()), np.arange(20)
     cov = np.tile(1e-4 * np.eye(2, dtype=np.float32), (20, 1, 1))
-    episodes = Episode(ids, ids, 0 * ids, 0 * ids, cov, interactions())
+    policy = np.zeros(20, np.int32)
+    episodes = Episode(ids, ids, 0 * ids, policy, cov, jax.tree.map(as_stored, interactions()))
     with Writer(path, new_manifest(request, (0, 1))) as writer:
         content = encode(episodes, request)
         writer.write(new_shard("shard-00000000.h5", ids, content), content)

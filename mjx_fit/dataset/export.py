@@ -82,7 +82,7 @@ def _write_robomimic(folder: Path, manifest: Manifest, path: Path) -> None:
     with h5py.File(buffer, "w") as file, Progress("export: shard", len(manifest.shards)) as progress:
         root = file.create_group("data", track_order=True)
         root.attrs["env_args"] = json.dumps({"env_name": "mjx_fit", "env_kwargs": manifest.request})
-        for done, shard in enumerate(read_shards(folder, manifest.shards), 1):
+        for done, shard in enumerate(read_shards(folder, manifest.shards, manifest.request), 1):
             for row in np.flatnonzero(happened(shard)):
                 episode = jax.tree.map(lambda leaf, row=row: leaf[row], shard)
                 total += _add_demonstration(root, episode, top, manifest.shapes)

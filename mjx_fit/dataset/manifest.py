@@ -9,7 +9,8 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from mjx_fit import files
+from mjx_fit import bounded_json, files
+from mjx_fit.dataset import manifest_schema
 from mjx_fit.errors import RequestError
 
 NAME = "manifest.json"
@@ -88,23 +89,32 @@ def parse(text: str) -> Manifest:
         FormatError: It is of another format.
         ValueError: It is damaged.
     """
-    try:
-        fields = json.loads(text)
-        # Formats before 2 had no digest: what they say of themselves has to be believed.
-        digest = fields.pop("sha256") if fields["format"] != 1 else _digest(fields)
-        if digest != _digest(fields):
-            raise ValueError("its SHA-256 does not fit")
-        if (told := fields.pop("format")) != FORMAT:
-            raise FormatError(f"its format is {told!r}, not {FORMAT}")
-        fields["part"] = tuple(fields["part"])
-        fields["shapes"] = tuple(fields["shapes"])
-        fields["shards"] = tuple(Shard(**shard) for shard in fields["shards"])
-        manifest = Manifest(**fields)
-    except (KeyError, TypeError, AttributeError) as error:
-        raise ValueError(f"it lacks {error}") from None
+    fields = _whole(bounded_json.loads(text, manifest_schema.LARGEST))
+    manifest = Manifest(
+        **fields
+        | {
+            "part": tuple(fields["part"]),
+            "shapes": tuple(fields["shapes"]),
+            "shards": tuple(Shard(**shard) for shard in fields["shards"]),
+        }
+    )
     if render(manifest) != text:
         raise ValueError("its SHA-256 does not fit")
     return manifest
+
+
+def _whole(tree: Any) -> dict[str, Any]:
+    """The fields of a manifest whose format and digest are right, as its schema allows them."""
+    if not isinstance(tree, dict) or not isinstance(told := tree.get("format"), int):
+        raise ValueError("it says no format")
+    # Formats before 2 had no digest: what they say of themselves has to be believed.
+    body = {name: value for name, value in tree.items() if name != "sha256"}
+    if told != 1 and tree.get("sha256") != _digest(body):
+        raise ValueError("its SHA-256 does not fit")
+    if told != FORMAT:
+        raise FormatError(f"its format is {told!r}, not {FORMAT}")
+    del body["format"]
+    return manifest_schema.require(body)
 
 
 def read_complete(folder: Path) -> Manifest:
@@ -129,7 +139,7 @@ def read(folder: Path) -> Manifest:
         what = "it is a file; give its folder" if folder.is_file() else "there is no such folder"
         raise RequestError(f"data: {folder} is not allowed: {what}")
     try:
-        return parse((folder / NAME).read_text(encoding="utf-8"))
+        return parse(read_text(folder))
     except FileNotFoundError:
         raise RequestError(
             f"data: {folder} is not allowed: it holds no {NAME}, so it is no data set"
@@ -138,6 +148,16 @@ def read(folder: Path) -> Manifest:
         raise RequestError(f"data: {folder} is not allowed: {error}") from None
     except (OSError, ValueError) as error:
         raise RequestError(f"data: {folder} is not allowed: its {NAME} is damaged: {error}") from None
+
+
+def read_text(folder: Path) -> str:
+    """The text of the manifest of a folder.
+
+    Raises:
+        OSError: It cannot be read.
+        ValueError: It is no text, or larger than any manifest.
+    """
+    return bounded_json.read_text(folder / NAME, manifest_schema.LARGEST)
 
 
 def write(folder: Path, manifest: Manifest) -> None:

@@ -4,10 +4,12 @@ import shutil
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
-from mjx_fit import files
 from mjx_fit.dataset import manifest as manifest_
 from mjx_fit.dataset.manifest import Manifest, Shard
+from mjx_fit.dataset.shard import decode
+from mjx_fit.dataset.store import content_of
 from mjx_fit.dataset.writer import Writer, is_finished
 from mjx_fit.errors import RequestError
 from mjx_fit.progress import Progress
@@ -37,7 +39,7 @@ def merge(parts: Sequence[Path], out: Path) -> None:
         missing = writer.missing(shards)
         with Progress("merge: shard", len(shards), len(shards) - len(missing)) as progress:
             for done, name in enumerate(missing, 1 + len(shards) - len(missing)):
-                writer.write(shards[name], _content(sources[name], shards[name]))
+                writer.write(shards[name], _content(sources[name], shards[name], whole.request))
                 progress(done)
         for folder in parts:
             for dump in sorted((folder / "broken").glob("*.npz")):
@@ -83,11 +85,11 @@ def _require_of_these(out: Path, shards: dict[str, Shard]) -> None:
             raise RequestError(f"--out: {out} is not allowed: its {there.name} is not of these parts")
 
 
-def _content(folder: Path, shard: Shard) -> bytes:
+def _content(folder: Path, shard: Shard, request: dict[str, Any]) -> bytes:
+    """A shard that is whole: what is damaged or no shard is not carried on."""
     try:
-        content = (folder / shard.name).read_bytes()
-    except OSError as error:
+        content = content_of(folder, shard)
+        decode(content, shard, request)
+    except (OSError, ValueError) as error:
         raise RequestError(f"data: {shard.name} in {folder} is damaged or missing: {error}") from None
-    if files.sha256_of(content) != shard.sha256:
-        raise RequestError(f"data: {shard.name} in {folder} is damaged: its SHA-256 is not the manifest's")
     return content

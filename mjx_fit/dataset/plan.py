@@ -8,12 +8,11 @@ from mjx_fit import config as config_
 from mjx_fit.config import Config
 from mjx_fit.dataset.draws import POLICIES
 from mjx_fit.dataset.manifest import Manifest
+from mjx_fit.dataset.manifest_schema import MAX_ACTIONS, MAX_BATCH, MAX_EPISODES, MAX_SEQUENCE
 from mjx_fit.errors import RequestError, require, shown
 from mjx_fit.randomness import require_seed
 from mjx_fit.settings import SensorConfig, TrainConfig
 from mjx_fit.simulate.engine import even_batch, resolve
-
-MAX_EPISODES, MAX_ACTIONS, MAX_BATCH, MAX_SEQUENCE = 10**7, 1000, 65536, 30
 
 
 @dataclass(frozen=True)

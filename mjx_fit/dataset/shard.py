@@ -13,8 +13,9 @@ import h5py
 import numpy as np
 
 from mjx_fit import config as config_
+from mjx_fit.dataset import shard_layout, shard_values
 from mjx_fit.dataset.episode import Episode
-from mjx_fit.dataset.manifest import FORMAT
+from mjx_fit.dataset.manifest import FORMAT, Shard
 from mjx_fit.policies import POLICIES
 from mjx_fit.types import Array, Interaction, Trace
 
@@ -123,22 +124,42 @@ def encode(episodes: Episode, request: dict[str, Any]) -> bytes:
     return buffer.getvalue()
 
 
-def decode(content: bytes) -> Episode:
-    """What ``encode`` was given.
+def decode(content: bytes, shard: Shard, request: dict[str, Any]) -> Episode:
+    """What ``encode`` was given; nothing is read of a file that is not as ``encode`` writes it.
+
+    Args:
+        content: Of the file, whose digest is right.
+        shard: What the manifest says of it.
+        request: What the data set was asked to be.
 
     Raises:
-        ValueError: It is not the content of a shard.
+        ValueError: It is not the content of that shard.
     """
     try:
         with h5py.File(io.BytesIO(content), "r") as file:
-            return _from_fields({name: np.asarray(file[name]) for name in FIELDS})
-    except (OSError, KeyError, RuntimeError) as error:
-        raise ValueError(f"it is no shard: {error}") from None
+            shard_layout.require(file, _shapes(shard.episodes, request["steps"]), len(content))
+            fields = {name: np.asarray(file[name]) for name in FIELDS}
+    except shard_layout.LayoutError:
+        raise
+    except (OSError, LookupError, RuntimeError, ValueError, TypeError, AttributeError) as error:
+        raise ValueError(f"it is no shard: {' '.join(str(error).split())[:120]}") from None
+    episodes = _from_fields(fields)
+    shard_values.require(episodes, shard.first_episode, request["sequence"])
+    return episodes
 
 
 def flat(episodes: Episode) -> dict[str, Array]:
     """The fields by their names in a file."""
     return {name: _get(episodes, name) for name in FIELDS}
+
+
+def _shapes(n: int, steps: int) -> dict[str, shard_layout.Shape]:
+    """The shape of each field, of n episodes of so many actions at most."""
+    axes = {"n": n, "J": steps}
+    return {
+        name: tuple(axes[axis] if axis in axes else int(axis) for axis in field.shape.split())
+        for name, field in FIELDS.items()
+    }
 
 
 def _get(episodes: Episode, name: str) -> np.ndarray:

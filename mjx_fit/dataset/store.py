@@ -1,5 +1,7 @@
 """Reading a data set: all of it, what is wrong with it, and what it holds in numbers."""
 
+import errno
+import os
 from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any
@@ -35,7 +37,7 @@ def load(folder: Path, without: Collection[str] = ()) -> Episode:
     if not wanted:
         raise RequestError(f"data: {folder} is not allowed: no shard is left to be read")
     stacked, row = None, 0
-    for part in read_shards(folder, wanted):
+    for part in read_shards(folder, wanted, manifest.request):
         if stacked is None:
             # In place at once: joined at the end, everything would be in memory twice.
             n = sum(shard.episodes for shard in wanted)
@@ -46,20 +48,41 @@ def load(folder: Path, without: Collection[str] = ()) -> Episode:
     return stacked
 
 
-def read_shards(folder: Path, shards: Collection[Shard]) -> Iterator[Episode]:
+def read_shards(folder: Path, shards: Collection[Shard], request: dict[str, Any]) -> Iterator[Episode]:
     """The episodes of these shards, one shard after the other.
+
+    Args:
+        folder: Of the data set.
+        shards: Of its manifest.
+        request: What the data set was asked to be.
 
     Raises:
         RequestError: One is damaged.
     """
     for shard in shards:
         try:
-            content = (folder / shard.name).read_bytes()
-            if files.sha256_of(content) != shard.sha256:
-                raise ValueError("its SHA-256 is not the manifest's")
-            yield shard_.decode(content)
+            yield shard_.decode(content_of(folder, shard), shard, request)
         except (OSError, ValueError) as error:
             raise RequestError(f"data: {shard.name} in {folder} is damaged or missing: {error}") from None
+
+
+def content_of(folder: Path, shard: Shard) -> bytes:
+    """What the file of a shard holds, byte for byte as the manifest says.
+
+    Raises:
+        OSError: It cannot be read.
+        ValueError: It is another one.
+    """
+    path = folder / shard.name
+    if not path.is_file():  # nor a pipe or a device, which would not end
+        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), shard.name)
+    size = path.stat().st_size
+    if size == shard.bytes:  # before anything is read
+        content = path.read_bytes()
+        if files.sha256_of(content) == shard.sha256:
+            return content
+        raise ValueError("its SHA-256 is not the manifest's")
+    raise ValueError(f"{size} bytes instead of {shard.bytes}")
 
 
 def damages(folder: Path) -> dict[str, str]:
@@ -69,7 +92,7 @@ def damages(folder: Path) -> dict[str, str]:
         RequestError: The folder is no data set, or one of another format.
     """
     try:
-        manifest = manifest_.parse((folder / manifest_.NAME).read_text(encoding="utf-8"))
+        manifest = manifest_.parse(manifest_.read_text(folder))
     except manifest_.FormatError as error:
         raise RequestError(f"data: {folder} is not allowed: {error}") from None
     except FileNotFoundError:
@@ -90,18 +113,15 @@ def _damage(folder: Path, shard: Shard, manifest: Manifest) -> str:
     if not path.is_file():
         return "missing"
     try:
-        digest = files.sha256(path)
+        shard_.decode(content_of(folder, shard), shard, manifest.request)
+        return ""
     except OSError as error:
         return f"cannot be read: {error.strerror}"
-    if digest == shard.sha256:
-        return ""
-    for other in manifest.shards:
-        if other.sha256 == digest:
-            return f"swapped: it holds what {other.name} should hold"
-    size = path.stat().st_size
-    if size != shard.bytes:
-        return f"damaged: {size} bytes instead of {shard.bytes}"
-    return "damaged: its SHA-256 is not the manifest's"
+    except ValueError as error:
+        what = str(error)
+    digest = files.sha256(path)
+    twins = [one.name for one in manifest.shards if one.sha256 == digest and one.name != shard.name]
+    return f"swapped: it holds what {twins[0]} should hold" if twins else f"damaged: {what}"
 
 
 def describe(folder: Path) -> dict[str, Any]:

@@ -1,0 +1,106 @@
+"""What may stand in a manifest: names, counts and bounds, checked where one is read.
+
+A manifest says which files are opened and how much is read, so that nothing of it may be believed before.
+"""
+
+from typing import Annotated, Any, Literal, NotRequired
+
+from pydantic import ConfigDict, Field, TypeAdapter
+from typing_extensions import TypedDict
+
+from mjx_fit import bounded_json
+from mjx_fit.policies import POLICIES
+from mjx_fit.settings import N_TYPES
+
+MAX_EPISODES, MAX_ACTIONS, MAX_BATCH, MAX_SEQUENCE = 10**7, 1000, 65536, 30
+"""Of what one command may ask for."""
+LARGEST = 4 * 2**30
+"""Bytes of a manifest: 10^7 episodes in shards of one."""
+SHARD_NAME = r"^shard-[0-9]{8,12}\.h5$"
+
+_STRICT = ConfigDict(strict=True, extra="forbid")
+_Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+_Words = Annotated[str, Field(max_length=1000, pattern=r"^[^\x00-\x1f\x7f-\x9f]*$")]
+_Name = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$", max_length=1000)]
+
+
+def _count(most: int, least: int = 1) -> Any:
+    return Annotated[int, Field(ge=least, le=most)]
+
+
+class _Shard(TypedDict):
+    __pydantic_config__ = _STRICT  # pyright: ignore[reportGeneralTypeIssues]
+
+    name: Annotated[str, Field(pattern=SHARD_NAME)]
+    first_episode: _count(MAX_EPISODES, 0)
+    episodes: _count(MAX_EPISODES)
+    bytes: _count(2**50)
+    sha256: _Digest
+    device: _Words
+
+
+class _Request(TypedDict):
+    __pydantic_config__ = _STRICT  # pyright: ignore[reportGeneralTypeIssues]
+
+    episodes: _count(MAX_EPISODES)
+    steps: _count(MAX_ACTIONS)
+    policy: Literal[(*POLICIES, "mixed")]  # pyright: ignore[reportInvalidTypeForm]
+    seed: _count(2**32 - 1, 0)
+    batch: _count(MAX_BATCH)
+    sequence: _count(MAX_SEQUENCE)
+    sensor: NotRequired[_Words]
+    engine: Literal["mjx", "native"]
+    config: dict[str, dict[str, Any]]
+
+
+class _Manifest(TypedDict):
+    __pydantic_config__ = _STRICT  # pyright: ignore[reportGeneralTypeIssues]
+
+    request: _Request
+    part: Annotated[list[_count(MAX_EPISODES, 0)], Field(min_length=2, max_length=2)]
+    versions: dict[_Words, _Words]
+    shapes: Annotated[list[_Name], Field(min_length=N_TYPES, max_length=N_TYPES)]
+    complete: bool
+    shards: list[_Shard]
+
+
+_SCHEMA = TypeAdapter(_Manifest)
+
+
+def require(fields: Any) -> dict[str, Any]:
+    """The fields of a manifest, format and digest left out, if they are as they must be.
+
+    Raises:
+        ValueError: They are not; the message names the first place where.
+    """
+    manifest = bounded_json.check(_SCHEMA, fields)
+    index, of = manifest["part"]
+    if index >= of:
+        raise ValueError(f"part: {index} of {of} is not allowed: parts are counted from 0")
+    if len(set(manifest["shapes"])) < N_TYPES:
+        raise ValueError(f"shapes: {', '.join(manifest['shapes'])}: the names must differ")
+    request = manifest["request"]
+    if request["episodes"] % request["sequence"]:
+        raise ValueError("request.episodes: it must be a multiple of request.sequence")
+    _require_shards(manifest["shards"], request)
+    there = sum(shard["episodes"] for shard in manifest["shards"])
+    if manifest["complete"] and of == 1 and there != request["episodes"]:
+        raise ValueError(f"complete: its shards have {there} of {request['episodes']} episodes")
+    return manifest
+
+
+def _require_shards(shards: list[dict[str, Any]], request: dict[str, Any]) -> None:
+    """Each shard is named after its first episode, and none has an episode of another one."""
+    most = max(request["batch"], request["sequence"])
+    end = 0
+    for shard in sorted(shards, key=lambda shard: shard["first_episode"]):
+        name, first, n = shard["name"], shard["first_episode"], shard["episodes"]
+        if name != f"shard-{first:08d}.h5":
+            raise ValueError(f"shards: {name} is not the name of a shard that begins with episode {first}")
+        if n > most:
+            raise ValueError(f"shards: {name}: {n} episodes are not allowed: a batch has at most {most}")
+        if first < end:
+            raise ValueError(f"shards: {name}: its episodes are in another shard, too")
+        end = first + n
+        if end > request["episodes"]:
+            raise ValueError(f"shards: {name}: it ends behind the last of {request['episodes']} episodes")
