@@ -126,6 +126,12 @@ def _pictures(parsers: argparse._SubParsersAction) -> None:
     view.add_argument(
         "--port", type=int, default=8080, metavar="P", help="of the browser's page (default 8080)"
     )
+    view.add_argument(
+        "--host",
+        default="127.0.0.1",
+        metavar="ADDRESS",
+        help="serve the browser's page to others, too, e.g. 0.0.0.0 (default 127.0.0.1: this machine only)",
+    )
     for command, speed in ((render, 8.0), (view, 2.0)):
         command.add_argument(
             "result",

@@ -184,7 +184,7 @@ def view(args: argparse.Namespace) -> None:
     from mjx_fit.picture.view import view
 
     _require_one_source(args)
-    view(lambda watch: _recording(args, watch), args.attempt, args.speed, args.browser, args.port)
+    view(lambda watch: _recording(args, watch), args.attempt, args.speed, args.browser, args.port, args.host)
 
 
 def _require_one_source(args: argparse.Namespace) -> None:

@@ -172,10 +172,11 @@ def test_the_window_poses_under_the_viewers_lock(play, monkeypatch):
 def test_the_browser_shows_the_arm_and_the_marks_where_they_are(play):
     pytest.importorskip("viser")
     from mjx_fit.picture.browser import Browser
+    from mjx_fit.picture.door import Door
 
     played = play(None)
     puppet, shown = Puppet(played), moments(played, 4, 1.0)
-    browser, panel = Browser(puppet, 8123), Panel(played, 460, 720)
+    browser, panel = Browser(puppet, Door("127.0.0.1", 8123)), Panel(played, 460, 720)
     try:
         for moment in (shown[0], shown[-1]):
             qpos = puppet.postures(moment.tip_pos_world[None])[0]

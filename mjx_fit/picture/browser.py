@@ -12,6 +12,7 @@ import numpy as np
 import trimesh
 import viser
 
+from mjx_fit.picture.door import Door
 from mjx_fit.picture.motion import Moment
 from mjx_fit.picture.puppet import Mark, Puppet
 
@@ -23,9 +24,10 @@ PANEL_EVERY_S = 0.15
 class Browser:
     """A page that shows the scene, and the panel beside it. It is open until the process ends."""
 
-    def __init__(self, puppet: Puppet, port: int):
+    def __init__(self, puppet: Puppet, door: Door):
         self._puppet = puppet
-        self._server = viser.ViserServer(port=port, verbose=False)
+        with door.guarding():
+            self._server = viser.ViserServer(host=door.host, port=door.port, verbose=False)
         self._server.gui.configure_theme(control_width="large", show_logo=False, show_share_button=False)
         self._server.scene.add_grid("/table", 2.0, 2.0, cell_size=0.1, plane_opacity=0.0)
         self._server.initial_camera.position = CAMERA_M
@@ -34,7 +36,7 @@ class Browser:
         self._panel_at = 0.0
         self._geoms = {i: self._add_geom(i) for i in range(puppet.model.ngeom) if _mesh(puppet.model, i)}
         self._marks: dict[int, Any] = {}
-        print(f"watch at http://localhost:{self._server.get_port()}; Ctrl-C ends it", flush=True)
+        print(f"watch at {door.address}; Ctrl-C ends it", flush=True)
 
     def show(
         self, pose: Callable[[], None], moment: Moment, words: list[tuple[str, str]], panel: np.ndarray

@@ -51,6 +51,7 @@ def view(
     speed: float,
     browser: bool,
     port: int,
+    host: str = "127.0.0.1",
 ) -> None:
     """Plays an assembly and shows every attempt once it has been simulated; stays open at the end.
 
@@ -60,15 +61,16 @@ def view(
         speed: Seconds of an attempt in a second of the show.
         browser: Whether to show it in a browser though there is a display.
         port: Of the browser's page.
+        host: Address or name of this machine at which the page is served; nobody else reaches the loop-back.
 
     Raises:
-        RequestError: A value is not allowed, or there is neither a display nor viser.
+        RequestError: A value is not allowed, the port is in use, or there is neither a display nor viser.
     """
     require_speed(speed)
     require("--port", port, 1, 65535)
     opens = _open_window
     if browser or not _has_display():
-        opens = _open_browser(port, "--browser" if browser else "without a display it")
+        opens = _open_browser(host, port, "--browser" if browser else "without a display it")
     show = _Show(opens, speed, attempt)
     try:
         recording = play(show)
@@ -139,11 +141,15 @@ def _open_window(puppet: Puppet) -> Screen:
     return Window(puppet)
 
 
-def _open_browser(port: int, what: str) -> Callable[[Puppet], Screen]:
+def _open_browser(host: str, port: int, what: str) -> Callable[[Puppet], Screen]:
     try:
         from mjx_fit.picture.browser import Browser
+        from mjx_fit.picture.door import Door
     except ImportError:
         raise RequestError(
             f"view: {what} needs viser, which is not installed: pip install 'mjx-fit[view]'"
         ) from None
-    return lambda puppet: Browser(puppet, port)
+    door = Door(host, port)  # before anything is played
+    if not door.is_loopback:
+        print(f"--host {host}: anybody who reaches port {port} of it can look", file=sys.stderr, flush=True)
+    return lambda puppet: Browser(puppet, door)
