@@ -2,11 +2,11 @@
 
 import argparse
 from collections.abc import Callable
-from pathlib import Path
 from typing import NoReturn
 
 from mjx_fit import __version__, commands
 from mjx_fit.errors import RequestError, shortened
+from mjx_fit.paths import path
 
 _RESUME = (
     commands.demo,
@@ -42,7 +42,7 @@ def parser() -> argparse.ArgumentParser:
         parsers, "demo", commands.demo, "what it is about: assemblies, a video and a page within minutes"
     )
     demo.add_argument(
-        "--out", type=Path, metavar="DIR", help="default: runs/demo, or runs/demo-train with --train"
+        "--out", type=path, metavar="DIR", help="default: runs/demo, or runs/demo-train with --train"
     )
     demo.add_argument(
         "--train", action="store_true", help="collect a little data and train on them, instead of our weights"
@@ -50,7 +50,7 @@ def parser() -> argparse.ArgumentParser:
     _configurable(demo)
 
     collect = _command(parsers, "collect", commands.collect, "simulate interactions and store them")
-    collect.add_argument("--out", type=Path, required=True, metavar="DIR")
+    collect.add_argument("--out", type=path, required=True, metavar="DIR")
     collect.add_argument(
         "--episodes", type=int, default=3000, metavar="N", help="interactions (default 3000)"
     )
@@ -66,7 +66,7 @@ def parser() -> argparse.ArgumentParser:
     )
     collect.add_argument(
         "--run",
-        type=Path,
+        type=path,
         metavar="RUN",
         help="later attempts start from what the sensor of this run believes (default: drawn beliefs)",
     )
@@ -82,8 +82,8 @@ def parser() -> argparse.ArgumentParser:
     _data(parsers.add_parser("data", help="look at a data set, check, join or convert it"))
 
     train = _command(parsers, "train", commands.train, "train sensors and noise models; goes on by itself")
-    train.add_argument("--data", type=Path, required=True, metavar="DIR")
-    train.add_argument("--out", type=Path, required=True, metavar="RUN")
+    train.add_argument("--data", type=path, required=True, metavar="DIR")
+    train.add_argument("--out", type=path, required=True, metavar="RUN")
     train.add_argument("--epochs", type=int, metavar="N", help="instead of the configuration's")
     train.add_argument("--seed", type=int, default=0, metavar="S", help="root seed (default 0)")
     train.add_argument(
@@ -94,14 +94,14 @@ def parser() -> argparse.ArgumentParser:
     _evaluations(parsers.add_parser("evaluate", help="run an experiment"))
 
     paper = _command(parsers, "paper", commands.paper, "the paper: data, training, all experiments, report")
-    paper.add_argument("--out", type=Path, required=True, metavar="DIR")
+    paper.add_argument("--out", type=path, required=True, metavar="DIR")
     paper.add_argument("--size", default="cpu", help="quick, cpu or full (default cpu)")
     paper.add_argument("--seed", type=int, default=0, metavar="S", help="root seed (default 0)")
     _configurable(paper)
 
     report = _command(parsers, "report", commands.report, "one page from results, videos, runs and data sets")
-    report.add_argument("inputs", type=Path, nargs="+", metavar="FILE|DIR")
-    report.add_argument("--out", type=Path, metavar="DIR", help="default: report in the first input's folder")
+    report.add_argument("inputs", type=path, nargs="+", metavar="FILE|DIR")
+    report.add_argument("--out", type=path, metavar="DIR", help="default: report in the first input's folder")
 
     _pictures(parsers)
 
@@ -117,7 +117,7 @@ def parser() -> argparse.ArgumentParser:
 def _pictures(parsers: argparse._SubParsersAction) -> None:
     render = _command(parsers, "render", commands.render, "a video of an assembly and of what is believed")
     render.set_defaults(draws=True)
-    render.add_argument("--out", type=Path, required=True, metavar="VIDEO", help=".mp4 or .gif")
+    render.add_argument("--out", type=path, required=True, metavar="VIDEO", help=".mp4 or .gif")
     render.add_argument("--fps", type=int, default=20, metavar="N", help="frames per second (default 20)")
     view = _command(parsers, "view", commands.view, "watch an assembly as it is played")
     view.add_argument(
@@ -135,12 +135,12 @@ def _pictures(parsers: argparse._SubParsersAction) -> None:
     for command, speed in ((render, 8.0), (view, 2.0)):
         command.add_argument(
             "result",
-            type=Path,
+            type=path,
             nargs="?",
             metavar="RESULT.json",
             help="of evaluate assembly (default: an assembly of its own, by --config, --set and --seed)",
         )
-        command.add_argument("--run", type=Path, metavar="RUN", help=_RUN)
+        command.add_argument("--run", type=path, metavar="RUN", help=_RUN)
         command.add_argument("--method", default="full", metavar="A", help="default: full")
         command.add_argument("--trial", type=int, default=0, metavar="N", help="from 0 (default 0)")
         command.add_argument("--attempt", type=int, metavar="K", help="only this one of the trial, from 1")
@@ -154,17 +154,17 @@ def _pictures(parsers: argparse._SubParsersAction) -> None:
 def _data(data: argparse.ArgumentParser) -> None:
     whats = data.add_subparsers(required=True, metavar="WHAT")
     info = _command(whats, "info", commands.data_info, "what a data set holds; its pairs are peg-hole")
-    info.add_argument("folder", type=Path, metavar="DIR")
+    info.add_argument("folder", type=path, metavar="DIR")
     info.add_argument("--json", action="store_true")
     check = _command(whats, "check", commands.data_check, "find every damaged, missing or foreign file")
-    check.add_argument("folder", type=Path, metavar="DIR")
+    check.add_argument("folder", type=path, metavar="DIR")
     merge = _command(whats, "merge", commands.data_merge, "join parts made with --num-shards")
-    merge.add_argument("folders", type=Path, nargs="+", metavar="DIR")
-    merge.add_argument("--out", type=Path, required=True, metavar="DIR")
+    merge.add_argument("folders", type=path, nargs="+", metavar="DIR")
+    merge.add_argument("--out", type=path, required=True, metavar="DIR")
     export = _command(whats, "export", commands.data_export, "one file for others")
-    export.add_argument("folder", type=Path, metavar="DIR")
+    export.add_argument("folder", type=path, metavar="DIR")
     export.add_argument(
-        "--out", type=Path, required=True, metavar="FILE", help=".npz, or .hdf5 as robomimic has it"
+        "--out", type=path, required=True, metavar="FILE", help=".npz, or .hdf5 as robomimic has it"
     )
 
 
@@ -186,7 +186,7 @@ def _evaluations(evaluate: argparse.ArgumentParser) -> None:
         assembly: "failure_only,failure_position,full,oracle",
     }
     for command, methods in compared.items():
-        command.add_argument("--run", type=Path, metavar="RUN", help=_RUN)
+        command.add_argument("--run", type=path, metavar="RUN", help=_RUN)
         command.add_argument("--methods", default=methods, metavar="A,B", help="default: %(default)s")
     insertion.add_argument(
         "--seeds", type=int, default=5, metavar="K", help="of the wiggles, for each draw (default 5)"
@@ -197,11 +197,11 @@ def _evaluations(evaluate: argparse.ArgumentParser) -> None:
         commands.evaluate_calibration,
         "a trained sensor on attempts of a data set",
     )
-    calibration.add_argument("--run", type=Path, metavar="RUN", help=_RUN)
+    calibration.add_argument("--run", type=path, metavar="RUN", help=_RUN)
     calibration.add_argument(
-        "--data", type=Path, required=True, metavar="DIR", help="a data set that it was not trained on"
+        "--data", type=path, required=True, metavar="DIR", help="a data set that it was not trained on"
     )
-    calibration.add_argument("--out", type=Path, required=True, metavar="FILE.json")
+    calibration.add_argument("--out", type=path, required=True, metavar="FILE.json")
     calibration.add_argument(
         "--seed", type=int, default=0, metavar="S", help="root seed of noise (default 0)"
     )
@@ -213,7 +213,7 @@ def _evaluations(evaluate: argparse.ArgumentParser) -> None:
         assembly: (100, "assemblies under each method"),
     }
     for command, (count, what) in trials.items():
-        command.add_argument("--out", type=Path, required=True, metavar="FILE.json")
+        command.add_argument("--out", type=path, required=True, metavar="FILE.json")
         command.add_argument(
             "--trials", type=int, default=count, metavar="N", help=f"{what} (default {count})"
         )
@@ -238,7 +238,7 @@ def _configurable(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(computes=True)
     parser.add_argument(
         "--config",
-        type=Path,
+        type=path,
         action="append",
         default=[],
         metavar="FILE",

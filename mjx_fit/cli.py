@@ -16,6 +16,8 @@ _WRONG_PLACE = {
     errno.EACCES,
     errno.EPERM,
     errno.EROFS,
+    errno.ELOOP,
+    errno.ENAMETOOLONG,
 }
 """What the system says of a path that should not have been asked for; a full disk is another matter."""
 

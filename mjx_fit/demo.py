@@ -7,12 +7,13 @@ from pathlib import Path
 
 from rich.console import Console
 
-from mjx_fit import resources
+from mjx_fit import files, locks, resources
 from mjx_fit.config import Config
 from mjx_fit.dataset.collect import collect
 from mjx_fit.dataset.plan import Plan
 from mjx_fit.errors import RequestError
 from mjx_fit.evaluation import experiments
+from mjx_fit.filesystem import inside
 from mjx_fit.report.build import build
 from mjx_fit.report.run_figures import read_metrics
 from mjx_fit.report.terminal import print_summary
@@ -64,15 +65,19 @@ def demo(config: Config, out: Path, size: Size, train: bool) -> None:
         "figures",
         "index.html",
     }
-    there = {path.name.removesuffix(".tmp") for path in out.iterdir()} if out.is_dir() else set()
-    foreign = sorted(there - parts)
+    foreign = files.foreign(out, parts)
     if foreign:
         raise RequestError(f"--out: {out} is not allowed: it holds other files ({foreign[0]})")
+    with locks.holding(out):
+        _stages(config, out, size, train)
+
+
+def _stages(config: Config, out: Path, size: Size, train: bool) -> None:
     console = Console(highlight=False)
     run = resources.folder("weights")
     if train:
-        run = out / "train"
-        _train(config, out / "data", run, size, console)
+        run = inside(out, "train")
+        _train(config, inside(out, "data"), run, size, console)
 
     console.rule(f"{size.assemblies} assemblies of {config.task.n_holes} pegs, each under {METHODS}")
     result = out / "assembly.json"

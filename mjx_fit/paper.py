@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from rich.console import Console
 
+from mjx_fit import files, locks
 from mjx_fit.config import Config
 from mjx_fit.dataset.collect import collect
 from mjx_fit.dataset.draws import draw_attempts
@@ -18,6 +19,7 @@ from mjx_fit.evaluation import experiments
 from mjx_fit.evaluation.calibrate import calibrate
 from mjx_fit.evaluation.insertion import insertion
 from mjx_fit.evaluation.position import position
+from mjx_fit.filesystem import inside
 from mjx_fit.randomness import require_seed, root_key
 from mjx_fit.report.build import build
 from mjx_fit.simulate.engine import create
@@ -110,6 +112,11 @@ def paper(config: Config, out: Path, size: Size, seed: int) -> None:
         RequestError: The folder holds something else, or there is to be no baseline to compare with.
     """
     _check(config, out, seed)
+    with locks.holding(out):
+        _run(config, out, size, seed)
+
+
+def _run(config: Config, out: Path, size: Size, seed: int) -> None:
     console = Console(highlight=False)
     stages = _stages(config, out, size, seed)
     console.print(_forecast(config, size))
@@ -118,7 +125,9 @@ def paper(config: Config, out: Path, size: Size, seed: int) -> None:
         began = time.monotonic()
         work()
         console.print(f"{time.monotonic() - began:.0f} s")
-    console.print(str(build([*sorted(out.glob("*.json")), out / "run"], out / "report")), soft_wrap=True)
+    console.print(
+        str(build([*sorted(out.glob("*.json")), out / "run"], inside(out, "report"))), soft_wrap=True
+    )
 
 
 def _check(config: Config, out: Path, seed: int) -> None:
@@ -130,15 +139,14 @@ def _check(config: Config, out: Path, seed: int) -> None:
             "config: train.baseline_share: 0.0 is not allowed: it must be above 0, to have frame_by_frame"
         )
     parts = {"data", "held_out", "own", "run", "report"}
-    there = {path.name for path in out.iterdir()} if out.is_dir() else set()
     parts |= {f"{name}{end}" for name in RESULTS for end in (".json", ".parts", ".broken")}
-    foreign = sorted(there - parts)
+    foreign = files.foreign(out, parts)
     if foreign:
         raise RequestError(f"--out: {out} is not allowed: it holds other files ({foreign[0]})")
 
 
 def _stages(config: Config, out: Path, size: Size, seed: int) -> dict[str, Callable[[], object]]:
-    data, test, run = out / "data", out / "held_out", out / "run"
+    data, test, run = (inside(out, name) for name in ("data", "held_out", "run"))
     plan = Plan(size.episodes, config.task.attempt_actions, "spiral", seed=seed, sequence=size.sequence)
     test_plan = Plan(size.held_out, config.task.attempt_actions, "spiral", seed=seed + HELD_OUT)
     disc = replace(config, detector=replace(config.detector, kind="disc"))
@@ -193,7 +201,7 @@ def _by_attempt(config: Config, out: Path, run: Path, episodes: int, seed: int) 
         sequence=5,
         sensor=fingerprint_of(sensor),
     )
-    collect(config, out / "own", plan, filter_update(config, sensor))
+    collect(config, inside(out, "own"), plan, filter_update(config, sensor))
     calibrate(config, out / "calibration_by_attempt.json", run, out / "own", seed)
 
 

@@ -10,7 +10,7 @@ from mjx_fit.config import Config
 from mjx_fit.dataset import collect as collect_
 from mjx_fit.dataset.plan import Plan
 from mjx_fit.dataset.sequences import Update
-from mjx_fit.dataset.writer import LOCK
+from mjx_fit.files import LOCK
 
 PLAN = Plan(episodes=10, steps=3, policy="mixed", engine="native", seed=5, batch=5)
 

@@ -1,18 +1,19 @@
 """Collections that are killed, meet each other, or run out of room."""
 
-import errno
 import os
 import random
 import shutil
 import signal
 import subprocess
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 from collecting import command, files_of, run
+from faults import NO_ROOM, Faults, Killed
 
-from mjx_fit import files
+from mjx_fit import locks
 from mjx_fit.dataset import manifest, shard, store
 from mjx_fit.dataset.merge import merge
 from mjx_fit.errors import RequestError, WorkError
@@ -20,18 +21,34 @@ from mjx_fit.errors import RequestError, WorkError
 SMALL = {"episodes": 40, "steps": 4, "batch": 4, "policy": "mixed", "engine": "native", "sequence": 2}
 
 
-MOMENTS = 1 + 5 * 6
-"""In a collection of two shards: the new folder is synced; then the manifest, twice a shard and the manifest,
-and the manifest once more, are each written, synced, renamed (before and after) and synced in the folder."""
-
-
-class Killed(BaseException):
-    """Comes where SIGKILL would."""
+MOMENTS, MOMENTS_WITH_ROOM = 3 + 6 * 6 + 2, 3 + 6 * 5
+"""In a collection of two shards the new folder is made, and synced in the one above it, and the lock is made;
+then the manifest, twice a shard and the manifest, and the manifest once more are each created, written,
+synced, renamed (before and after) and synced in the folder; the lock is removed, and would be a folder that
+stayed empty. Once a file is renamed it needs no more room, nor does removing."""
 
 
 @pytest.fixture(scope="module")
 def folder(collect, tmp_path_factory):
     return collect(tmp_path_factory.mktemp("data") / "set")
+
+
+@pytest.fixture
+def recall(folder, collect, monkeypatch):
+    """Collects what is in the folder, but recalls its episodes instead of simulating them again."""
+    parts = {int(part.episode[0]): part for part in store.read_shards(folder, manifest.read(folder).shards)}
+
+    class Recalled:
+        broken = 0
+
+        def __init__(self, *_):
+            pass
+
+        def __call__(self, start):
+            return parts[start]
+
+    monkeypatch.setattr("mjx_fit.dataset.collect.Sequences", Recalled)
+    return collect
 
 
 def test_same_seed_same_bytes_and_a_repeat_changes_nothing(folder, collect, tmp_path):
@@ -42,50 +59,20 @@ def test_same_seed_same_bytes_and_a_repeat_changes_nothing(folder, collect, tmp_
     assert stamps == {path: path.stat().st_mtime_ns for path in folder.iterdir()}
 
 
-def kill_at(patch, moment):
-    """Lets file operations happen until the given one, which happens by half or not at all."""
-    count = iter(range(10**6))
-    write, rename, sync = Path.write_bytes, Path.replace, files._sync
-
-    def dying_write(path, content):
-        if next(count) == moment:
-            write(path, content[: len(content) // 2])
-            raise Killed
-        return write(path, content)
-
-    def dying_rename(path, target):
-        before, after = next(count), next(count)
-        if before == moment:
-            raise Killed
-        rename(path, target)
-        if after == moment:
-            raise Killed
-
-    def dying_sync(path):
-        if next(count) == moment:
-            raise Killed
-        sync(path)
-
-    patch.setattr(Path, "unlink", lambda *_, **__: None)  # nothing is tidied up by what is dead
-    patch.setattr(Path, "write_bytes", dying_write)
-    patch.setattr(Path, "replace", dying_rename)
-    patch.setattr(files, "_sync", dying_sync)
-
-
-def test_killed_at_any_file_operation_it_goes_on_to_the_same_bytes(folder, collect, tmp_path, monkeypatch):
+def test_killed_at_any_file_operation_it_goes_on_to_the_same_bytes(folder, recall, tmp_path, monkeypatch):
     moments = 0
     while True:
         out = tmp_path / f"killed{moments}"
         with monkeypatch.context() as patch:
-            kill_at(patch, moments)
+            Faults(patch, tmp_path, moments)
             try:
-                collect(out)
+                recall(out)
                 break
             except Killed:
                 pass
         if (out / "manifest.json").exists():
             assert store.damages(out) == {}  # what the manifest names is whole
-        collect(out)
+        recall(out)
         assert files_of(out) == files_of(folder)
         moments += 1
     assert moments == MOMENTS
@@ -96,7 +83,7 @@ def test_a_merge_killed_at_any_file_operation_goes_on(folder, collect, tmp_path,
     for moment in range(MOMENTS):
         out = tmp_path / f"killed{moment}"
         with monkeypatch.context() as patch:
-            kill_at(patch, moment)
+            Faults(patch, tmp_path, moment)
             with pytest.raises(Killed):
                 merge(parts, out)
         merge(parts, out)
@@ -172,9 +159,9 @@ def test_a_second_collector_is_refused(collect, tmp_path):
     out = collect(tmp_path / "out")
     (out / "shard-00000005.h5").unlink()
     before = files_of(out)
-    with files.lock(out / ".lock"):
-        with pytest.raises(RequestError, match="another process is writing to it"):
-            collect(out)
+    with locks.holding(out):
+        with ThreadPoolExecutor(1) as other, pytest.raises(RequestError, match="another process is writing"):
+            other.submit(collect, out).result()
         done = run(command(out, episodes=10, steps=3, policy="mixed", engine="native", seed=5, batch=5))
         assert done.returncode == 2
         assert done.stderr.count("\n") == 1
@@ -183,24 +170,24 @@ def test_a_second_collector_is_refused(collect, tmp_path):
     assert len(store.load(out).episode) == 10
 
 
-def test_a_full_disk_is_said_and_loses_nothing(folder, collect, tmp_path, monkeypatch):
-    out = tmp_path / "full"
-    write = Path.write_bytes
-
-    def no_room(path, content):
-        if "shard-00000005" in path.name:
-            write(path, content[:1000])
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        return write(path, content)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(Path, "write_bytes", no_room)
-        with pytest.raises(OSError, match=r"No space left on device: .*shard-00000005\.h5"):
-            collect(out)
-    assert sorted(files_of(out)) == ["manifest.json", "shard-00000000.h5"]
-    assert store.damages(out) == {}
-    collect(out)
-    assert files_of(out) == files_of(folder)
+@pytest.mark.parametrize("code", NO_ROOM)
+def test_a_full_disk_is_said_and_loses_nothing(folder, recall, tmp_path, monkeypatch, code):
+    """At any file operation: the error names a path, no temporary file stays, and the command goes on."""
+    for moment in range(0, MOMENTS_WITH_ROOM, 1 if code == NO_ROOM[0] else 9):
+        out = tmp_path / f"full{moment}"
+        with monkeypatch.context() as patch:
+            Faults(patch, tmp_path, moment, code)
+            with pytest.raises(OSError, match=os.strerror(code)) as caught:
+                recall(out)
+        assert caught.value.errno == code
+        assert str(caught.value.filename).startswith(str(tmp_path))
+        assert ".tmp" not in str(caught.value.filename)
+        names = {path.name for path in out.iterdir()} if out.is_dir() else set()
+        assert not {name for name in names if name.endswith(("tmp", "lock"))}
+        if "manifest.json" in names:
+            assert store.damages(out) == {}
+        recall(out)
+        assert files_of(out) == files_of(folder)
 
 
 def in_a_mount(options, script):

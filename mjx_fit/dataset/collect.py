@@ -11,6 +11,7 @@ from mjx_fit.dataset import shard as shard_
 from mjx_fit.dataset.plan import Plan, check
 from mjx_fit.dataset.sequences import Sequences, Update
 from mjx_fit.dataset.writer import Writer, is_finished, new_manifest, new_shard
+from mjx_fit.filesystem import inside
 from mjx_fit.progress import Progress
 from mjx_fit.simulate.broken import kept_in
 from mjx_fit.simulate.engine import create
@@ -45,7 +46,7 @@ def collect(config: Config, out: Path, plan: Plan, update: Update | None = None)
     with Writer(out, wanted) as writer:
         missing = writer.missing(shards)
         if missing:
-            simulate = Sequences(create(plan.engine, config), config, plan, out / _BROKEN, update)
+            simulate = Sequences(create(plan.engine, config), config, plan, inside(out, _BROKEN), update)
             _fill(writer, {name: shards[name] for name in missing}, len(shards), simulate, request)
         writer.finish()
 

@@ -11,7 +11,7 @@ import jax
 import numpy as np
 
 from mjx_fit import config as config_
-from mjx_fit import files
+from mjx_fit import files, locks
 from mjx_fit.dataset import manifest as manifest_
 from mjx_fit.dataset.episode import Episode, happened
 from mjx_fit.dataset.manifest import Manifest
@@ -57,8 +57,8 @@ def export(folder: Path, out: Path) -> None:
     if out.is_dir():
         raise RequestError(f"--out: {out} is not allowed: it is a folder")
     manifest = manifest_.read_complete(folder)
-    files.require_writable(out)
-    files.replace_with(out, lambda temporary: writers[out.suffix](folder, manifest, temporary))
+    with locks.holding_file(out):
+        files.replace_with(out, lambda temporary: writers[out.suffix](folder, manifest, temporary))
 
 
 def _write_npz(folder: Path, manifest: Manifest, path: Path) -> None:

@@ -1,6 +1,5 @@
 """Joining the parts of a data set that several machines collected."""
 
-import shutil
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +11,7 @@ from mjx_fit.dataset.shard import decode
 from mjx_fit.dataset.store import content_of
 from mjx_fit.dataset.writer import Writer, is_finished
 from mjx_fit.errors import RequestError
+from mjx_fit.filesystem import inside
 from mjx_fit.progress import Progress
 
 
@@ -43,8 +43,7 @@ def merge(parts: Sequence[Path], out: Path) -> None:
                 progress(done)
         for folder in parts:
             for dump in sorted((folder / "broken").glob("*.npz")):
-                (out / "broken").mkdir(exist_ok=True)
-                shutil.copyfile(dump, out / "broken" / dump.name)
+                files.write_bytes(inside(out, "broken") / dump.name, dump.read_bytes())
         writer.finish()
 
 

@@ -6,6 +6,7 @@ So whatever the manifest names is there and whole, and a collection that was kil
 
 import sys
 from collections.abc import Iterable
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,12 +15,11 @@ import numpy as np
 from jaxtyping import Int
 
 from mjx_fit import config as config_
-from mjx_fit import files, provenance
+from mjx_fit import files, locks, provenance
 from mjx_fit.dataset import manifest as manifest_
 from mjx_fit.dataset.manifest import Manifest, Shard
-from mjx_fit.errors import RequestError, WorkError
+from mjx_fit.errors import RequestError
 
-LOCK = ".lock"
 _SIDE = {"broken", "report"}
 """Folders that may stand beside the shards."""
 
@@ -70,22 +70,14 @@ class Writer:
 
     def __enter__(self) -> "Writer":
         _require_ours(self._folder)
-        files.make_folder(self._folder)
-        try:
-            self._lock = files.lock(self._folder / LOCK)
-        except BlockingIOError:
-            raise RequestError(
-                f"--out: {self._folder} is not allowed now: another process is writing to it"
-            ) from None
-        try:
+        with ExitStack() as stack:
+            self._hold = stack.enter_context(locks.holding(self._folder))
             self._manifest = self._begin()
-        except BaseException:
-            self._lock.close()
-            raise
+            self._stack = stack.pop_all()
         return self
 
     def __exit__(self, *error) -> None:
-        self._lock.close()
+        self._stack.__exit__(*error)
 
     def _begin(self) -> Manifest:
         if (self._folder / manifest_.NAME).is_file():
@@ -120,7 +112,7 @@ class Writer:
         Raises:
             WorkError: The folder was taken away.
         """
-        self._require_lock()
+        self._hold.require()
         files.write_bytes(self._folder / shard.name, content)
         self._save(self._manifest.with_shard(shard))
 
@@ -128,13 +120,9 @@ class Writer:
         """Notes that all shards are there. What is finished is not touched again."""
         self._save(replace(self._manifest, complete=True))
 
-    def _require_lock(self) -> None:
-        if not files.holds(self._lock, self._folder / LOCK):
-            raise WorkError(f"{self._folder} was removed or replaced while this command was writing to it")
-
     def _save(self, manifest: Manifest) -> None:
         if manifest != self._manifest:
-            self._require_lock()
+            self._hold.require()
             manifest_.write(self._folder, manifest)
             self._manifest = manifest
 
@@ -145,9 +133,7 @@ def _require_ours(folder: Path) -> None:
         raise RequestError(f"--out: {folder} is not allowed: it must be a folder")
     if not folder.is_dir() or (folder / manifest_.NAME).is_file():
         return
-    # What a kill may have left, and what another process may be making just now.
-    begun = {LOCK, manifest_.NAME, f"{manifest_.NAME}.tmp"}
-    foreign = sorted({path.name for path in folder.iterdir()} - begun - _SIDE)
+    foreign = files.foreign(folder, {manifest_.NAME, *_SIDE})
     if foreign:
         raise RequestError(f"--out: {folder} is not allowed: it holds other files ({foreign[0]})")
 

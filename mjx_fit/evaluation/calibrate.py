@@ -5,16 +5,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from mjx_fit import config as config_
 from mjx_fit import provenance
 from mjx_fit.config import Config
 from mjx_fit.dataset import manifest, store
+from mjx_fit.dataset.episode import Episode
 from mjx_fit.evaluation import calibration, held_out, outcome
 from mjx_fit.evaluation.results import Result
 from mjx_fit.evaluation.statistics import Interval, Row, bootstrap_mean
 from mjx_fit.progress import Progress
+from mjx_fit.sensors.model import ContactSensor
 from mjx_fit.training import checkpoint
 from mjx_fit.training.baseline import FRAME_BY_FRAME
 from mjx_fit.training.kinship import require_new, require_world
@@ -63,9 +65,17 @@ def calibrate(config: Config, out: Path, run: Path, data: Path, seed: int) -> Re
     }
     require_new(run, episodes, request["data"])
     asked = outcome.Asked(out, "calibration", config, seed, request, asked_for["engine"])
-    done = outcome.finished(asked)
-    if done is not None:
-        return done
+    return outcome.once(asked, lambda: _calibrate(asked, sensors, episodes, ids, actions))
+
+
+def _calibrate(
+    asked: outcome.Asked,
+    sensors: dict[str, ContactSensor],
+    episodes: Episode,
+    ids: Int[np.ndarray, "n"],
+    actions: int,
+) -> Result:
+    config, seed = asked.config, asked.seed
     counts = sorted({max(1, round(share * actions)) for share in (*SHARES, 1)})
     trials: _Trials = []
     with Progress("calibration: readings", len(sensors) * len(counts)) as progress:

@@ -16,12 +16,13 @@ from mjx_fit.evaluation.results import Result
 from mjx_fit.policies import SPIRAL
 from mjx_fit.progress import Progress
 from mjx_fit.randomness import root_key
+from mjx_fit.sensors.model import ContactSensor
 from mjx_fit.settings import N_TYPES
 from mjx_fit.simulate.broken import Reporting, report
 from mjx_fit.simulate.engine import create, even_batch
 from mjx_fit.task import assembly as assembly_
 from mjx_fit.task.learning import learner
-from mjx_fit.task.methods import ASSEMBLY, chosen
+from mjx_fit.task.methods import ASSEMBLY, Method, chosen
 from mjx_fit.task.trials import draw_trials
 from mjx_fit.training import checkpoint
 from mjx_fit.types import Attempt, Interaction
@@ -46,9 +47,11 @@ def attempt(config: Config, out: Path, trials: int, seed: int, engine: str) -> R
     outcome.require_trials(trials, 4)  # as many for each shape, and mismatched ones
     request = {"trials": trials}
     asked = outcome.Asked(out, "attempt", config, seed, request, engine)
-    done = outcome.finished(asked)
-    if done is not None:
-        return done
+    return outcome.once(asked, lambda: _attempt(asked, trials))
+
+
+def _attempt(asked: outcome.Asked, trials: int) -> Result:
+    config, out, seed, engine = asked.config, asked.out, asked.seed, asked.engine
     peg_type, hole_type = _attempt_pairs(trials)
     n = len(peg_type)
     batch = even_batch(n, ATTEMPT_BATCH)
@@ -109,10 +112,15 @@ def assembly(
         "differs_from_training": differs,
     }
     asked = outcome.Asked(out, "assembly", config, seed, request, engine)
-    done = outcome.finished(asked)
-    if done is not None:
-        parts.finish(out)
-        return done
+    result = outcome.once(asked, lambda: _assembly(asked, picked, sensor, trials))
+    parts.finish(out)
+    return result
+
+
+def _assembly(
+    asked: outcome.Asked, picked: tuple[Method, ...], sensor: ContactSensor | None, trials: int
+) -> Result:
+    config, out, seed, engine = asked.config, asked.out, asked.seed, asked.engine
     simulator, learn = create(engine, config), learner(config, sensor)
     pieces = parts.pieces(trials, len(picked), simulator.name)
     pegs_each = len(picked) * config.task.n_holes

@@ -79,10 +79,13 @@ def run(study: Study, config: Config, out: Path, folder: Path, seed: int, engine
         "differs_from_training": differs,
     }
     asked = outcome.Asked(out, study.experiment, config, seed, request, engine)
-    done = outcome.finished(asked)
-    if done is not None:
-        parts.finish(out)
-        return done
+    result = outcome.once(asked, lambda: _worked_out(study, asked, sensors))
+    parts.finish(out)
+    return result
+
+
+def _worked_out(study: Study, asked: outcome.Asked, sensors: dict[str, ContactSensor]) -> Result:
+    config, out, engine = asked.config, asked.out, asked.engine
     simulator, n_methods = create(engine, config), len(study.methods)
     updates = _updates(study.methods, sensors, config)
     pieces = parts.pieces(study.n, n_methods, simulator.name)

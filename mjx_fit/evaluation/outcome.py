@@ -1,6 +1,7 @@
 """The result file of a request: whether it is there already, and writing it."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -9,12 +10,13 @@ import numpy as np
 from jaxtyping import Float
 
 from mjx_fit import config as config_
-from mjx_fit import files, provenance
+from mjx_fit import files, locks, provenance
 from mjx_fit.config import Config
 from mjx_fit.errors import RequestError, require
 from mjx_fit.evaluation import results
 from mjx_fit.evaluation.results import Result
 from mjx_fit.evaluation.statistics import Row
+from mjx_fit.filesystem import inside
 from mjx_fit.randomness import require_seed
 from mjx_fit.simulate.engine import resolve
 
@@ -71,6 +73,23 @@ def finished(asked: Asked) -> Result | None:
     return there
 
 
+def once(asked: Asked, work: Callable[[], Result]) -> Result:
+    """The result of a request: read where it was finished before, else worked out while its file is held.
+
+    Args:
+        asked: The request.
+        work: Makes the result and writes it.
+
+    Raises:
+        RequestError: As ``finished``, or another process works on it, or has finished another one just now.
+    """
+    done = finished(asked)
+    if done is not None:
+        return done
+    with locks.holding_file(asked.out):
+        return finished(asked) or work()
+
+
 def write(asked: Asked, summary: list[Row], rows: list[dict[str, Any]]) -> Result:
     """Write what was counted."""
     result = Result(
@@ -86,7 +105,7 @@ def write(asked: Asked, summary: list[Row], rows: list[dict[str, Any]]) -> Resul
 
 def broken(out: Path) -> Path:
     """Where the broken worlds of a result file are kept."""
-    return out.with_suffix(".broken")
+    return inside(out.parent, out.with_suffix(".broken").name)
 
 
 def rounded(values: Float[np.ndarray, " n"]) -> list[float | None]:

@@ -1,6 +1,7 @@
 """Work in parts that a kill does not lose: each is kept beside the result file until all are there."""
 
 import json
+import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -9,9 +10,10 @@ import jax
 import numpy as np
 from jaxtyping import Int
 
-from mjx_fit import files, provenance
+from mjx_fit import files, locks, provenance
 from mjx_fit.errors import RequestError
 from mjx_fit.evaluation.outcome import Asked
+from mjx_fit.filesystem import inside
 from mjx_fit.simulate.engine import even_batch
 
 Rows = list[dict[str, Any]]
@@ -37,7 +39,7 @@ def pieces(n: int, rows_each: int, engine: str) -> list[Int[np.ndarray, "m"]]:
 
 def kept(out: Path) -> int:
     """How many parts are there already."""
-    return len(list(out.with_suffix(".parts").glob("part-*.json")))
+    return len(list(_folder(out).glob("part-*.json")))
 
 
 def in_parts(
@@ -56,12 +58,12 @@ def in_parts(
     Raises:
         RequestError: The folder holds parts of another request.
     """
-    folder = asked.out.with_suffix(".parts")
+    folder = _folder(asked.out)
     own = asked.to_tree() | {"versions": provenance.versions(), "device": provenance.device()}
     _require_own(folder, own)
     rows: Rows = []
     for number, part in enumerate(parts):
-        path = folder / f"part-{number:05d}.json"
+        path = inside(folder, f"part-{number:05d}.json")
         made = _read(path)
         if made is None:
             made = work(part)  # first: a request that it refuses leaves nothing behind
@@ -75,30 +77,36 @@ def in_parts(
 
 def finish(out: Path) -> None:
     """Removes the parts of a result that is written."""
-    folder = out.with_suffix(".parts")
+    folder = _folder(out)
     if folder.is_dir():
-        for path in sorted(folder.iterdir(), key=lambda path: path.name == ASKED):
-            path.unlink()
-        folder.rmdir()
+        with locks.holding_file(out):
+            for name in sorted(os.listdir(folder), key=lambda name: name == ASKED):
+                (folder / name).unlink()
+            folder.rmdir()
+
+
+def _folder(out: Path) -> Path:
+    return inside(out.parent, out.with_suffix(".parts").name)
 
 
 def _read(path: Path) -> Any:
     """What was kept; None where nothing was, or it is damaged: then it is worked out again."""
     try:
-        return json.loads(path.read_text())
-    except (FileNotFoundError, ValueError):
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (FileNotFoundError, ValueError, RecursionError):
         return None
 
 
 def _require_own(folder: Path, asked: dict[str, Any]) -> None:
-    path = folder / ASKED
+    path = inside(folder, ASKED)
     if path.is_file():
-        there = _read(path) or {}
+        there = _read(path)
         if there != asked:
-            name = next(key for key in asked if there.get(key) != asked[key])
+            known = there if isinstance(there, dict) else {}
+            name = next((key for key in asked if known.get(key) != asked[key]), "contents")
             raise RequestError(
                 f"--out: {folder} is not allowed: it holds the begun work of another request "
                 f"(its {name} differs); remove it or choose another file"
             )
-    elif folder.exists() and any(folder.iterdir()):
-        raise RequestError(f"--out: {folder} is not allowed: it holds other files; remove it")
+    elif foreign := files.foreign(folder, {ASKED}):
+        raise RequestError(f"--out: {folder} is not allowed: it holds other files ({foreign[0]}); remove it")

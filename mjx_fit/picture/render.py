@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import UInt8
 from PIL import Image
 
-from mjx_fit import errors, files
+from mjx_fit import errors, files, locks
 from mjx_fit.errors import RequestError, WorkError
 from mjx_fit.evaluation.recording import Recording
 from mjx_fit.picture.motion import Moment, moments, require_speed
@@ -73,7 +73,8 @@ def render(recording: Recording, out: Path, fps: int, speed: float, size: tuple[
         print(f"render: {what}; a larger --speed, or one --attempt, has fewer", file=sys.stderr)
     frames = _frames(recording, shown, size)
     write = _write_gif if out.suffix == ".gif" else _write_mp4
-    files.replace_with(out, lambda hidden: write(frames, hidden, fps, size))
+    with locks.holding_file(out):
+        files.replace_with(out, lambda hidden: write(frames, hidden, fps, size))
     return out
 
 

@@ -5,18 +5,25 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from mjx_fit import files
+from mjx_fit import files, locks
 from mjx_fit.errors import RequestError
 from mjx_fit.evaluation import results
+from mjx_fit.filesystem import inside
 from mjx_fit.report import sections
 from mjx_fit.report.page import GENERATOR, page
 from mjx_fit.report.sections import Section
+
+UNFINISHED = (
+    f"<!doctype html>\n<html lang=en>\n{GENERATOR}\n<title>Not finished</title>\n"
+    "<p>This report was not finished: give its command again.</p>\n"
+)
+"""Stands in the page's place while the figures are written."""
 
 _Maker = Callable[[str], Section]
 
 
 def build(inputs: list[Path], out: Path) -> Path:
-    """Writes ``index.html`` and ``figures/*.svg``.
+    """Writes ``index.html`` and ``figures/*.svg``; what was stopped is done again by the same call.
 
     Args:
         inputs: Result files; videos; folders of a training run (``metrics.jsonl``) or a data set
@@ -44,12 +51,20 @@ def build(inputs: list[Path], out: Path) -> Path:
     slugs = _unique([name for name, _ in found.values()])
     made = [make(slug) for slug, (_, make) in zip(slugs, found.values(), strict=True)]
     made.sort(key=lambda section: not section.video)  # what people would rather look at comes first
+    with locks.holding(out):
+        _require_ours(inputs, out)  # nobody was quicker
+        _write(made, out)
+    return out / "index.html"
+
+
+def _write(made: list[Section], out: Path) -> None:
+    index, figures = out / "index.html", inside(out, "figures")
+    if not index.exists():  # by which a report that is stopped from here on is known as ours
+        files.write_text(index, UNFINISHED)
     for section in made:
         for picture in section.pictures:
-            files.write_text(out / "figures" / f"{picture.name}.svg", picture.svg)
-    index = out / "index.html"
+            files.write_text(figures / f"{picture.name}.svg", picture.svg)
     files.write_text(index, page(made))
-    return index
 
 
 def beside(path: Path) -> Path:
@@ -63,7 +78,7 @@ def _require_ours(inputs: list[Path], out: Path) -> None:
     if index.exists() and GENERATOR not in index.read_text(encoding="utf-8", errors="replace"):
         raise RequestError(f"report: --out {out} is not allowed: it holds an index.html of something else")
     beside = out.resolve() in [path.resolve() for path in inputs]
-    foreign = sorted(path.name for path in out.iterdir()) if out.is_dir() else []
+    foreign = files.foreign(out, {index.name})
     if foreign and not index.exists() and not beside:
         raise RequestError(f"report: --out {out} is not allowed: it holds other files ({foreign[0]})")
 

@@ -13,6 +13,7 @@ from jaxtyping import Bool, Int
 from mjx_fit import config as config_
 from mjx_fit import files
 from mjx_fit.config import Config
+from mjx_fit.filesystem import inside
 from mjx_fit.simulate.engine import Engine
 from mjx_fit.simulate.native import NativeEngine
 from mjx_fit.simulate.plausible import reason
@@ -50,7 +51,7 @@ def report(
     """
     broken = np.flatnonzero(~interactions.valid)
     for place, i in enumerate(broken):
-        path = folder / f"broken-{ids[i]:08d}.npz"
+        path = inside(folder.parent, folder.name) / f"broken-{ids[i]:08d}.npz"
         arrays = {
             "qpos": interactions.end_qpos[i],
             "qvel": interactions.end_qvel[i],

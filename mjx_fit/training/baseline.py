@@ -9,6 +9,7 @@ import numpy as np
 from mjx_fit.config import Config
 from mjx_fit.dataset import manifest, store
 from mjx_fit.dataset.episode import Episode
+from mjx_fit.training import run_folder
 from mjx_fit.training.kinship import require_world
 from mjx_fit.training.loop import train
 from mjx_fit.training.sides import require_chains, require_symmetric
@@ -49,8 +50,10 @@ def train_with_baseline(data: Episode, config: Config, out: Path, seed: int, mem
         RequestError: As ``mjx_fit.training.loop.train``.
     """
     _say_what_is_left_out(data)
-    train(data, config, out, seed, members=members)
-    if config.train.baseline_share and config.sensor.reference != "final":
+    with run_folder.holding(out, []):  # nobody comes in between
+        train(data, config, out, seed, members=members)
+        if not config.train.baseline_share or config.sensor.reference == "final":
+            return
         train(data, _of_baseline(config), out, seed, members=members, inside=FRAME_BY_FRAME)
 
 

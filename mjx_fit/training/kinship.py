@@ -1,6 +1,5 @@
 """Whether a sensor may be judged on a data set: not on holes that it was trained on, nor in another world."""
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +9,7 @@ from mjx_fit import config as config_
 from mjx_fit.config import Config
 from mjx_fit.dataset.episode import Episode
 from mjx_fit.errors import RequestError
-from mjx_fit.training.run_folder import RUN
+from mjx_fit.training import run_folder
 
 WORLD = ("scene", "control")
 """Sections of the configuration that what is felt in a data set depends on, whatever was done there."""
@@ -34,8 +33,7 @@ def require_new(run: Path, data: Episode, fingerprint: str) -> None:
     Raises:
         RequestError: It was.
     """
-    path = run / RUN
-    told = json.loads(path.read_text()) if path.is_file() else {}
+    told = run_folder.read(run, "--run") if (run / run_folder.RUN).is_file() else {}
     if told.get("data") == fingerprint:
         raise RequestError("--data: the data that the run was trained on are not allowed: collect others")
     hole = told.get("first_hole")

@@ -4,6 +4,8 @@ One folder is one run: the same configuration but for the number of epochs, the 
 """
 
 import json
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,12 +14,18 @@ import numpy as np
 from jaxtyping import Int
 
 from mjx_fit import config as config_
-from mjx_fit import files, provenance
+from mjx_fit import files, locks, provenance
 from mjx_fit.config import Config
 from mjx_fit.errors import RequestError, require
+from mjx_fit.filesystem import inside as inside_
+from mjx_fit.filesystem import refuse_link
 
 MAX_MEMBERS = 100
 CONFIG, RUN, METRICS = "config.yaml", "run.json", "metrics.jsonl"
+_ENTRIES = (CONFIG, RUN, METRICS, "checkpoints", "checkpoints/best", "checkpoints/last")
+"""What is written to in the folder: none may be a link."""
+_NEEDED = ("val_nll", "prior_nll")
+"""Metrics that say what a run has come to."""
 
 
 def identity(config: Config) -> Config:
@@ -47,15 +55,41 @@ def members(out: Path, count: int, inside: str = "") -> list[Path]:
     """
     require_members(count)
     if count == 1:
-        return [out / inside]
-    folders = [out / f"member-{member}" for member in range(count)]
-    parts = {"checkpoints", "frame_by_frame", *(folder.name for folder in folders)}
-    foreign = sorted({path.name for path in out.iterdir()} - parts) if out.is_dir() else []
+        return [_below(out, inside)]
+    names = [f"member-{member}" for member in range(count)]
+    foreign = files.foreign(out, {"checkpoints", "frame_by_frame", *names})
     if foreign:
         raise RequestError(
             f"--out: {out} is not allowed: it holds other files ({foreign[0]}); choose a new folder"
         )
-    return [folder / inside for folder in folders]
+    return [_below(inside_(out, name), inside) for name in names]
+
+
+def _below(out: Path, inside: str) -> Path:
+    return inside_(out, inside) if inside else out
+
+
+@contextmanager
+def holding(out: Path, folders: list[Path]) -> Iterator[Callable[[], None]]:
+    """Hold the folder of a run and those in it that are trained into; a finished run may be read-only.
+
+    Yields:
+        Raises a WorkError if one of them was taken away.
+
+    Raises:
+        RequestError: Another process trains there.
+    """
+    with ExitStack() as stack:
+        holds = [
+            stack.enter_context(locks.holding(folder, even_if_read_only=True))
+            for folder in dict.fromkeys([out, *folders])
+        ]
+
+        def require_there() -> None:
+            for hold in holds:
+                hold.require()
+
+        yield require_there
 
 
 def check(out: Path, config: Config, seed: int, data: str) -> None:
@@ -66,23 +100,71 @@ def check(out: Path, config: Config, seed: int, data: str) -> None:
     """
     if out.exists() and not out.is_dir():
         raise RequestError(f"--out: {out} is not allowed: it must be a folder")
+    for name in _ENTRIES:
+        refuse_link(out / name)
     if not (out / RUN).is_file():
         _require_free(out, config)
         return
-    try:
-        there = json.loads((out / RUN).read_text())
-        differences = [
-            f"{name} is {there[name]} there and {here} here"
-            for name, here in (("seed", seed), ("data", data))
-            if there[name] != here
-        ]
-    except (ValueError, KeyError, TypeError):
-        raise RequestError(f"--out: {out} is not allowed: its {RUN} cannot be read") from None
+    there = read(out)
+    differences = [
+        f"{name} is {there[name]} there and {here} here"
+        for name, here in (("seed", seed), ("data", data))
+        if there[name] != here
+    ]
     differences += config_.differences(*map(identity, (config_.load(out / CONFIG), config)))
     if differences:
         raise RequestError(
             f"--out: {out} is not allowed: it holds another run ({differences[0]}); choose a new folder"
         )
+
+
+def read(out: Path, option: str = "--out") -> dict[str, Any]:
+    """What ``run.json`` says; ``option`` is the one that the folder was given by.
+
+    Raises:
+        RequestError: It is damaged.
+    """
+    path = out / RUN
+    try:
+        run = json.loads(path.read_text(encoding="utf-8"))
+        if {"seed", "data"} <= run.keys():
+            return run
+        what = "it lacks the seed or the data"
+    except (OSError, ValueError, RecursionError, AttributeError) as error:
+        what = _in_a_line(error)
+    raise _damaged(path, what, option)
+
+
+def read_metrics(out: Path, epochs: int | None = None) -> list[dict[str, Any]]:
+    """The first epochs of ``metrics.jsonl``, or all; a kill may have torn the line behind them.
+
+    Raises:
+        RequestError: A line is damaged or missing.
+    """
+    path = out / METRICS
+    lines = path.read_bytes().splitlines(keepends=True) if path.is_file() else []
+    rows = []
+    for number, line in enumerate(lines[:epochs]):
+        try:
+            row = json.loads(line.decode())
+            if row["epoch"] != number or not all(isinstance(row[key], float | int) for key in _NEEDED):
+                raise ValueError(f"it is not of epoch {number}")
+        except (ValueError, RecursionError, KeyError, TypeError) as error:
+            raise _damaged(path, f"line {number + 1}: {_in_a_line(error)}") from None
+        rows.append(row)
+    if len(rows) < (epochs or 0):
+        raise _damaged(path, f"it ends after epoch {len(rows)}, and the checkpoint after {epochs}")
+    return rows
+
+
+def _damaged(path: Path, what: str, option: str = "--out") -> RequestError:
+    return RequestError(
+        f"{option}: {path} is not allowed: it is damaged ({what}); restore it, or choose a new folder"
+    )
+
+
+def _in_a_line(error: Exception) -> str:
+    return f"{type(error).__name__}: {' '.join(str(error).split())}"[:120]
 
 
 def write(
@@ -105,7 +187,6 @@ def write(
         sequences: Which sequence, that is which hole, each episode belongs to.
         sides: Indices of the training and of the validation episodes.
     """
-    out.mkdir(parents=True, exist_ok=True)
     files.write_text(out / CONFIG, config_.to_yaml(config))
     if not (out / RUN).is_file():
         run = {
@@ -124,13 +205,15 @@ def write(
 
 def summary(out: Path) -> str:
     """What a run has come to, in a line."""
-    run = json.loads((out / RUN).read_text())
+    run = read(out)
     sides = " and ".join(
         f"{verb} on {run[side]['interactions']:,} interactions at {run[side]['holes']:,} holes"
         for verb, side in (("trained", "training"), ("validated", "validation"))
         if side in run  # earlier runs did not count them
     )
-    rows = [json.loads(line) for line in (out / METRICS).read_text().splitlines()]
+    rows = read_metrics(out)
+    if not rows:
+        raise _damaged(out / METRICS, "it holds no epoch")
     best = min(rows, key=lambda row: row["val_nll"])
     helps = best["val_nll"] < best["prior_nll"]
     return (
@@ -143,23 +226,26 @@ def summary(out: Path) -> str:
 def keep_metrics(out: Path, epochs_done: int) -> None:
     """Cut ``metrics.jsonl`` back to the epochs that the checkpoint knows; the rest is run again."""
     path = out / METRICS
-    lines = path.read_text().splitlines(keepends=True) if path.is_file() else []
+    rows = read_metrics(out, epochs_done)
+    lines = path.read_bytes().splitlines(keepends=True) if path.is_file() else []
     # Line by line in order: the last one may have been torn by a kill.
-    files.write_text(path, "".join(lines[:epochs_done]))
+    files.write_bytes(path, b"".join(line.rstrip(b"\n") + b"\n" for line in lines[: len(rows)]))
 
 
 def append_metrics(out: Path, row: dict) -> None:
     """Add the line of one epoch."""
-    with (out / METRICS).open("a") as file:
-        file.write(json.dumps(row) + "\n")
+    files.append_line(out / METRICS, json.dumps(row))
 
 
 def _require_free(out: Path, config: Config) -> None:
     """A folder without a run may hold what a killed start of this very run left behind, and nothing else."""
     begun = {CONFIG: config_.to_yaml(config)}
-    for path in sorted(out.iterdir()) if out.is_dir() else ():
-        torn = path.name in (f"{CONFIG}.tmp", f"{RUN}.tmp")
-        if not torn and not (path.is_file() and path.read_text(errors="replace") == begun.get(path.name)):
+    for name in files.foreign(out, {RUN}):
+        path = out / name
+        torn = files.is_temporary(name, of={CONFIG})
+        if not torn and not (
+            path.is_file() and path.read_bytes().decode(errors="replace") == begun.get(name)
+        ):
             raise RequestError(
-                f"--out: {out} is not allowed: it holds other files ({path.name}); choose a new folder"
+                f"--out: {out} is not allowed: it holds other files ({name}); choose a new folder"
             )

@@ -1,6 +1,8 @@
 """Keeps what is worth keeping of a training: the best sensor of each member, and what resuming needs."""
 
+import errno
 import math
+import os
 import time
 from pathlib import Path
 
@@ -9,8 +11,23 @@ import numpy as np
 from flax import nnx
 from jaxtyping import Float
 
+from mjx_fit.filesystem import refuse_link
 from mjx_fit.training import checkpoint
 from mjx_fit.training.step import TrainState
+
+_NO_ROOM = (
+    errno.ENOSPC,
+    errno.EDQUOT,
+    errno.EFBIG,
+    errno.EMFILE,
+    errno.ENFILE,
+    errno.EROFS,
+    errno.EIO,
+    errno.ESTALE,
+    errno.EACCES,
+    errno.ENOENT,
+)
+"""Errors of the system that are looked for in what the storage library says."""
 
 
 class Saver:
@@ -49,9 +66,42 @@ class Saver:
         if not final and time.monotonic() - self.saved_at < self.every_s:
             return False
         for member, arrays in self.best.items():
-            checkpoint.save(self.members[member] / checkpoint.BEST, int(self.best_epoch[member]), arrays)
+            _save(self.members[member] / checkpoint.BEST, int(self.best_epoch[member]), arrays)
         self.best = {}
         remembered = {"best_nll": self.best_nll, "best_epoch": self.best_epoch}
-        checkpoint.save(self.out / checkpoint.LAST, epochs_done, checkpoint.to_arrays(state) | remembered)
+        _save(self.out / checkpoint.LAST, epochs_done, checkpoint.to_arrays(state) | remembered)
         self.saved_at = time.monotonic()
         return final
+
+
+def _save(folder: Path, epochs_done: int, arrays: checkpoint.Arrays) -> None:
+    """Store a checkpoint.
+
+    Raises:
+        OSError: There is no room, or the like; the storage library says so in many ways.
+    """
+    for own in (folder.parent, folder):
+        refuse_link(own)
+    try:
+        checkpoint.save(folder, epochs_done, arrays)
+    except Exception as error:
+        of_system = _of_system(error, folder)
+        if of_system is None:
+            raise
+        raise of_system from error
+
+
+def _of_system(error: BaseException, folder: Path) -> OSError | None:
+    """What the system said, found in an error, in those that led to it, or in their words."""
+    causes: list[BaseException] = [error]
+    for cause in causes:
+        more = [cause.__cause__, cause.__context__, *getattr(cause, "exceptions", ())]
+        causes += [one for one in more if one is not None and one not in causes]
+    for cause in causes:
+        if isinstance(cause, OSError) and cause.errno is not None:
+            return OSError(cause.errno, os.strerror(cause.errno), str(folder))
+    words = " ".join(map(str, causes))
+    for code in _NO_ROOM:
+        if os.strerror(code) in words or errno.errorcode[code] in words:
+            return OSError(code, os.strerror(code), str(folder))
+    return None

@@ -1,0 +1,28 @@
+"""Paths as people write them."""
+
+import argparse
+from pathlib import Path
+
+
+def path(text: str) -> Path:
+    """The path that an option names, with ``~`` and ``~user`` expanded: a shell does not, after ``--out=``.
+
+    Raises:
+        argparse.ArgumentTypeError: It can be no path.
+    """
+    if not text.strip():
+        raise argparse.ArgumentTypeError(f"{text!r} is not allowed: it must name a file or a folder")
+    if "\0" in text:
+        raise argparse.ArgumentTypeError(f"{text!r} is not allowed: a path holds no NUL")
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        raise argparse.ArgumentTypeError(f"{text!a} is not allowed: it must be valid UTF-8") from None
+    try:
+        return Path(text).expanduser()
+    except RuntimeError:
+        user = Path(text).parts[0]
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is not allowed: no home folder of {user} is known; write ./{user} for a folder "
+            "of that name"
+        ) from None
