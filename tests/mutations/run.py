@@ -10,7 +10,9 @@ suite: a mutation takes some seconds to some minutes.
 
 import argparse
 import json
+import multiprocessing
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -21,7 +23,20 @@ from typing import NamedTuple
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
-TAIL = 12
+FORKS = multiprocessing.get_context("forkserver")
+FORKS.set_forkserver_preload(
+    [
+        "jax",
+        "mujoco.mjx",
+        "flax.nnx",
+        "optax",
+        "orbax.checkpoint",
+        "h5py",
+        "scipy.stats",
+        "hypothesis",
+        "pytest",
+    ]
+)
 LATE = "nothing ended within "
 
 
@@ -71,21 +86,35 @@ def copy_tree(to: Path) -> None:
 
 def failing(tree: Path, tests: tuple[str, ...], limit_s: float) -> str:
     """The first of these tests that fails in a tree, or "" where all pass."""
-    command = [sys.executable, "-m", "pytest", "-x", "-p", "no:cacheprovider", "--tb=no", *tests]
-    env = os.environ | {"PYTHONPATH": str(tree), "PYTHONDONTWRITEBYTECODE": "1"}
-    try:
-        done = subprocess.run(
-            command, check=False, cwd=tree, env=env, capture_output=True, text=True, timeout=limit_s
-        )
-    except subprocess.TimeoutExpired:
+    report = tree / "report.txt"
+    process = FORKS.Process(target=run_tests, args=(tree, tests, report))
+    process.start()
+    process.join(limit_s)
+    if process.is_alive():
+        process.kill()
+        process.join()
         return f"{LATE}{limit_s:.0f} s"
-    if done.returncode == 0:
+    if process.exitcode == 0:
         return ""
-    lines = done.stdout.splitlines()
-    named = [line.split(" - ")[0].split(" ", 1)[1] for line in lines if line.startswith(("FAILED", "ERROR"))]
+    text = report.read_text()
+    named = re.search(r"^(?:FAILED|ERROR) (.*?)(?: - |$)", text, re.MULTILINE)
     if not named:
-        sys.exit("\n".join(lines[-TAIL:]) or done.stderr)
-    return named[0]
+        sys.exit(text)
+    return named[1]
+
+
+def run_tests(tree: Path, tests: tuple[str, ...], report: Path) -> None:
+    """In a process of its own, which has what takes long to import, but nothing of the tree."""
+    os.chdir(tree)
+    os.environ |= {"PYTHONPATH": str(tree), "PYTHONDONTWRITEBYTECODE": "1"}
+    sys.path.insert(0, str(tree))
+    sys.dont_write_bytecode = True
+    with report.open("w") as file:
+        for stream in (1, 2):
+            os.dup2(file.fileno(), stream)
+        import pytest
+
+        sys.exit(pytest.main(["-x", "-p", "no:cacheprovider", "--tb=no", *tests]))
 
 
 def tried(tree: Path, mutation: Mutation, limit_s: float) -> str:
