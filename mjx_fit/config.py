@@ -85,7 +85,7 @@ def from_tree(tree: dict[str, Any]) -> Config:
         raise RequestError(
             f"config: {shown(tree)} is not allowed: it must hold sections of names and values"
         ) from None
-    limits.require_steady(config.control, config.spiral, config.random)
+    limits.require_steady(config.scene, config.control, config.spiral, config.random)
     require_room(config, "spiral.radius_m", config.spiral.radius_m)
     return config
 
@@ -122,8 +122,16 @@ def to_yaml(config: Config) -> str:
 
 
 def from_yaml(text: str) -> Config:
-    """What ``to_yaml`` wrote."""
-    return from_tree(strict_yaml.load(text))
+    """What ``to_yaml`` wrote.
+
+    Raises:
+        RequestError: It is something else.
+    """
+    try:
+        tree = strict_yaml.load(text)
+    except strict_yaml.StrictYamlError as error:
+        raise RequestError(f"config: {error}") from None
+    return from_tree(tree)
 
 
 def differences(one: Config, other: Config) -> list[str]:

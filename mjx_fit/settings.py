@@ -17,7 +17,6 @@ Probability = Annotated[float, Field(ge=1e-6, le=0.999999)]
 
 Rates = tuple[Annotated[float, Field(ge=0, le=0.999999)], ...]
 
-Stiffness = Annotated[float, Field(ge=50, le=1500)]
 Push = Annotated[float, Field(ge=0.0005, le=0.02)]
 Wiggle = Annotated[float, Field(ge=0, le=0.01)]
 Spread = Annotated[float, Field(ge=0.0001, le=0.02)]
@@ -144,8 +143,8 @@ class ControlConfig:
         kp_posture: As ``kp_position`` for the joints, in the null space of the task, critically damped.
     """
 
-    kp_position: Stiffness = 600.0
-    kp_orientation: Annotated[float, Field(ge=50, le=4000)] = 600.0
+    kp_position: Annotated[float, Field(ge=50, le=1400)] = 600.0
+    kp_orientation: Annotated[float, Field(ge=100, le=4000)] = 600.0
     damping_ratio: Annotated[float, Field(ge=0.5, le=5)] = 1.2
     kp_posture: Annotated[float, Field(ge=0, le=400)] = 10.0
 
