@@ -143,8 +143,8 @@ SHARD = ("shards", 0)
 MANIFESTS: list[tuple[tuple, Any]] = [
     *[((*SHARD, "name"), name) for name in (
         7, None, "", "profile", "../../profile", "/etc/profile", "shard-00000000.h5/../x", "shard-1.h5",
-        "shard-00000000.h5\n", "shard-00000001.h5", f"shard-{8 * ARABIC_ZERO}.h5", "Shard-00000000.h5", "x" * 100_000,
-        "shard-\x1b[2J.h5", ["shard-00000000.h5"],
+        "shard-00000000.h5\n", "shard-00000001.h5", f"shard-{8 * ARABIC_ZERO}.h5", "Shard-00000000.h5",
+        "x" * 100_000, "shard-\x1b[2J.h5", ["shard-00000000.h5"],
     )],
     *[((*SHARD, "episodes"), n) for n in ("4", 0, -1, 7, 10**12, 6.0, True, None, [])],
     *[((*SHARD, "first_episode"), n) for n in ("0", -1, 1, 0.0)],

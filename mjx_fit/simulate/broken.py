@@ -14,6 +14,7 @@ from mjx_fit import config as config_
 from mjx_fit import files
 from mjx_fit.config import Config
 from mjx_fit.filesystem import inside
+from mjx_fit.simulate import broken_file
 from mjx_fit.simulate.engine import Engine
 from mjx_fit.simulate.native import NativeEngine
 from mjx_fit.simulate.plausible import reason
@@ -85,13 +86,16 @@ def replay(path: Path) -> Interaction:
 
     Returns:
         A batch of one interaction with that action's row filled.
+
+    Raises:
+        RequestError: It is no such file.
     """
-    with np.load(path) as kept:
-        config = config_.from_yaml(str(kept["config"]))
-        key = jax.random.wrap_key_data(kept["key"][None])
-        attempt = Attempt(key=key, **{name: kept[name][None] for name in _PLAIN})
-        step, horizon = int(kept["step"]), int(kept["horizon"])
-        return NativeEngine(config, 1).act(attempt, kept["qpos"][None], kept["qvel"][None], step, horizon)
+    kept = broken_file.read(path)
+    config = config_.from_yaml(str(kept["config"]))
+    key = jax.random.wrap_key_data(kept["key"][None])
+    attempt = Attempt(key=key, **{name: kept[name][None] for name in _PLAIN})
+    step, horizon = int(kept["step"]), int(kept["horizon"])
+    return NativeEngine(config, 1).act(attempt, kept["qpos"][None], kept["qvel"][None], step, horizon)
 
 
 class Reporting:
