@@ -96,7 +96,8 @@ def make_folder(path: Path) -> list[Path]:
     if path.exists():
         raise RequestError(f"--out: {path} is not allowed: it is a file, and must be a folder")
     made = make_folder(path.parent)
-    path.mkdir(exist_ok=True)
+    with naming(path):
+        path.mkdir(exist_ok=True)
     sync_folder(path.parent)
     return [*made, path]
 

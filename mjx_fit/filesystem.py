@@ -44,7 +44,8 @@ def open_entry(path: Path, flags: int) -> int:
         RequestError: The entry is a symbolic link.
     """
     try:
-        return os.open(path, flags | os.O_NOFOLLOW | os.O_CLOEXEC | os.O_NONBLOCK, 0o666)
+        with naming(path):
+            return os.open(path, flags | os.O_NOFOLLOW | os.O_CLOEXEC | os.O_NONBLOCK, 0o666)
     except OSError:
         refuse_link(path)
         raise
@@ -127,7 +128,8 @@ def sync(descriptor: int, path: Path) -> None:
 def sync_folder(path: Path) -> None:
     """Let the names in a folder reach the disk, where the file system knows how."""
     try:
-        descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+        with naming(path):
+            descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     except OSError as error:
         if error.errno not in NOT_ALLOWED:
             raise
