@@ -1,15 +1,17 @@
-"""Checkpoints of a training run, with Orbax: ``best`` (a sensor) and ``last`` (all that resuming needs).
+"""Checkpoints of a training run: ``best`` (a sensor) and ``last`` (all that resuming needs).
 
 Trees are stored as flat dictionaries from the path of a leaf to a NumPy array, so that a checkpoint written
-on an accelerator can be read on a CPU. Orbax writes under a temporary name and renames: a kill leaves the
-checkpoint before.
+on an accelerator can be read on a CPU. Each is written under a temporary name and renamed, so that a kill
+leaves the checkpoint before; and each carries the digests of its files, so that damage is noticed before it
+is read.
 """
 
+import sys
+from functools import cache
 from pathlib import Path
 
 import jax
 import numpy as np
-import orbax.checkpoint as ocp
 from flax import nnx
 
 from mjx_fit import config as config_
@@ -18,10 +20,14 @@ from mjx_fit.config import Config
 from mjx_fit.errors import RequestError
 from mjx_fit.sensors.model import ContactSensor
 from mjx_fit.settings import N_TYPES
+from mjx_fit.training import step_folder, stored_arrays
+from mjx_fit.training.stored_arrays import Arrays
 
 BEST, LAST = Path("checkpoints", "best"), Path("checkpoints", "last")
-
-Arrays = dict[str, np.ndarray]
+ARRAYS = "default"
+"""Where in a step its arrays are."""
+_MAY_BE_INFINITE = "best_nll"
+"""As long as no epoch has been any good."""
 
 
 def to_arrays(tree) -> Arrays:
@@ -35,42 +41,63 @@ def from_arrays(template, arrays: Arrays):
     Raises:
         RequestError: The arrays do not fit the template.
     """
-    expected = {name: leaf.shape for name, leaf in _named(template).items()}
-    found = {name: leaf.shape for name, leaf in arrays.items()}
-    if expected != found:
-        name = sorted(expected.items() ^ found.items())[0][0]
-        raise RequestError(
-            f"checkpoint: {name}: shape {found.get(name)} does not fit the configuration: "
-            f"it must be {expected.get(name)}"
-        )
+    wanted = _named(template)
+    for word, form in (("shape", lambda leaf: leaf.shape), ("type", lambda leaf: str(leaf.dtype))):
+        expected = {name: form(leaf) for name, leaf in wanted.items()}
+        found = {name: form(leaf) for name, leaf in arrays.items()}
+        if expected != found:
+            name = sorted({*expected.items()} ^ {*found.items()})[0][0]
+            raise RequestError(
+                f"checkpoint: {name[:80]}: {word} {found.get(name)} does not fit the configuration: "
+                f"it must be {expected.get(name)}"
+            )
     return jax.tree.unflatten(
-        jax.tree.structure(template), [jax.numpy.asarray(arrays[name]) for name in expected]
+        jax.tree.structure(template), [jax.numpy.asarray(arrays[name]) for name in wanted]
     )
 
 
 def save(folder: Path, epochs_done: int, arrays: Arrays) -> None:
     """Store a checkpoint, then delete the one before it."""
-    with _manager(folder, max_to_keep=1) as manager:
-        manager.save(epochs_done, args=ocp.args.StandardSave(arrays))
+    step_folder.write(folder, epochs_done, lambda place: stored_arrays.write(place / ARRAYS, arrays))
 
 
 def load(folder: Path) -> tuple[int, Arrays] | None:
     """The number of epochs done and the arrays of the newest checkpoint, or None where there is none.
 
+    One that was written before checkpoints had digests is read all the same, and stderr says so.
+
     Raises:
-        RequestError: The checkpoint cannot be read.
+        RequestError: The checkpoint is damaged or cannot be read.
     """
-    if not folder.is_dir():
-        return None
-    with _manager(folder, create=False) as manager:
-        step = manager.latest_step()
+    step = folder
+    try:
+        step = step_folder.newest(folder)
         if step is None:
             return None
-        try:
-            return step, manager.restore(step, args=ocp.args.StandardRestore())
-        except Exception as error:  # Orbax and what it stands on raise whatever they like
-            what = " ".join(str(error).split())[:120]
-            raise RequestError(f"checkpoint: {folder / str(step)} cannot be read: {what}") from None
+        has_digests = step_folder.require_whole(step)
+        arrays = stored_arrays.read(step / ARRAYS)
+    except (OSError, ValueError) as error:
+        raise RequestError(f"checkpoint: {step} cannot be read: {error}") from None
+    if not has_digests:
+        _require_finite(step, {name: leaf for name, leaf in arrays.items() if name != _MAY_BE_INFINITE})
+        _warn(step)
+    return int(step.name), arrays
+
+
+@cache
+def _warn(step: Path) -> None:
+    """Once for each."""
+    print(
+        f"mjx-fit: {step} has no {step_folder.DIGESTS}: it was made by an earlier version, and damage to it "
+        "may not be noticed",
+        file=sys.stderr,
+    )
+
+
+def _require_finite(step: Path, arrays: Arrays) -> None:
+    for name, leaf in arrays.items():
+        if not np.isfinite(leaf).all():
+            raise RequestError(f"checkpoint: {step} is not allowed: {name[:80]!a} holds no finite numbers")
 
 
 def load_last(out: Path) -> tuple[int, Arrays | None]:
@@ -94,6 +121,7 @@ def load_sensor(run: Path) -> tuple[ContactSensor, Config]:
         raise RequestError(f"--run: {run} is not allowed: it holds no checkpoint ({BEST}); train it first")
     config = config_.load(run / "config.yaml")
     abstract = nnx.eval_shape(lambda: ContactSensor(config.sensor, nnx.Rngs(0), N_TYPES))
+    _require_finite(run / BEST, checkpoint[1])
     graphdef, template = nnx.split(abstract)
     return nnx.merge(graphdef, from_arrays(template, checkpoint[1])), config
 
@@ -107,11 +135,3 @@ def _named(tree) -> dict:
     """The leaves, abstract or not, by their paths."""
     leaves = jax.tree_util.tree_leaves_with_path(tree)
     return {jax.tree_util.keystr(path, simple=True, separator="."): leaf for path, leaf in leaves}
-
-
-def _manager(folder: Path, **options) -> ocp.CheckpointManager:
-    # Orbax asks for absolute paths; synchronous, since a checkpoint takes 0.1 s and order matters.
-    return ocp.CheckpointManager(
-        folder.absolute(),
-        options=ocp.CheckpointManagerOptions(enable_async_checkpointing=False, **options),
-    )

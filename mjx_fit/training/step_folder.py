@@ -1,0 +1,156 @@
+"""Folders of numbered steps, each there as a whole or not at all, with the SHA-256 of every file in it."""
+
+import errno
+import json
+import os
+import re
+import secrets
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field, TypeAdapter
+
+from mjx_fit import bounded_json, files
+
+DIGESTS = "digests.json"
+EARLIER = "_CHECKPOINT_METADATA"
+"""What a step has that was written before there were digests."""
+
+_STEP = re.compile(r"0|[1-9][0-9]{0,8}")
+_TEMPORARY = re.compile(r"[0-9]+\.[0-9a-f]{16}\.tmp|.*orbax-checkpoint-tmp.*|\..*")
+"""What a kill leaves behind, here and in earlier versions, and what desktops leave in folders."""
+_STALE = re.compile(r"[0-9]+\.[0-9a-f]{16}\.tmp|[0-9]+\.orbax-checkpoint-tmp.*")
+_MOST_FILES = 10_000
+_UNSUPPORTED = {errno.EINVAL, errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOTSUP}
+
+_SCHEMA = TypeAdapter(dict[str, Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]])
+
+
+def write(folder: Path, step: int, fill: Callable[[Path], None]) -> None:
+    """Makes a step, then removes those before it; a kill at any moment leaves the one or the other.
+
+    Args:
+        folder: Of the steps.
+        step: Its number.
+        fill: Writes the files into an empty folder.
+    """
+    files.make_folder(folder)
+    _remove(path for path in folder.iterdir() if _STALE.fullmatch(path.name))
+    temporary, target = _temporary(folder, step), folder / str(step)
+    temporary.mkdir()
+    try:
+        fill(temporary)
+        digests = {name: files.sha256(temporary / name) for name in sorted(_files(temporary))}
+        (temporary / DIGESTS).write_text(_rendered(digests))
+        _sync_all(temporary)
+        if os.path.lexists(target):  # the epoch was run again: equal, or by another machine
+            target.rename(_temporary(folder, step))
+        temporary.rename(target)
+    except BaseException:
+        shutil.rmtree(temporary, ignore_errors=True)
+        raise
+    _sync(folder)
+    _remove(path for path in folder.iterdir() if path != target and _is_ours(path.name))
+
+
+def newest(folder: Path) -> Path | None:
+    """The folder of the last step, or None where there is none.
+
+    Raises:
+        ValueError: Something else is in the place of a step.
+    """
+    steps: list[Path] = []
+    for path in folder.iterdir() if folder.is_dir() else ():
+        if _TEMPORARY.fullmatch(path.name):
+            continue
+        if not _STEP.fullmatch(path.name) or path.is_symlink() or not path.is_dir():
+            raise ValueError(f"it holds {path.name[:40]!a}, which is no checkpoint")
+        steps.append(path)
+    return max(steps, key=lambda path: int(path.name), default=None)
+
+
+def require_whole(step: Path) -> bool:
+    """Makes sure that every file of a step is as it was written.
+
+    Returns:
+        False where nothing says how that was: the step was written before there were digests.
+
+    Raises:
+        OSError: A file cannot be read.
+        ValueError: One is another, is missing, or is one too many.
+    """
+    there = _files(step)
+    if DIGESTS not in there:
+        if EARLIER not in there:
+            raise ValueError(f"{DIGESTS} is missing" if there else "it is empty")
+        return False
+    try:
+        text = bounded_json.read_text(step / DIGESTS)
+        digests = bounded_json.check(_SCHEMA, bounded_json.loads(text))
+        if text != _rendered(digests):
+            raise ValueError("it is not as it was written")
+    except ValueError as error:
+        raise ValueError(f"{DIGESTS} is damaged: {error}") from None
+    odd = sorted(digests.keys() ^ (there - {DIGESTS}))
+    if odd:
+        name = ascii(odd[0])[1:81]
+        raise ValueError(f"{name} is {'missing: it is' if odd[0] in digests else 'not'} in {DIGESTS}")
+    for name, digest in digests.items():
+        if files.sha256(step / name) != digest:
+            raise ValueError(f"{name} is damaged: its SHA-256 is not the one in {DIGESTS}")
+    return True
+
+
+def _rendered(digests: dict[str, str]) -> str:
+    return json.dumps(digests, indent=1) + "\n"
+
+
+def _files(step: Path) -> set[str]:
+    """Names of all files in a folder, relative to it; a link is not followed, and not allowed."""
+    names: set[str] = set()
+    for place, folders, found in os.walk(step):
+        for name in (*folders, *found):
+            path = Path(place, name)
+            if path.is_symlink() or not (path.is_dir() or path.is_file()):
+                raise ValueError(f"{ascii(path.relative_to(step).as_posix())[1:81]} is no file of its own")
+        names |= {Path(place, name).relative_to(step).as_posix() for name in found}
+        if len(names) > _MOST_FILES:
+            raise ValueError(f"it holds more than {_MOST_FILES} files")
+    return names
+
+
+def _temporary(folder: Path, step: int) -> Path:
+    return folder / f"{step}.{secrets.token_hex(8)}.tmp"
+
+
+def _is_ours(name: str) -> bool:
+    return bool(_STEP.fullmatch(name) or _STALE.fullmatch(name))
+
+
+def _remove(paths) -> None:
+    for path in list(paths):
+        if path.is_symlink() or not path.is_dir():
+            path.unlink()
+        else:
+            shutil.rmtree(path)
+
+
+def _sync_all(folder: Path) -> None:
+    for place, _, found in os.walk(folder, topdown=False):
+        for name in found:
+            _sync(Path(place, name))
+        _sync(Path(place))
+
+
+def _sync(path: Path) -> None:
+    """As far as the file system can."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    except OSError as error:
+        if error.errno not in _UNSUPPORTED:
+            raise
+    finally:
+        os.close(descriptor)
