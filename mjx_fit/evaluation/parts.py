@@ -95,7 +95,9 @@ def _require_own(folder: Path, asked: dict[str, Any]) -> None:
     if path.is_file():
         there = _read(path) or {}
         if there != asked:
-            name = next(key for key in asked if there.get(key) != asked[key])
+            name = next(key for key in sorted(asked | there) if there.get(key) != asked.get(key))
+            if name == "versions":
+                name = provenance.differing(there.get(name, {}), asked[name])[0][0]
             raise RequestError(
                 f"--out: {folder} is not allowed: it holds the begun work of another request "
                 f"(its {name} differs); remove it or choose another file"

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from mujoco import mjx
 
-from mjx_fit import control, policies
+from mjx_fit import control, interrupts, numerics, policies
 from mjx_fit.config import Config
 from mjx_fit.kinematics import chain_of
 from mjx_fit.lanes import worlds_last
@@ -65,6 +65,7 @@ class MjxEngine:
             threads: Host threads, where the device is the CPU.
             policy: Gives the actions; the library's are those that an attempt names.
         """
+        numerics.require()
         self.scene = simulation_scene(config.scene)
         self._models, self._axes = stacked_models(self.scene)
         self._chain = chain_of(self.scene.models[0])
@@ -82,6 +83,7 @@ class MjxEngine:
         horizon: int | None = None,
     ) -> Interaction:
         """See ``Engine.run``."""
+        numerics.require()
         n = len(attempts.peg_type)
         active = np.ones(n, bool) if active is None else active
         rows = self._rows(n)
@@ -90,6 +92,7 @@ class MjxEngine:
         done: dict[int, Interaction] = {}
 
         def run_part(start: int) -> None:
+            interrupts.check()
             ids = np.arange(start, start + rows)
             part = jax.tree.map(lambda leaf: leaf[np.minimum(ids, n - 1)], attempts)
             done[start] = jax.tree.map(np.asarray, rollout(part, active[np.minimum(ids, n - 1)] & (ids < n)))

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from mujoco.batch import Batch
 
-from mjx_fit import control, policies
+from mjx_fit import control, interrupts, numerics, policies
 from mjx_fit.config import Config
 from mjx_fit.kinematics import chain_of
 from mjx_fit.scene import simulation_scene
@@ -57,6 +57,7 @@ class NativeEngine:
             on_step: Told, after every step of a block, which worlds it holds and their batch; from several
                 threads at once. For benchmarks and experiments.
         """
+        numerics.require()
         self.scene = simulation_scene(config.scene)
         self._config = config
         self._threads, self._policy, self._on_step = threads, policy, on_step
@@ -75,6 +76,7 @@ class NativeEngine:
         horizon: int | None = None,
     ) -> Interaction:
         """See ``Engine.run``."""
+        numerics.require()
         done = _nothing_done(attempts, actions)
         wanted = np.arange(len(done.length)) if active is None else np.flatnonzero(active)
         parts = [wanted[part] for part in parts_of(len(wanted), self._threads, ROWS[-1])]
@@ -135,6 +137,7 @@ class NativeEngine:
         hole, depth = np.asarray(own.hole_pos_world), self._config.task.insertion_depth_m
         running = shown = np.arange(len(ids))
         for step in range(actions):
+            interrupts.check()
             before = block.qpos.copy(), block.qvel.copy()
             self._act(block, ids, running, shown, rows, step, horizon, done)
             finite = block.finite()
@@ -231,7 +234,9 @@ def _rows(attempts: Attempt, ids: Int[np.ndarray, "m"]) -> Attempt:
 
     def take(leaf):
         if jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key):
-            return jax.random.wrap_key_data(jnp.asarray(np.asarray(jax.random.key_data(leaf))[padded]))
+            return jax.random.wrap_key_data(
+                jnp.asarray(np.asarray(jax.random.key_data(leaf))[padded]), impl=jax.random.key_impl(leaf)
+            )
         return np.asarray(leaf)[padded]
 
     return jax.tree.map(take, attempts)

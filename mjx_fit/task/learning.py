@@ -9,6 +9,7 @@ import numpy as np
 from flax import nnx
 from jaxtyping import Bool, Int, Key
 
+from mjx_fit import numerics
 from mjx_fit.config import Config
 from mjx_fit.dataset.sequences import Update
 from mjx_fit.filters.belief import update_position, update_type
@@ -31,6 +32,7 @@ def learner(config: Config, sensor: ContactSensor | None) -> Learn:
         config: Gives α, the wrist's noise and the plate's height.
         sensor: The trained sensor; None when no method reads traces.
     """
+    numerics.require()
     hard = config.task.hard_match
     graph, state = nnx.split(sensor) if sensor is not None else (None, None)
 
@@ -66,6 +68,7 @@ def filter_update(config: Config, sensor: ContactSensor) -> Update:
 
 def frame_update(config: Config, sensor: ContactSensor) -> Update:
     """Makes the update of the frame-by-frame baseline: what its sensor says of the last attempt, and R."""
+    numerics.require()
     graph, state = nnx.split(sensor)
 
     @jax.jit

@@ -4,6 +4,7 @@ One folder is one run: the same configuration but for the number of epochs, the 
 """
 
 import json
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -73,6 +74,28 @@ def check(out: Path, config: Config, seed: int, data: str) -> None:
     if differences:
         raise RequestError(
             f"--out: {out} is not allowed: it holds another run ({differences[0]}); choose a new folder"
+        )
+
+
+def require_same_arithmetic(out: Path) -> None:
+    """Make sure that a begun run is continued with the settings of the process that it was begun with.
+
+    Other versions of the libraries are only warned about.
+
+    Raises:
+        RequestError: A setting such as ``XLA_FLAGS``, which changes arithmetic, differs.
+    """
+    if not (out / RUN).is_file():
+        return
+    there, here = json.loads((out / RUN).read_text()).get("versions", {}), provenance.versions()
+    for name, old, new in provenance.differing(*map(provenance.settings_of, (there, here))):
+        raise RequestError(
+            f"{name}: {new} is not allowed here: {out} was begun with {old}, and its numbers depend on it"
+        )
+    for name, old, new in provenance.differing(there, here)[:1]:
+        print(
+            f"mjx-fit: {out} was begun with {name} {old}, and goes on with {new}: last digits may differ",
+            file=sys.stderr,
         )
 
 
