@@ -22,7 +22,7 @@ _hidden: dict[str, str | None] = {}
 
 
 def relax_warnings() -> None:
-    """Shows warnings that were to be errors: a library's remark about another library is no failed command."""
+    """Shows warnings that were to be errors: what one library says of another one fails no command."""
     if any(option.startswith("e") for option in sys.warnoptions):
         warnings.simplefilter("default")
 

@@ -13,6 +13,7 @@ import signal
 import sys
 import threading
 import time
+from collections.abc import Callable
 from types import FrameType
 from typing import NoReturn
 
@@ -20,6 +21,9 @@ GRACE_S = 5.0
 """Time to stop in order, s. Files are written whole or not at all, so nothing is lost without it."""
 
 _STOP = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+_SETTLED = 0
+"""No signal has this number: it says that the one before was met."""
+
 PARENT = "MJX_FIT_PARENT"
 """Variable that tells a command which process it must not outlive."""
 
@@ -29,9 +33,12 @@ class StoppedError(KeyboardInterrupt):
 
 
 class _Process:
+    """What is known of this process: a signal's handler can be given nothing."""
+
     asked: int | None = None
     kept = ""
     quiet = False
+    waker = -1
     result: int | None = None
     ending = threading.Lock()
 
@@ -43,8 +50,10 @@ def install() -> None:
     taken = [number for number in _STOP if signal.getsignal(number) is not signal.SIG_IGN]
     reader, writer = os.pipe()
     os.set_blocking(writer, False)
+    _Process.waker = writer
     threading.Thread(target=_watch, args=(reader, taken), name="interrupts", daemon=True).start()
     signal.set_wakeup_fd(writer, warn_on_full_buffer=False)
+    sys.unraisablehook = _without_requests(sys.unraisablehook)
     for number in taken:
         signal.signal(number, _on_signal)
     if PARENT in os.environ:
@@ -91,7 +100,9 @@ def check() -> None:
 
 def settle() -> None:
     """The request was met: a viewer was closed by it, say."""
-    _Process.asked = None
+    if _Process.asked is not None:
+        _Process.asked = None
+        os.write(_Process.waker, bytes([_SETTLED]))
 
 
 def finished(result: int) -> None:
@@ -112,15 +123,15 @@ def end(done: bool = False) -> NoReturn:
                 stream.flush()
             except (AttributeError, OSError, ValueError):
                 continue  # no stream, or one that is closed
-        os._exit(_code())
+        os._exit(_code(_Process.asked or signal.SIGINT))
 
 
-def _end_from_outside() -> NoReturn:
+def _end_from_outside(number: int) -> NoReturn:
     """The same from another thread, which waits for nothing that the main thread holds, such as a stream."""
     if _Process.ending.acquire(timeout=1):
         with contextlib.suppress(OSError):
             os.write(2, _words(done=False).encode(errors="replace"))
-    os._exit(_code())
+    os._exit(_code(number))
 
 
 def _words(done: bool) -> str:
@@ -134,8 +145,18 @@ def _words(done: bool) -> str:
     return f"{show_cursor}mjx-fit: {words}\n"
 
 
-def _code() -> int:
-    return 128 + (_Process.asked or signal.SIGINT) if _Process.result is None else _Process.result
+def _code(number: int) -> int:
+    return 128 + number if _Process.result is None else _Process.result
+
+
+def _without_requests(hook: Callable) -> Callable:
+    """Python reports exceptions that it drops: of a request to stop, which is noted, there is nothing to say."""
+
+    def unraisablehook(unraisable) -> None:
+        if not issubclass(unraisable.exc_type, StoppedError):
+            hook(unraisable)
+
+    return unraisablehook
 
 
 def _on_signal(number: int, frame: FrameType | None) -> None:
@@ -153,11 +174,10 @@ def _watch(reader: int, taken: list[int]) -> None:
         number = os.read(reader, 1)[0]
         if number not in taken:
             continue
-        if _Process.result is None:
-            _Process.asked = number
-        deadline = time.monotonic() + GRACE_S
+        deadline, next_one = time.monotonic() + GRACE_S, number
         while (left := deadline - time.monotonic()) > 0:
-            if select.select([reader], [], [], left)[0] and os.read(reader, 1)[0] in taken:
+            next_one = os.read(reader, 1)[0] if select.select([reader], [], [], left)[0] else number
+            if next_one in taken or next_one == _SETTLED:
                 break
-        if _Process.asked is not None or _Process.result is not None:
-            _end_from_outside()
+        if next_one != _SETTLED:
+            _end_from_outside(number)
