@@ -121,8 +121,8 @@ def end(done: bool = False) -> NoReturn:
                 if stream is sys.stderr:
                     stream.write(_words(done))
                 stream.flush()
-            except (AttributeError, OSError, ValueError):
-                continue  # no stream, or one that is closed
+            except (AttributeError, OSError, ValueError, RuntimeError):
+                continue  # no stream, one that is closed, or one in the middle of a write
         os._exit(_code(_Process.asked or signal.SIGINT))
 
 
@@ -150,7 +150,7 @@ def _code(number: int) -> int:
 
 
 def _without_requests(hook: Callable) -> Callable:
-    """Python reports exceptions that it drops: of a request to stop, which is noted, there is nothing to say."""
+    """Python reports exceptions that it drops; a request to stop is noted, and needs no report."""
 
     def unraisablehook(unraisable) -> None:
         if not issubclass(unraisable.exc_type, StoppedError):
@@ -162,7 +162,7 @@ def _without_requests(hook: Callable) -> Callable:
 def _on_signal(number: int, frame: FrameType | None) -> None:
     if _Process.ending.locked():
         return
-    if _Process.result is not None:
+    if _Process.result is not None or _Process.asked is not None:
         end()
     _Process.asked = number
     raise StoppedError
