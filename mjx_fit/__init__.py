@@ -1,5 +1,10 @@
 """Contact-rich assembly under uncertainty, on JAX and MuJoCo."""
 
-from importlib.metadata import version
 
-__version__ = version("mjx-fit")
+def __getattr__(name: str) -> str:
+    """``__version__``, looked up when it is asked for: a command takes Ctrl-C before it imports anything."""
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("mjx-fit")
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

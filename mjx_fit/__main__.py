@@ -2,6 +2,7 @@
 
 import sys
 
-from mjx_fit.cli import main
+from mjx_fit.launch import main
 
-sys.exit(main())
+if __name__ == "__main__":
+    sys.exit(main())

@@ -111,6 +111,7 @@ def parser() -> argparse.ArgumentParser:
 
     info = _command(parsers, "info", commands.info, "versions, devices and the engine that auto means")
     info.add_argument("--json", action="store_true")
+    info.set_defaults(computes=True)
     return root
 
 

@@ -1,10 +1,10 @@
 """The command line: parses, calls the library, and turns a refused request into one line and exit code 2."""
 
 import errno
-import os
 import sys
 from collections.abc import Sequence
 
+from mjx_fit import environment, interrupts, streams
 from mjx_fit.arguments import parser
 from mjx_fit.errors import RequestError, WorkError, one_line
 
@@ -21,50 +21,70 @@ _WRONG_PLACE = {
 }
 """What the system says of a path that should not have been asked for; a full disk is another matter."""
 
+RESUME = "run the same command again to resume"
+
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs a command.
 
     Returns:
         0: done. 1: the work failed. 2: the request was wrong; one line on stderr says what is allowed.
+        A command that is asked to stop ends the process, with 128 and the signal's number.
     """
-    resumes = False
     try:
-        args = parser().parse_args(argv)
-        resumes = args.resumes
-        if args.draws:  # before anything else imports MuJoCo
-            from mjx_fit.picture import gl
-
-            gl.choose()
-        if args.computes:
-            from mjx_fit import runtime
-
-            runtime.configure()
-        args.command(args)
-        sys.stdout.flush()
-    except RequestError as error:
-        return _refuse(str(error), 2)
-    except WorkError as error:
-        return _refuse(str(error), 1)
-    except BrokenPipeError:  # whoever read the output has seen enough; nothing is left to be flushed to them
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    except OSError as error:
-        where = f"{error.filename} cannot be used: {error.strerror}" if error.filename else str(error)
-        return _refuse(where, 2 if error.errno in _WRONG_PLACE else 1)
-    except MemoryError as error:
-        return _refuse(f"this needs more memory than there is ({error or 'none left'}): make it smaller", 1)
+        _run(argv)
+        code = 0
     except KeyboardInterrupt:
-        _refuse(
-            "stopped"
-            + "; the same command, given again, goes on behind the last part that was finished" * resumes,
-            1,
-        )
-        # At once: XLA may still be compiling in a thread of its own, and an orderly exit would crash in it.
-        sys.stderr.flush()
-        os._exit(1)
-    return 0
+        interrupts.end()
+    except Exception as error:
+        # What a request to stop broke, an encoder in the same terminal say, may be noticed first.
+        code = interrupts.end() if interrupts.asked() else _refused(error)
+    return interrupts.end(done=True) if interrupts.asked() else code
 
 
-def _refuse(message: str, code: int) -> int:
+def refuse(message: str, code: int) -> int:
+    """Says in one line why there is an exit code other than 0."""
     print(f"mjx-fit: {one_line(message)}", file=sys.stderr)
     return code
+
+
+def _run(argv: Sequence[str] | None) -> None:
+    args = parser().parse_args(argv)
+    interrupts.say_when_stopped(RESUME * args.resumes)
+    if args.draws:  # before anything else imports MuJoCo
+        from mjx_fit.picture import gl
+
+        gl.choose()
+    else:
+        environment.draw_nothing()
+    environment.require(args.computes)
+    from mjx_fit import runtime
+
+    runtime.pin()
+    if args.computes:
+        runtime.configure()
+    args.command(args)
+    streams.finish()
+
+
+def _refused(error: Exception) -> int:
+    """The exit code of a failure, which is told; what is no failure of the request or the work is raised."""
+    match error:
+        case RequestError():
+            return refuse(str(error), 2)
+        case WorkError():
+            return refuse(str(error), 1)
+        case BrokenPipeError():  # whoever read the output has seen enough
+            return 0
+        case OSError():
+            where = f"{error.filename} cannot be used: {error.strerror}" if error.filename else str(error)
+            return refuse(where, 2 if error.errno in _WRONG_PLACE else 1)
+        case MemoryError():
+            return _no_memory(str(error) or "none left")
+    if str(error).startswith("RESOURCE_EXHAUSTED"):  # of XLA, whose error has no class of its own
+        return _no_memory(str(error).partition("RESOURCE_EXHAUSTED: ")[2].partition("\n")[0])
+    raise error
+
+
+def _no_memory(what: str) -> int:
+    return refuse(f"this needs more memory than there is ({what}): make it smaller", 1)

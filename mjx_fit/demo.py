@@ -1,13 +1,11 @@
 """What it is about, in minutes: assemblies with the weights that come with it, or a small training first."""
 
-import subprocess
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 
 from rich.console import Console
 
-from mjx_fit import files, locks, resources
+from mjx_fit import children, files, locks, resources
 from mjx_fit.config import Config
 from mjx_fit.dataset.collect import collect
 from mjx_fit.dataset.plan import Plan
@@ -106,6 +104,5 @@ def _train(config: Config, data: Path, run: Path, size: Size, console: Console) 
 def _video(result: Path, run: Path, video: Path, size: Size, console: Console) -> None:
     """In a process of its own: MuJoCo chooses its OpenGL when it is imported, and here it has been."""
     words = ["render", result, "--run", run, "--out", video, "--fps", size.fps, "--speed", size.speed]
-    done = subprocess.run([sys.executable, "-m", "mjx_fit", *map(str, words)], check=False)
-    if done.returncode:
+    if children.run([str(word) for word in words]):
         console.print("no video, then; everything else is there")

@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.progress import Progress as Bar
 
+from mjx_fit import interrupts
 from mjx_fit.watchdog import Watchdog
 
 SECONDS_BETWEEN_LINES = 5.0
@@ -47,7 +48,12 @@ class Progress:
             self._bar.stop()
 
     def __call__(self, done: int, text: str = "") -> None:
-        """Shows that ``done`` of the total is done."""
+        """Shows that ``done`` of the total is done.
+
+        Raises:
+            StoppedError: The process was asked to stop.
+        """
+        interrupts.check()
         self._watchdog.beat()
         if self._bar is not None:
             self._bar.update(self._task, completed=done, description=text)

@@ -10,6 +10,8 @@ import h5py
 import jax
 import numpy as np
 
+from mjx_fit import numerics
+
 CPU_INFO = Path("/proc/cpuinfo")
 
 PACKAGES = (
@@ -28,9 +30,26 @@ PACKAGES = (
 
 
 def versions() -> dict[str, str]:
-    """Version of Python and of each library that a number may depend on."""
+    """Version of Python and of each library that a number may depend on.
+
+    A setting of the process that changes arithmetic, such as ``XLA_FLAGS``, is an entry of its own, in
+    capitals; there is none in an ordinary shell.
+    """
     libraries = {name: version(name) for name in PACKAGES}
-    return {"python": platform.python_version()} | libraries | {"hdf5": h5py.version.hdf5_version}
+    hdf5 = {"hdf5": h5py.version.hdf5_version}
+    return {"python": platform.python_version()} | libraries | hdf5 | numerics.carried()
+
+
+def differing(one: dict[str, str], other: dict[str, str]) -> list[tuple[str, str, str]]:
+    """The entries in which two records of ``versions`` differ, whichever side has them: name and values."""
+    names = sorted(one.keys() | other.keys())
+    pairs = [(name, one.get(name, "not set"), other.get(name, "not set")) for name in names]
+    return [(name, first, second) for name, first, second in pairs if first != second]
+
+
+def settings_of(record: dict[str, str]) -> dict[str, str]:
+    """The entries of a record of ``versions`` that are settings of the process."""
+    return {name: value for name, value in record.items() if name.isupper()}
 
 
 def device() -> str:

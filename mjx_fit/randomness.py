@@ -9,6 +9,7 @@ import zlib
 import jax
 from jaxtyping import Key
 
+from mjx_fit import numerics
 from mjx_fit.errors import require
 
 
@@ -18,8 +19,12 @@ def root_key(seed: int, use: str) -> Key[jax.Array, ""]:
     Args:
         seed: As given on the command line.
         use: What for: data sets and evaluations of the same seed must not meet the same episodes.
+
+    Raises:
+        RequestError: A setting of the process would change what is drawn.
     """
-    return jax.random.fold_in(jax.random.key(seed), zlib.crc32(use.encode()))
+    numerics.require()
+    return jax.random.fold_in(numerics.key(seed), zlib.crc32(use.encode()))
 
 
 def require_seed(seed: int) -> None:

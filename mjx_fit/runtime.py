@@ -4,32 +4,51 @@
 # pyright: reportAttributeAccessIssue=false
 
 import ctypes
+import os
 import sys
-from pathlib import Path
 
 import jax
-import mujoco
-import platformdirs
 
-CACHE = Path(platformdirs.user_cache_dir("mjx_fit"))
-"""Where what can be made again is kept."""
+from mjx_fit import compiled, numerics
+
+
+def pin() -> None:
+    """Sets what draws and arithmetic depend on, whatever the environment asks for, and says so if it does."""
+    for name, value in numerics.pin().items():
+        asked = os.environ.get(name.upper())
+        if asked is not None:
+            print(
+                f"mjx-fit: {name.upper()}={asked} is not used: commands compute with {value}", file=sys.stderr
+            )
 
 
 def configure() -> None:
     """Sets JAX and MuJoCo up for a command. Call it before anything is computed.
 
-    - Compiled computations are kept in ``CACHE``, unless the user's own setting names another place.
+    - What draws and arithmetic depend on is pinned (``pin``).
+    - Compiled computations are kept in ``compiled.CACHE``, unless the user's own setting names another place;
+      what is damaged there is made again.
     - On a CPU, computations run in the thread that asks for them. Handing each of them to another thread
       costs the native engine a tenth of its speed.
     - Memory that is freed stays with the process. XLA takes all that a computation needs at once and gives it
       back; from the system it comes page by page, which took a quarter of the time of a training step.
     - MuJoCo's warnings do not end up in a file in the working folder: a broken world is reported by name.
     """
-    if jax.config.jax_compilation_cache_dir is None:
-        jax.config.update("jax_compilation_cache_dir", str(CACHE / "xla"))
+    import mujoco  # here, so that commands that only look at files need not wait for it
+
+    pin()
+    _keep_compiled()
     jax.config.update("jax_cpu_enable_async_dispatch", False)
     _keep_memory()
     mujoco.set_mju_user_warning(lambda message: None)
+
+
+def _keep_compiled() -> None:
+    path = compiled.folder(jax.config.jax_compilation_cache_dir)
+    jax.config.update("jax_raise_persistent_cache_errors", False)
+    jax.config.update("jax_compilation_cache_dir", None if path is None else str(path))
+    if path is not None:
+        compiled.replace_damaged(path)
 
 
 _M_TRIM_THRESHOLD, _M_MMAP_MAX = -1, -4

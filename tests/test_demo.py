@@ -1,6 +1,5 @@
 import json
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 
@@ -21,12 +20,12 @@ def video(monkeypatch):
     """Drawing is tested elsewhere; here is what the command was, and a file."""
     asked = []
 
-    def pretend(words, check):
+    def pretend(words):
         asked.append(words)
         Path(words[words.index("--out") + 1]).write_bytes(b"\0\0\0\x20ftypisom")
-        return SimpleNamespace(returncode=0)
+        return 0
 
-    monkeypatch.setattr(demo_, "subprocess", SimpleNamespace(run=pretend))
+    monkeypatch.setattr(demo_.children, "run", pretend)
     return asked
 
 
@@ -45,8 +44,7 @@ def test_demo_plays_with_the_weights_that_come_with_it(tmp_path, capsys, video):
 
 
 def test_without_a_video_the_demo_has_everything_else(tmp_path, capsys, monkeypatch):
-    no_gl = SimpleNamespace(run=lambda words, check: SimpleNamespace(returncode=2))
-    monkeypatch.setattr(demo_, "subprocess", no_gl)
+    monkeypatch.setattr(demo_.children, "run", lambda words: 2)
     small = ["task.attempt_actions=6", "task.max_attempts=1", "task.n_holes=1"]
     demo(config.load(None, small), tmp_path / "demo", Size(assemblies=1), train=False)
     assert "no video, then" in capsys.readouterr().out

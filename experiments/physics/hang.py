@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 import shared
 
-from mjx_fit import runtime
+from mjx_fit import compiled, runtime
 from mjx_fit.config import Config
 from mjx_fit.dataset.draws import draw_attempts
 from mjx_fit.simulate.mjx import MjxEngine
@@ -51,7 +51,7 @@ def work(worlds: int, dispatch: str) -> None:
     if dispatch == "inline":
         runtime.configure()
     else:
-        jax.config.update("jax_compilation_cache_dir", str(runtime.CACHE / "xla"))
+        jax.config.update("jax_compilation_cache_dir", str(compiled.CACHE / "xla"))
     config = Config()
     engine = MjxEngine(config, 2 if dispatch == "inline" else 1)
     attempts = draw_attempts(jax.random.key(0), jnp.arange(worlds), "spiral", config.detector)

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Float
 from mujoco.batch import Batch
 
+from mjx_fit import numerics
 from mjx_fit.bench import reference
 from mjx_fit.config import Config
 from mjx_fit.dataset.draws import draw_attempts
@@ -49,7 +50,7 @@ class Contender:
 
 def attempts_of(config: Config, worlds: int) -> Attempt:
     """The attempts that all contenders run: spirals of all nine pairs."""
-    return draw_attempts(jax.random.key(0), jnp.arange(worlds), "spiral", config.detector)
+    return draw_attempts(numerics.key(0), jnp.arange(worlds), "spiral", config.detector)
 
 
 def _engine(name: str, config: Config, attempts: Attempt, actions: int) -> Run:

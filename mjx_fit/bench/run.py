@@ -5,20 +5,18 @@ empty cache, the second finds what the first left there, and is timed once every
 """
 
 import json
-import multiprocessing
 import os
 import resource
 import sys
 import tempfile
 import time
-from concurrent.futures import ProcessPoolExecutor
 from typing import Any
 
 import jax
 from rich.console import Console
 from rich.table import Table
 
-from mjx_fit import provenance, runtime
+from mjx_fit import children, provenance, runtime
 from mjx_fit.bench import training
 from mjx_fit.bench.engines import CONTENDERS, attempts_of
 from mjx_fit.config import Config
@@ -65,7 +63,7 @@ def measure(name: str, config: Config, worlds: int) -> dict[str, Any]:
 
 
 def _alone(name: str, config: Config, worlds: int, cache: str, times: int) -> dict[str, float]:
-    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as process:
+    with children.worker() as process:
         return process.submit(_time, name, config, worlds, cache, times).result()
 
 

@@ -1,9 +1,7 @@
 """One step of training, here and in PyTorch: loss, gradient and Adam's update on the same batch."""
 
-import multiprocessing
 import time
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
 from importlib.util import find_spec
 from typing import Any
 
@@ -12,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from flax import nnx
 
-from mjx_fit import runtime
+from mjx_fit import children, numerics, runtime
 from mjx_fit.config import Config
 from mjx_fit.dataset.windows import Sample
 from mjx_fit.sensors.model import ContactSensor, InputScale
@@ -34,7 +32,7 @@ def measure(config: Config) -> list[dict[str, Any]]:
     compile_s: dict[str, float] = {}
     for _ in range(ROUNDS):
         for name in names:
-            with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as process:
+            with children.worker() as process:
                 first, own = process.submit(_time, name, config).result()
             seconds[name] += own
             compile_s[name] = first
@@ -98,7 +96,7 @@ def _ours(config: Config) -> Step:
     graph, params, scale = nnx.split(sensor, nnx.Param, InputScale)
     recipe = Recipe(graph, config, 1)
     state = [TrainState(params, scale, optimizer(config, 1).init(params))]
-    weight, key = jnp.ones(config.train.batch_size), jax.random.key(0)
+    weight, key = jnp.ones(config.train.batch_size), numerics.key(0)
 
     def step() -> None:
         state[0], _ = jax.block_until_ready(train_step_jit(recipe, state[0], sample, weight, key))

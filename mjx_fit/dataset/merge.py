@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from mjx_fit import files, provenance
 from mjx_fit.dataset import manifest as manifest_
 from mjx_fit.dataset.manifest import Manifest, Shard
 from mjx_fit.dataset.shard import decode
@@ -52,14 +53,17 @@ def _whole(manifests: dict[Path, Manifest]) -> Manifest:
     (first_folder, first), *others = manifests.items()
     of = first.part[1]
     for folder, part in others:
-        for name in ("request", "versions"):
-            one, other = getattr(first, name), getattr(part, name)
-            differing = sorted(key for key in one.keys() | other.keys() if one.get(key) != other.get(key))
-            if differing:
-                raise RequestError(
-                    f"data: {folder} is not allowed: it is no part of the same whole as {first_folder} "
-                    f"(its {differing[0]} differs)"
-                )
+        one, other = first.request, part.request
+        differing = [f"its {key} differs" for key in sorted(one | other) if one.get(key) != other.get(key)]
+        differing += [
+            f"its {name} is {here}, and there it is {there}"
+            for name, there, here in provenance.differing(first.versions, part.versions)
+        ]
+        if differing:
+            raise RequestError(
+                f"data: {folder} is not allowed: it is no part of the same whole as {first_folder} "
+                f"({differing[0]})"
+            )
         if part.part[1] != of:
             raise RequestError(
                 f"data: {folder} is not allowed: it is a part of {part.part[1]}, and {first_folder} of {of}"

@@ -94,12 +94,11 @@ class Writer:
             RequestError: There are some, but other versions made the rest, and may compute other bytes.
         """
         missing = [name for name in names if not is_whole(self._folder, self._manifest, name)]
-        for library, version in self._manifest.versions.items():
-            here = self._wanted.versions.get(library)
-            if missing and here != version:
+        for name, there, here in provenance.differing(self._manifest.versions, self._wanted.versions):
+            if missing:
                 raise RequestError(
-                    f"--out: {self._folder} is not allowed: it was begun with {library} {version}, and here "
-                    f"is {here}"
+                    f"--out: {self._folder} cannot be completed here: it was begun with {name} {there}, and "
+                    f"here is {here}"
                 )
         for name in missing:
             if self._manifest.shard(name) is not None:

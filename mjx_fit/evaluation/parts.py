@@ -103,7 +103,10 @@ def _require_own(folder: Path, asked: dict[str, Any]) -> None:
         there = _read(path)
         if there != asked:
             known = there if isinstance(there, dict) else {}
-            name = next((key for key in asked if known.get(key) != asked[key]), "contents")
+            names = [key for key in sorted(asked | known) if known.get(key) != asked.get(key)]
+            name = names[0] if names else "contents"
+            if name == "versions":
+                name = provenance.differing(known.get(name, {}), asked[name])[0][0]
             raise RequestError(
                 f"--out: {folder} is not allowed: it holds the begun work of another request "
                 f"(its {name} differs); remove it or choose another file"

@@ -10,6 +10,7 @@ from typing import Protocol
 
 import numpy as np
 
+from mjx_fit import interrupts
 from mjx_fit.errors import RequestError, require
 from mjx_fit.evaluation.recording import Recording
 from mjx_fit.picture.motion import HOME_M, Moment, moments_of, require_speed
@@ -79,7 +80,7 @@ def view(
         while True:
             show.rest()
     except (_ClosedError, KeyboardInterrupt):
-        return
+        interrupts.settle()  # to close it is what was asked for
 
 
 class _Show:

@@ -14,6 +14,7 @@ from mjx_fit import config as config_
 from mjx_fit import files
 from mjx_fit.config import Config
 from mjx_fit.filesystem import inside
+from mjx_fit.numerics import KEY_IMPL
 from mjx_fit.simulate import broken_file
 from mjx_fit.simulate.engine import Engine
 from mjx_fit.simulate.native import NativeEngine
@@ -92,7 +93,7 @@ def replay(path: Path) -> Interaction:
     """
     kept = broken_file.read(path)
     config = config_.from_yaml(str(kept["config"]))
-    key = jax.random.wrap_key_data(kept["key"][None])
+    key = jax.random.wrap_key_data(kept["key"][None], impl=KEY_IMPL)
     attempt = Attempt(key=key, **{name: kept[name][None] for name in _PLAIN})
     step, horizon = int(kept["step"]), int(kept["horizon"])
     return NativeEngine(config, 1).act(attempt, kept["qpos"][None], kept["qvel"][None], step, horizon)

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from mujoco import mjx
 
-from mjx_fit import control, policies
+from mjx_fit import control, interrupts, numerics, policies
 from mjx_fit.config import Config
 from mjx_fit.kinematics import chain_of
 from mjx_fit.lanes import worlds_last
@@ -70,6 +70,7 @@ class MjxEngine:
         Raises:
             RequestError: The number of threads is not allowed.
         """
+        numerics.require()
         threads = require_count("threads", threads, 1, MOST_THREADS)
         silence_mujoco()
         self.scene = simulation_scene(config.scene)
@@ -89,6 +90,7 @@ class MjxEngine:
         horizon: int | None = None,
     ) -> Interaction:
         """See ``Engine.run``."""
+        numerics.require()
         actions, horizon, active = require_attempts(attempts, actions, horizon, active)
         n = len(attempts.peg_type)
         rows = self._rows(n)
@@ -97,6 +99,7 @@ class MjxEngine:
         done: dict[int, Interaction] = {}
 
         def run_part(start: int) -> None:
+            interrupts.check()
             ids = np.arange(start, start + rows)
             part = jax.tree.map(lambda leaf: leaf[np.minimum(ids, n - 1)], attempts)
             done[start] = jax.tree.map(np.asarray, rollout(part, active[np.minimum(ids, n - 1)] & (ids < n)))

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from mujoco.batch import Batch
 
-from mjx_fit import control, policies
+from mjx_fit import control, interrupts, numerics, policies
 from mjx_fit.config import Config
 from mjx_fit.kinematics import chain_of
 from mjx_fit.scene import simulation_scene
@@ -62,6 +62,7 @@ class NativeEngine:
         Raises:
             RequestError: The number of threads is not allowed.
         """
+        numerics.require()
         threads = require_count("threads", threads, 1, MOST_THREADS)
         silence_mujoco()
         self.scene = simulation_scene(config.scene)
@@ -82,6 +83,7 @@ class NativeEngine:
         horizon: int | None = None,
     ) -> Interaction:
         """See ``Engine.run``."""
+        numerics.require()
         actions, horizon, active = require_attempts(attempts, actions, horizon, active)
         done = _nothing_done(attempts, actions)
         wanted = np.flatnonzero(active)
@@ -144,6 +146,7 @@ class NativeEngine:
         running = shown = np.arange(len(ids))
         held = np.zeros(len(ids), np.int32)
         for step in range(actions):
+            interrupts.check()
             before = block.qpos.copy(), block.qvel.copy()
             self._act(block, ids, running, shown, rows, step, horizon, done)
             held = actions_at_limit(held, block.at_limit())

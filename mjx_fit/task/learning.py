@@ -9,6 +9,7 @@ import numpy as np
 from flax import nnx
 from jaxtyping import Bool, Int, Key
 
+from mjx_fit import numerics
 from mjx_fit.config import Config
 from mjx_fit.dataset.sequences import Update
 from mjx_fit.filters.belief import update_position, update_type
@@ -35,6 +36,7 @@ def learner(config: Config, sensor: ContactSensor | None) -> Learn:
 
     The function raises ``RequestError`` where a field of a belief or an interaction is not what it must be.
     """
+    numerics.require()
     hard = config.task.hard_match
     graph, state = nnx.split(sensor) if sensor is not None else (None, None)
 
@@ -78,6 +80,7 @@ def frame_update(config: Config, sensor: ContactSensor) -> Update:
 
     It checks what it is given, as a learner does.
     """
+    numerics.require()
     graph, state = nnx.split(sensor)
 
     @jax.jit

@@ -15,7 +15,7 @@ import numpy as np
 from flax import nnx
 
 from mjx_fit import config as config_
-from mjx_fit import provenance
+from mjx_fit import numerics, provenance
 from mjx_fit.config import Config
 from mjx_fit.errors import RequestError
 from mjx_fit.sensors.model import ContactSensor
@@ -111,6 +111,7 @@ def load_sensor(run: Path) -> tuple[ContactSensor, Config]:
     Raises:
         RequestError: The folder is missing, holds no run or no checkpoint, or one of another network.
     """
+    numerics.require()
     run = Path(run)
     if not run.is_dir():
         raise RequestError(f"--run: {run} is not allowed: there is no such folder")

@@ -16,7 +16,7 @@ import numpy as np
 from flax import nnx
 from jaxtyping import Int, Key
 
-from mjx_fit import provenance
+from mjx_fit import numerics, provenance
 from mjx_fit.config import Config
 from mjx_fit.dataset.episode import Episode
 from mjx_fit.dataset.reader import n_batches, placed
@@ -71,6 +71,7 @@ def train(
         RequestError: The folder holds something else, or data or configuration cannot be trained with.
         WorkError: The loss is no longer finite.
     """
+    numerics.require()
     out = Path(out)
     require_seed(seed)
     episodes = usable_sides(data, config, seed)
@@ -116,6 +117,8 @@ def _train(
             )
     if epochs_done >= config.train.epochs or saver.is_stale(epochs_done):
         return
+    for folder in folders:
+        run_folder.require_same_arithmetic(folder)
     init_keys, epoch_roots, val_key = _keys(seed, members)
     recipe, state = _begin(data, sides[0], config, init_keys)
     placed_data = placed(data)

@@ -4,6 +4,7 @@ One folder is one run: the same configuration but for the number of epochs, the 
 """
 
 import json
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
@@ -165,6 +166,26 @@ def _damaged(path: Path, what: str, option: str = "--out") -> RequestError:
 
 def _in_a_line(error: Exception) -> str:
     return f"{type(error).__name__}: {' '.join(str(error).split())}"[:120]
+def require_same_arithmetic(out: Path) -> None:
+    """Make sure that a begun run is continued with the settings of the process that it was begun with.
+
+    Other versions of the libraries are only warned about.
+
+    Raises:
+        RequestError: A setting such as ``XLA_FLAGS``, which changes arithmetic, differs.
+    """
+    if not (out / RUN).is_file():
+        return
+    there, here = read(out).get("versions", {}), provenance.versions()
+    for name, old, new in provenance.differing(*map(provenance.settings_of, (there, here))):
+        raise RequestError(
+            f"{name}: {new} is not allowed here: {out} was begun with {old}, and its numbers depend on it"
+        )
+    for name, old, new in provenance.differing(there, here)[:1]:
+        print(
+            f"mjx-fit: {out} was begun with {name} {old}, and goes on with {new}: last digits may differ",
+            file=sys.stderr,
+        )
 
 
 def write(

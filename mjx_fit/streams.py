@@ -1,0 +1,93 @@
+"""Standard streams that never raise: whatever a shell made of them, a command's work goes on.
+
+Closed ones (``>&-``), readers that leave (``| head -1``), full devices, encodings without the characters that
+are printed, and pipes that do not wait are all met here. Knows nothing of what is printed.
+"""
+
+import errno
+import io
+import os
+import select
+import sys
+
+_failed: dict[int, OSError] = {}
+
+
+class _Raw(io.FileIO):
+    """A file descriptor that drops what it cannot write, and notes why."""
+
+    def write(self, content, /) -> int:
+        size = memoryview(content).nbytes
+        if self.fileno() in _failed:
+            return size
+        try:
+            written = super().write(content)
+            if written is None:  # not now: whoever shares the pipe made it non-blocking
+                select.select([], [self], [])
+                return self.write(content)
+        except (OSError, ValueError) as error:  # select has a limit of its own
+            _failed[self.fileno()] = error if isinstance(error, OSError) else OSError(str(error))
+            return size
+        return written
+
+
+def prepare() -> None:
+    """Makes the standard streams of this process usable. Call it before any file is opened."""
+    _open_closed()
+    if sys.stdin is None:
+        sys.stdin = io.TextIOWrapper(io.FileIO(0, closefd=False), encoding="utf-8")
+    sys.stdout = sys.__stdout__ = _tolerant(sys.stdout, 1)
+    sys.stderr = sys.__stderr__ = _tolerant(sys.stderr, 2)
+
+
+def finish() -> OSError | None:
+    """Writes what is buffered.
+
+    Returns:
+        Why standard output could not be written, unless its reader just left.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        if stream is not None:
+            stream.flush()
+    error = _failed.get(1)
+    return None if error is None or error.errno in (errno.EPIPE, errno.ECONNRESET) else error
+
+
+def _open_closed() -> None:
+    """Opens the null device in the place of closed descriptors.
+
+    The next file that is opened would get the lowest free number: data written to a file that is descriptor 1
+    are mixed with whatever prints.
+    """
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            null = os.open(os.devnull, os.O_RDWR)
+            if null != number:
+                os.dup2(null, number)
+                os.close(null)
+            os.set_inheritable(number, True)
+
+
+def _tolerant(stream, number: int):
+    if stream is None:
+        encoding, line_buffering, write_through = "utf-8", True, False
+    else:
+        try:
+            if stream.fileno() != number:
+                return stream  # a program that embeds this one has put its own there
+            stream.flush()
+        except (OSError, ValueError, AttributeError):
+            pass
+        encoding = getattr(stream, "encoding", None) or "utf-8"
+        line_buffering = getattr(stream, "line_buffering", True)
+        write_through = getattr(stream, "write_through", False)
+    raw = _Raw(number, "w", closefd=False)
+    return io.TextIOWrapper(
+        raw if write_through else io.BufferedWriter(raw),  # type: ignore[arg-type]  # as Python does
+        encoding=encoding,
+        errors="backslashreplace",
+        line_buffering=line_buffering,
+        write_through=write_through,
+    )
