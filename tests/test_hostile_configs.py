@@ -177,6 +177,8 @@ def test_ranges_hold_what_is_planned():
         (["random.push_m=0.012", "control.kp_position=1000"], "random.push_m"),
         (["spiral.radius_m=0.03", "control.kp_position=1400"], "spiral.radius_m"),
         (["random.reach_m=0.061"], "random.reach_m"),
+        (["random.actions_per_sweep=1", "control.kp_position=1124"], "random.reach_m"),
+        (["task.attempt_actions=2", "control.kp_position=1400"], "spiral.radius_m"),
         (["spiral.wiggle_m=0.05"], "spiral.wiggle_m"),
         (["spiral.wiggle_m=0.005"], "spiral.wiggle_m"),
         (["random.wiggle_m=0.005"], "random.wiggle_m"),
