@@ -98,12 +98,10 @@ def data_export(args: argparse.Namespace) -> None:
 
 def train(args: argparse.Namespace) -> None:
     from mjx_fit.dataset import manifest
-    from mjx_fit.randomness import require_seed
     from mjx_fit.training import run_folder
     from mjx_fit.training.baseline import train_from
 
     config = _config(args)
-    require_seed(args.seed)
     run_folder.require_members(args.members)
     if args.epochs is not None:
         require("--epochs", args.epochs, 1, MAX_EPOCHS)
@@ -235,7 +233,10 @@ def _run(args: argparse.Namespace) -> Path:
 
 def _config(args: argparse.Namespace, preset: str | None = None) -> Config:
     from mjx_fit import resources
+    from mjx_fit.randomness import require_seed
 
+    if hasattr(args, "seed"):  # before sensors and data are read
+        require_seed(args.seed)
     preset_file = [] if preset is None else [resources.folder("configs") / f"{preset}.yaml"]
     return config_.load([*preset_file, *args.config], args.set)
 

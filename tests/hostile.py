@@ -57,9 +57,9 @@ def write(request: Request, folder: Path) -> tuple[list[Path], list[str]]:
 
 
 def _fields() -> Iterator[tuple[str, str, Any]]:
-    for section in dataclasses.fields(Config):
-        for field in dataclasses.fields(section.default):
-            yield section.name, field.name, field.type
+    for section, schema in vars(Config()).items():
+        for field in dataclasses.fields(schema):
+            yield section, field.name, field.type
 
 
 def _sane(rng: random.Random) -> tuple[str, str, str]:
