@@ -3,6 +3,7 @@
 import errno
 import math
 import os
+import threading
 import time
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import numpy as np
 from flax import nnx
 from jaxtyping import Float
 
+from mjx_fit import locks
 from mjx_fit.filesystem import refuse_link
 from mjx_fit.training import checkpoint
 from mjx_fit.training.step import TrainState
@@ -80,8 +82,11 @@ def _save(folder: Path, epochs_done: int, arrays: checkpoint.Arrays) -> None:
     Raises:
         OSError: There is no room, or the like; the storage library says so in many ways.
     """
+    locks.require_all()
     for own in (folder.parent, folder):
         refuse_link(own)
+    # What a thread of the storage library raises comes back here: it need not be printed as well.
+    hook, threading.excepthook = threading.excepthook, lambda _: None
     try:
         checkpoint.save(folder, epochs_done, arrays)
     except Exception as error:
@@ -89,6 +94,8 @@ def _save(folder: Path, epochs_done: int, arrays: checkpoint.Arrays) -> None:
         if of_system is None:
             raise
         raise of_system from error
+    finally:
+        threading.excepthook = hook
 
 
 def _of_system(error: BaseException, folder: Path) -> OSError | None:
