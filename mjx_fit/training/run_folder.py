@@ -22,7 +22,8 @@ from mjx_fit.errors import RequestError
 from mjx_fit.filesystem import inside as inside_
 from mjx_fit.filesystem import refuse_link
 
-P, R = ParamSpec("P"), TypeVar("R")
+P = ParamSpec("P")
+R = TypeVar("R")
 
 CONFIG, RUN, METRICS = "config.yaml", "run.json", "metrics.jsonl"
 _ENTRIES = (CONFIG, RUN, METRICS, "checkpoints", "checkpoints/best", "checkpoints/last")
