@@ -141,6 +141,21 @@ def sync_folder(path: Path) -> None:
         os.close(descriptor)
 
 
+def reserve(descriptor: int, size: int) -> None:
+    """Make an open file so large, without gaps, where the system knows how: later there will be room.
+
+    Raises:
+        OSError: There is no room.
+    """
+    if not hasattr(os, "posix_fallocate"):
+        return
+    try:
+        os.posix_fallocate(descriptor, 0, size)
+    except OSError as error:
+        if error.errno not in NO_SYNC:
+            raise
+
+
 def _say_once(path: Path, what: str, error: OSError, so: str) -> None:
     if what not in _said and sys.stderr is not None:
         print(f"mjx-fit: {path}: {what} ({error.strerror}); {so}", file=sys.stderr)

@@ -45,6 +45,16 @@ class _Mine(threading.local):
 _mine = _Mine()
 
 
+def require_all() -> None:
+    """Make sure that every place that this thread holds is as it was.
+
+    Raises:
+        WorkError: One was taken away.
+    """
+    for hold in _mine.holds.values():
+        hold.require()
+
+
 @contextmanager
 def holding(folder: Path, *, even_if_read_only: bool = False) -> Iterator[Hold]:
     """Hold a folder, which is made if it is not there, against all other processes.

@@ -40,6 +40,7 @@ def train_from(folder: Path, config: Config, out: Path, seed: int, members: int 
     train_with_baseline(store.load(folder), config, out, seed, members)
 
 
+@run_folder.held
 def train_with_baseline(data: Episode, config: Config, out: Path, seed: int, members: int = 1) -> None:
     """Train the sensor, then the frame-by-frame one on the same episodes, or go on with what was begun.
 
@@ -50,10 +51,8 @@ def train_with_baseline(data: Episode, config: Config, out: Path, seed: int, mem
         RequestError: As ``mjx_fit.training.loop.train``.
     """
     _say_what_is_left_out(data)
-    with run_folder.holding(out, []):  # nobody comes in between
-        train(data, config, out, seed, members=members)
-        if not config.train.baseline_share or config.sensor.reference == "final":
-            return
+    train(data, config, out, seed, members=members)
+    if config.train.baseline_share and config.sensor.reference != "final":
         train(data, _of_baseline(config), out, seed, members=members, inside=FRAME_BY_FRAME)
 
 

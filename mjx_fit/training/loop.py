@@ -39,6 +39,7 @@ SCALE_WINDOWS = 512
 """Windows from which the scaling of the inputs is estimated, at most."""
 
 
+@run_folder.held
 def train(
     data: Episode,
     config: Config,
@@ -75,38 +76,11 @@ def train(
     out = Path(out)
     require_seed(seed)
     episodes = usable_sides(data, config, seed)
+    sides = _examples(data, config, episodes[0]), _examples(data, config, episodes[1])
     data_id = provenance.fingerprint(data)
     folders = run_folder.members(out, members, inside)
-
-    def check() -> None:
-        for folder in folders:
-            run_folder.check(folder, config, seed, data_id)
-
-    check()
-    with run_folder.holding(out, folders) as require_there:
-        check()  # nobody was quicker
-        _train(
-            data, config, out, seed, folders, inside, episodes, data_id, on_epoch, checkpoint_every_s,
-            require_there,
-        )  # fmt: skip
-
-
-def _train(
-    data: Episode,
-    config: Config,
-    out: Path,
-    seed: int,
-    folders: list[Path],
-    inside: str,
-    episodes: tuple[Int[np.ndarray, "n"], Int[np.ndarray, "m"]],
-    data_id: str,
-    on_epoch: Callable[[dict], None] | None,
-    checkpoint_every_s: float,
-    require_there: Callable[[], None],
-) -> None:
-    """Train in folders that are held and checked."""
-    members = len(folders)
-    sides = _examples(data, config, episodes[0]), _examples(data, config, episodes[1])
+    for folder in folders:
+        run_folder.check(folder, config, seed, data_id)
     epochs_done, arrays = checkpoint.load_last(out / inside)
     saver = Saver(out / inside, folders, checkpoint_every_s, config.train.patience)
     if arrays is not None:
@@ -137,7 +111,6 @@ def _train(
                 recipe, state, placed_data, sides, key if members > 1 else key[0], val_key
             )
             rows = _metrics(epoch, members, *losses, seconds=time.monotonic() - began)
-            require_there()
             for folder, row in zip(folders, rows, strict=True):
                 run_folder.append_metrics(folder, row)
             val_nll = np.array([row["val_nll"] for row in rows])

@@ -3,13 +3,15 @@
 One folder is one run: the same configuration but for the number of epochs, the same seed and the same data.
 """
 
+import inspect
 import json
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import replace
+from functools import wraps
 from pathlib import Path
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 from jaxtyping import Int
@@ -20,6 +22,9 @@ from mjx_fit.config import Config
 from mjx_fit.errors import RequestError, require
 from mjx_fit.filesystem import inside as inside_
 from mjx_fit.filesystem import refuse_link
+
+P = ParamSpec("P")
+R = TypeVar("R")
 
 MAX_MEMBERS = 100
 CONFIG, RUN, METRICS = "config.yaml", "run.json", "metrics.jsonl"
@@ -70,27 +75,31 @@ def _below(out: Path, inside: str) -> Path:
     return inside_(out, inside) if inside else out
 
 
-@contextmanager
-def holding(out: Path, folders: list[Path]) -> Iterator[Callable[[], None]]:
-    """Hold the folder of a run and those in it that are trained into; a finished run may be read-only.
+def held(train: Callable[P, R]) -> Callable[P, R]:
+    """Hold the folder of a run, and those in it that are trained into, while a function trains there.
 
-    Yields:
-        Raises a WorkError if one of them was taken away.
+    Args:
+        train: Has parameters ``out``, ``members`` and, where it may be another than the run's, ``inside``.
 
-    Raises:
-        RequestError: Another process trains there.
+    Returns:
+        The same function. It raises a RequestError where another process trains in one of the folders, and a
+        WorkError where one is taken away.
     """
-    with ExitStack() as stack:
-        holds = [
-            stack.enter_context(locks.holding(folder, even_if_read_only=True))
-            for folder in dict.fromkeys([out, *folders])
-        ]
+    signature = inspect.signature(train)
 
-        def require_there() -> None:
-            for hold in holds:
-                hold.require()
+    @wraps(train)
+    def trains(*args: P.args, **kwargs: P.kwargs) -> R:
+        bound = signature.bind(*args, **kwargs)
+        bound.apply_defaults()
+        out, count = Path(bound.arguments["out"]), bound.arguments["members"]
+        folders = [out, *members(out, count, bound.arguments.get("inside", ""))]
+        with ExitStack() as stack:
+            for folder in dict.fromkeys(folders):
+                # What is finished may be read-only.
+                stack.enter_context(locks.holding(folder, even_if_read_only=True))
+            return train(*args, **kwargs)
 
-        yield require_there
+    return trains
 
 
 def check(out: Path, config: Config, seed: int, data: str) -> None:
@@ -255,6 +264,7 @@ def keep_metrics(out: Path, epochs_done: int) -> None:
 
 def append_metrics(out: Path, row: dict) -> None:
     """Add the line of one epoch."""
+    locks.require_all()
     files.append_line(out / METRICS, json.dumps(row))
 
 

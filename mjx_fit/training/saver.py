@@ -3,7 +3,10 @@
 import errno
 import math
 import os
+import tempfile
+import threading
 import time
+from contextlib import ExitStack
 from pathlib import Path
 
 import jax
@@ -11,7 +14,8 @@ import numpy as np
 from flax import nnx
 from jaxtyping import Float
 
-from mjx_fit.filesystem import refuse_link
+from mjx_fit import files, locks
+from mjx_fit.filesystem import refuse_link, reserve
 from mjx_fit.training import checkpoint
 from mjx_fit.training.step import TrainState
 
@@ -28,6 +32,9 @@ _NO_ROOM = (
     errno.ENOENT,
 )
 """Errors of the system that are looked for in what the storage library says."""
+
+_COPIES, _OVERHEAD, _DESCRIPTORS = 2, 2**15, 11
+"""What the storage library takes: copies of the arrays while it writes, bytes on top of each, open files."""
 
 
 class Saver:
@@ -80,8 +87,12 @@ def _save(folder: Path, epochs_done: int, arrays: checkpoint.Arrays) -> None:
     Raises:
         OSError: There is no room, or the like; the storage library says so in many ways.
     """
+    locks.require_all()
     for own in (folder.parent, folder):
         refuse_link(own)
+    _require_room(folder, sum(array.nbytes for array in arrays.values()))
+    # What a thread of the storage library raises comes back here: it need not be printed as well.
+    hook, threading.excepthook = threading.excepthook, lambda _: None
     try:
         checkpoint.save(folder, epochs_done, arrays)
     except Exception as error:
@@ -89,6 +100,30 @@ def _save(folder: Path, epochs_done: int, arrays: checkpoint.Arrays) -> None:
         if of_system is None:
             raise
         raise of_system from error
+    finally:
+        threading.excepthook = hook
+
+
+def _require_room(folder: Path, size: int) -> None:
+    """Find out whether a checkpoint of so many bytes has room, by files that have no name.
+
+    The storage library would find out, too, with a traceback from each of its threads.
+
+    Raises:
+        OSError: It has none; the error names the folder.
+    """
+    files.make_folder(folder)
+    with ExitStack() as stack:
+        try:
+            file = stack.enter_context(tempfile.TemporaryFile(dir=folder))
+            for _ in range(_DESCRIPTORS):
+                stack.callback(os.close, os.dup(file.fileno()))
+            for _ in range(_COPIES):
+                file = stack.enter_context(tempfile.TemporaryFile(dir=folder))
+                reserve(file.fileno(), size + _OVERHEAD)
+        except OSError as error:
+            error.filename = str(folder)
+            raise
 
 
 def _of_system(error: BaseException, folder: Path) -> OSError | None:
