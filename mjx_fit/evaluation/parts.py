@@ -9,13 +9,15 @@ import jax
 import numpy as np
 from jaxtyping import Int
 
-from mjx_fit import files, provenance
+from mjx_fit import bounded_json, files, provenance
 from mjx_fit.errors import RequestError
 from mjx_fit.evaluation.outcome import Asked
 from mjx_fit.simulate.engine import even_batch
 
 Rows = list[dict[str, Any]]
 ASKED = "request.json"
+LARGEST = 2**30
+"""Bytes of a part."""
 ROWS, ROWS_ON_ACCELERATOR = 1024, 16384
 """Most rows of a part: enough to fill the engine, and a minute or two of work."""
 
@@ -85,7 +87,7 @@ def finish(out: Path) -> None:
 def _read(path: Path) -> Any:
     """What was kept; None where nothing was, or it is damaged: then it is worked out again."""
     try:
-        return json.loads(path.read_text())
+        return bounded_json.read(path, LARGEST)
     except (FileNotFoundError, ValueError):
         return None
 
