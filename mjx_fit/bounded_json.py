@@ -60,12 +60,13 @@ def read_text(path: Path, largest: int = MAX_BYTES) -> str:
     raise ValueError(f"it has more than {largest:,} bytes")
 
 
-def loads(text: str, largest: int = MAX_BYTES) -> Any:
+def loads(text: str, largest: int = MAX_BYTES, *, nan_is_null: bool = False) -> Any:
     """What a JSON text holds.
 
     Args:
         text: The text.
         largest: Bytes that it may have.
+        nan_is_null: Whether NaN and the infinities, which Python writes of losses, are read as null.
 
     Raises:
         ValueError: It is larger or nested too deeply, it is not JSON, or holds NaN, an infinite number, an
@@ -81,7 +82,7 @@ def loads(text: str, largest: int = MAX_BYTES) -> Any:
         object_pairs_hook=_object,
         parse_float=_float,
         parse_int=_int,
-        parse_constant=_constant,
+        parse_constant=_null if nan_is_null else _constant,
     )
     if _SURROGATE.search(text):
         _require_text(tree)
@@ -165,6 +166,10 @@ def _int(text: str) -> int:
 
 def _constant(text: str) -> float:
     raise ValueError(f"{text} is no number of JSON")
+
+
+def _null(_: str) -> None:
+    return None
 
 
 def _require_text(tree: Any) -> None:

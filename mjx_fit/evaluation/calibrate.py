@@ -98,7 +98,7 @@ def summarise(trials: _Trials, actions: int, names: tuple[str, ...]) -> list[Row
     h_match says, ``peg:hole`` with the hole that does not match, told from that peg's own.
 
     Args:
-        trials: Rows as in ``mjx_fit.evaluation.results.CalibrationTrial``.
+        trials: Rows as in ``mjx_fit.evaluation.trial_rows.CalibrationTrial``.
         actions: In a whole attempt.
         names: Of the shapes.
     """

@@ -10,7 +10,7 @@ import jax
 import numpy as np
 from jaxtyping import Int
 
-from mjx_fit import files, locks, provenance
+from mjx_fit import bounded_json, files, locks, provenance
 from mjx_fit.errors import RequestError
 from mjx_fit.evaluation.outcome import Asked
 from mjx_fit.filesystem import inside
@@ -18,6 +18,8 @@ from mjx_fit.simulate.engine import even_batch
 
 Rows = list[dict[str, Any]]
 ASKED = "request.json"
+LARGEST = 2**30
+"""Bytes of a part."""
 ROWS, ROWS_ON_ACCELERATOR = 1024, 16384
 """Most rows of a part: enough to fill the engine, and a minute or two of work."""
 
@@ -92,8 +94,8 @@ def _folder(out: Path) -> Path:
 def _read(path: Path) -> Any:
     """What was kept; None where nothing was, or it is damaged: then it is worked out again."""
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except (FileNotFoundError, ValueError, RecursionError):
+        return bounded_json.read(path, LARGEST)
+    except (FileNotFoundError, ValueError):
         return None
 
 

@@ -5,128 +5,17 @@ import json
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import (
-    Any,
-    NotRequired,  # pydantic needs this one before Python 3.12
-)
+from typing import Any
 
 import numpy as np
-from pydantic import TypeAdapter, ValidationError
-from typing_extensions import TypedDict
 
-from mjx_fit import files
+from mjx_fit import bounded_json, files
 from mjx_fit.errors import RequestError
+from mjx_fit.evaluation import result_schema
 from mjx_fit.evaluation.statistics import Row, bootstrap_mean, bootstrap_ratio, clustered_rate, wilson
 
 ATTEMPT_METHOD = "spiral"
 """The method in the rows of the attempt experiment: it has but one, Algorithm 4."""
-
-
-class AssemblyTrial(TypedDict):
-    """One trial of the assembly experiment; lists run over the pegs in the order in which they were grasped.
-
-    A peg that a human inserted (``human``) has as many attempts as were allowed. ``holes`` are the shapes of
-    the holes. The rest says, for each peg and attempt, which of them was ``tried``; how likely it was
-    believed to match and how far from its true place it was thought to be, before (``match_probability``,
-    ``error_cm``) and after (``match_after``, ``error_after_cm``); how likely the attempt was thought to
-    succeed (``chance``), and the best of those at the other empty holes (``next_best``, null where there was
-    none); and the largest tared force.
-    """
-
-    trial: int
-    method: str
-    pegs: list[str]
-    attempts: list[int]
-    human: list[bool]
-    holes: NotRequired[list[str]]
-    tried: NotRequired[list[list[int]]]
-    chance: NotRequired[list[list[float]]]
-    next_best: NotRequired[list[list[float | None]]]
-    match_probability: NotRequired[list[list[float]]]
-    error_cm: NotRequired[list[list[float]]]
-    peak_force_n: NotRequired[list[list[float | None]]]
-    match_after: NotRequired[list[list[float]]]
-    error_after_cm: NotRequired[list[list[float]]]
-
-
-class AttemptTrial(TypedDict):
-    """One attempt.
-
-    ``pair`` is the shapes of peg and hole, ``length`` counts actions, ``error_m`` is the distance of the
-    detector's estimate from the hole, ``peak_force_n`` the largest tared force.
-    """
-
-    trial: int
-    pair: tuple[str, str]
-    matched: bool
-    inserted: bool
-    valid: bool
-    length: int
-    peak_force_n: float | None
-    error_m: float
-
-
-class PositionTrial(TypedDict):
-    """One trial of the position experiment: attempts in a row at one hole.
-
-    ``error_cm`` and ``squared_mahalanobis`` are of the belief before the first and after each attempt; they
-    stay as they are from the insertion on. ``inserted_at`` is the attempt that succeeded, from 1, or null;
-    ``peak_force_n`` is the largest tared force of each attempt, null where there was none.
-    """
-
-    trial: int
-    method: str
-    pair: tuple[str, str]
-    error_cm: list[float]
-    squared_mahalanobis: list[float]
-    inserted_at: int | None
-    peak_force_n: list[float | None]
-
-
-class InsertionTrial(TypedDict):
-    """One trial of the insertion experiment: a draw of hole and detection under one seed of the wiggles.
-
-    ``attempts`` are those that were made, the successful one included.
-    """
-
-    trial: int
-    seed: int
-    method: str
-    shape: str
-    attempts: int
-    success: bool
-    peak_force_n: list[float | None]
-
-
-class CalibrationTrial(TypedDict):
-    """One update from one failed attempt at the hole ``trial``, of which the first ``actions`` were read.
-
-    ``attempt`` is its place in a sequence, from 1, ``pair`` the shapes of peg and hole, ``prior_error_cm``
-    and ``error_cm`` the distance of the believed from the true position before and after,
-    ``squared_mahalanobis`` and ``nll`` score the position's covariance, ``match_probability`` is h_match's,
-    ``type_probability`` the filter's for each shape.
-    """
-
-    trial: int
-    method: str
-    attempt: int
-    actions: int
-    pair: tuple[str, str]
-    prior_error_cm: float
-    error_cm: float
-    squared_mahalanobis: float
-    nll: float
-    match_probability: float
-    type_probability: list[float]
-
-
-_TRIALS = {
-    "assembly": TypeAdapter(dict[str, list[AssemblyTrial]]),
-    "attempt": TypeAdapter(dict[str, list[AttemptTrial]]),
-    "calibration": TypeAdapter(dict[str, list[CalibrationTrial]]),
-    "insertion": TypeAdapter(dict[str, list[InsertionTrial]]),
-    "position": TypeAdapter(dict[str, list[PositionTrial]]),
-}
 
 
 @dataclass(frozen=True)
@@ -141,7 +30,7 @@ class Result:
         device: Device it ran on.
         versions: Version of each library that matters.
         summary: What was counted.
-        trials: What it was counted from; rows such as ``AssemblyTrial``.
+        trials: What it was counted from; rows as in ``trial_rows``.
         request: The rest of what was asked for: methods, number of trials, the sensor by its fingerprint, and
             in what its training's configuration differs from this one.
     """
@@ -177,21 +66,28 @@ def read(path: Path) -> Result:
         RequestError: There is no such file, or it is not a result file.
     """
     try:
-        tree = json.loads(path.read_text(encoding="utf-8"))
+        tree = result_schema.require(bounded_json.read(path, result_schema.LARGEST))
     except OSError as error:
         raise RequestError(f"result: {path} cannot be read: {error.strerror}") from None
-    except ValueError:
+    except json.JSONDecodeError:
         raise RequestError(f"result: {path} is not JSON") from None
-    try:
-        result = TypeAdapter(Result).validate_python(tree)
-        if result.experiment in _TRIALS:
-            _TRIALS[result.experiment].validate_python({"trials": result.trials})
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"])
-        what = f"the key {where} is missing" if first["type"] == "missing" else f"{where}: {first['msg']}"
-        raise RequestError(f"result: {path} is not a result file: {what}") from None
-    return result
+    except ValueError as error:
+        raise RequestError(f"result: {path} is not a result file: {error}") from None
+    known = {field.name: tree[field.name] for field in dataclasses.fields(Result) if field.name in tree}
+    return Result(**known | {"summary": [_row(row) for row in tree["summary"]]})
+
+
+def _row(tree: dict[str, Any]) -> Row:
+    """A row of a summary; whole numbers may stand for others."""
+    ends = {name: None if tree[name] is None else float(tree[name]) for name in ("value", "low", "high")}
+    return Row(**{field.name: tree[field.name] for field in dataclasses.fields(Row)} | ends)
+
+
+def number_in(group: str, prefix: str) -> int | None:
+    """The number that the name of a group ends with, after a prefix; None where it does not."""
+    digits = group.removeprefix(prefix)
+    named = group.startswith(prefix) and digits.isascii() and digits.isdecimal() and len(digits) <= 6
+    return int(digits) if named else None
 
 
 def by_method(trials: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
@@ -214,7 +110,7 @@ def summarise_assembly(trials: list[dict[str, Any]]) -> list[Row]:
     the trials that both have.
 
     Args:
-        trials: Rows as in ``AssemblyTrial``.
+        trials: Rows as in ``trial_rows.AssemblyTrial``.
     """
     rows, needed = [], {}
     for method, own in by_method(trials).items():
@@ -244,7 +140,7 @@ def summarise_attempt(trials: list[dict[str, Any]]) -> list[Row]:
     Attempts whose simulation broke (``valid`` is false) are left out, so n shows them.
 
     Args:
-        trials: Rows as in ``AttemptTrial``.
+        trials: Rows as in ``trial_rows.AttemptTrial``.
     """
     groups: dict[str, list[bool]] = {"matched": [], "mismatched": []}
     for shape in sorted({trial["pair"][0] for trial in trials if trial["matched"]}):

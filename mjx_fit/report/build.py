@@ -18,6 +18,8 @@ UNFINISHED = (
     "<p>This report was not finished: give its command again.</p>\n"
 )
 """Stands in the page's place while the figures are written."""
+LOOKED_AT = 2**24
+"""Bytes of a JSON file in which it must say that it is a result: ours do so on their second line."""
 
 _Maker = Callable[[str], Section]
 
@@ -113,7 +115,8 @@ def _of_result(slug: str, path: Path) -> Section:
 
 def _is_result(path: Path) -> bool:
     """Whether a JSON file means to be a result file: a damaged one must be reported, not passed over."""
-    return '"experiment"' in path.read_text(encoding="utf-8", errors="replace")
+    with path.open("rb") as file:  # it may be larger than anything that is ours
+        return b'"experiment"' in file.read(LOOKED_AT)
 
 
 def _unique(names: list[str]) -> list[str]:

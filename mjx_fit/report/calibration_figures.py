@@ -8,6 +8,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FormatStrFormatter, LogLocator, PercentFormatter
 
 from mjx_fit.evaluation.calibration import inside, reliability
+from mjx_fit.evaluation.results import number_in
 from mjx_fit.evaluation.statistics import Row
 from mjx_fit.report import style
 
@@ -41,9 +42,10 @@ def error_by_attempt(summary: list[Row]) -> Figure:
     """Mean position error before and after each attempt of a sequence."""
     figure, ax = style.axes()
     after = _by_attempt(summary, "full", "position_error_cm")
-    first = _by_attempt(summary, "prior", "position_error_cm")[1]
-    attempts = [0, *after]
-    style.points(ax, attempts, [first, *after.values()], color=style.MATCHED_COLOUR)
+    first = _by_attempt(summary, "prior", "position_error_cm").get(1)
+    rows = after if first is None else {0: first} | after
+    attempts = list(rows)
+    style.points(ax, attempts, list(rows.values()), color=style.MATCHED_COLOUR)
     ax.set(xlabel="Failed attempts", ylabel="Position error (cm)", yscale="log", xticks=attempts)
     ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     ax.yaxis.set_major_formatter(FormatStrFormatter("%g"))
@@ -118,19 +120,17 @@ def match_by_pair(summary: list[Row]) -> Figure:
 
 
 def _by_attempt(summary: list[Row], method: str, metric: str) -> dict[int, Row]:
-    return {
-        int(row.group.removeprefix("attempt:")): row
-        for row in summary
-        if (row.method, row.metric) == (method, metric) and row.group.startswith("attempt:")
-    }
+    return _by_number(summary, method, metric, "attempt:")
 
 
 def _by_actions(summary: list[Row], method: str) -> dict[int, Row]:
-    return {
-        int(row.group.removeprefix("actions:")): row
-        for row in summary
-        if (row.method, row.metric) == (method, "position_error_cm") and row.group.startswith("actions:")
-    }
+    return _by_number(summary, method, "position_error_cm", "actions:")
+
+
+def _by_number(summary: list[Row], method: str, metric: str, prefix: str) -> dict[int, Row]:
+    """Rows whose groups are numbers after a prefix."""
+    rows = [row for row in summary if (row.method, row.metric) == (method, metric)]
+    return {number: row for row in rows if (number := number_in(row.group, prefix)) is not None}
 
 
 def _diagonal(ax, xlabel: str, ylabel: str) -> None:

@@ -36,18 +36,20 @@ def _assembly(result: Result) -> list[Drawing]:
             lambda: figures.success_curve(result.trials, cap),
         ),
         (
-            "interventions",
-            f"Share of all pegs that a human had to insert after {cap} attempts, with 95 % intervals by "
-            "bootstrap over trials; where it was none or every peg, Wilson's for that many trials: wide.",
-            lambda: figures.intervention_rate(result.summary, paper.beside(result.config)),
-        ),
-        (
             "attempts",
             "Attempts that the first n pegs took together, as in the paper: areas are shares of the trials, "
             f"vertical lines the methods' means; a peg given to a human counts {cap}.",
             lambda: figures.attempts_histogram(result.trials),
         ),
     ]
+    if any((row.metric, row.group) == ("intervention_rate", "all") for row in result.summary):
+        caption = (
+            f"Share of all pegs that a human had to insert after {cap} attempts, with 95 % intervals by "
+            "bootstrap over trials; where it was none or every peg, Wilson's for that many trials: wide."
+        )
+        beside = paper.beside(result.config)
+        drawing = ("interventions", caption, lambda: figures.intervention_rate(result.summary, beside))
+        shown.insert(1, drawing)
     if all("tried" in trial and "holes" in trial for trial in result.trials):
         caption = "What the attempts of an assembly were spent on, on average over the trials."
         shown.append(("spent", caption, lambda: figures.where_attempts_went(result.trials)))
@@ -62,14 +64,13 @@ def _assembly(result: Result) -> list[Drawing]:
 
 def _attempt(result: Result) -> list[Drawing]:
     kind = result.config.get("detector", {}).get("kind", "unknown")
-    drawings: list[Drawing] = [
-        (
-            "success",
+    drawings: list[Drawing] = []
+    if any(row.metric == "success_rate" for row in result.summary):
+        caption = (
             f"Success of single attempts by pair, detector “{kind}”, with Wilson 95 % intervals; the paper's "
-            "rate is of matched pairs, and its figures look like the detector “disc”.",
-            lambda: figures.attempt_success(result.summary),
+            "rate is of matched pairs, and its figures look like the detector “disc”."
         )
-    ]
+        drawings.append(("success", caption, lambda: figures.attempt_success(result.summary)))
     matched = [trial for trial in result.trials if trial["matched"]]
     if matched:
         caption = (

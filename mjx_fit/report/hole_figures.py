@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FormatStrFormatter, LogLocator, MaxNLocator, PercentFormatter
 
-from mjx_fit.evaluation.results import by_method
+from mjx_fit.evaluation.results import by_method, number_in
 from mjx_fit.evaluation.statistics import Row
 from mjx_fit.report import style
 
@@ -46,6 +46,8 @@ def errors_spread(trials: Trials) -> Figure:
     colour = style.colours(methods)
     for place, name in enumerate(methods):
         own = [t for t in trials if t["method"] == name and t["pair"][0] != t["pair"][1]]
+        if not own:
+            continue
         error = np.array([trial["error_cm"] for trial in own])
         at = np.arange(error.shape[1]) + 0.24 * (place - (len(methods) - 1) / 2)
         low, first, middle, third, high = np.quantile(error, [0.05, 0.25, 0.5, 0.75, 0.95], axis=0)
@@ -100,11 +102,13 @@ def attempts_saved(summary: list[Row]) -> Figure:
     """
     rows = [row for row in summary if row.metric == "attempts_saved"]
     p_values = {row.group: row.value for row in summary if row.metric == "p_value"}
-    words = [f"than {style.label(row.group)},\np {_p(p_values[row.group])}" for row in rows]
+    words = [f"than {style.label(row.group)},\np {_p(p_values.get(row.group))}" for row in rows]
     return style.against(rows, words, 0, "Attempts fewer")
 
 
-def _p(value: float) -> str:
+def _p(value: float | None) -> str:
+    if value is None:
+        return "unknown"
     return "< 0.001" if value < 0.001 else f"= {value:.2g}"
 
 
@@ -112,9 +116,9 @@ def _by_number(summary: list[Row], metric: str, kind: str) -> dict[str, dict[int
     """Rows of one metric whose groups are numbers behind a prefix, by method and number."""
     found: dict[str, dict[int, Row]] = {}
     for row in summary:
-        number = row.group.removeprefix(kind)
-        if row.metric == metric and row.group.startswith(kind) and number.isdigit():
-            found.setdefault(row.method, {})[int(number)] = row
+        number = number_in(row.group, kind)
+        if row.metric == metric and number is not None:
+            found.setdefault(row.method, {})[number] = row
     return found
 
 

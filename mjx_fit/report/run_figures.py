@@ -2,14 +2,36 @@
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, NotRequired
 
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
+from pydantic import ConfigDict, Field, TypeAdapter
+from typing_extensions import TypedDict
 
+from mjx_fit import bounded_json
 from mjx_fit.errors import RequestError
 from mjx_fit.report import style
+
+LARGEST, LARGEST_LINE = 2**30, 2**16
+"""Bytes of a ``metrics.jsonl`` and of one of its lines: a million epochs."""
+
+_Measure = Annotated[float, Field(ge=-1e12, le=1e12, allow_inf_nan=False)]
+
+
+class _Record(TypedDict):
+    """What is drawn of an epoch."""
+
+    __pydantic_config__ = ConfigDict(strict=True)  # pyright: ignore[reportGeneralTypeIssues]
+
+    epoch: Annotated[int, Field(ge=0, le=10**9)]
+    nll: NotRequired[_Measure | None]
+    val_nll: NotRequired[_Measure | None]
+    prior_nll: NotRequired[_Measure | None]
+
+
+_RECORD = TypeAdapter(_Record)
 
 
 def read_metrics(path: Path) -> list[dict[str, Any]]:
@@ -22,16 +44,19 @@ def read_metrics(path: Path) -> list[dict[str, Any]]:
     """
     epochs: dict[int, dict[str, Any]] = {}
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError):
-        raise RequestError(f"report: {path} cannot be read") from None
+        lines = bounded_json.read_text(path, LARGEST).split("\n")
+    except (OSError, ValueError) as error:
+        raise RequestError(f"report: {path} cannot be read: {error}") from None
+    lines = lines if lines[-1] else lines[:-1]
     for number, line in enumerate(lines, 1):
         try:
-            record = json.loads(line)
-            epochs[int(record["epoch"])] = record
-        except (ValueError, KeyError, TypeError):
-            if number < len(lines):
-                raise RequestError(f"report: {path} line {number} is not a record with an epoch") from None
+            record = bounded_json.check(_RECORD, bounded_json.loads(line, LARGEST_LINE, nan_is_null=True))
+            epochs[record["epoch"]] = record
+        except ValueError as error:
+            if number < len(lines) or not isinstance(error, json.JSONDecodeError):
+                raise RequestError(
+                    f"report: {path} line {number} is not a record with an epoch: {error}"
+                ) from None
     if not epochs:
         raise RequestError(f"report: {path} holds no epoch yet; nothing can be shown")
     return [epochs[epoch] for epoch in sorted(epochs)]

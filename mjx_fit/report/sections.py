@@ -1,7 +1,6 @@
 """What a report says about one input: facts, rows and pictures."""
 
 import base64
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -9,7 +8,9 @@ from typing import Any
 
 import jax
 import yaml
+from pydantic import TypeAdapter
 
+from mjx_fit import bounded_json
 from mjx_fit.dataset import manifest as manifest_
 from mjx_fit.dataset import store
 from mjx_fit.dataset.episode import happened
@@ -24,6 +25,9 @@ from mjx_fit.report.style import Picture, picture
 VIDEOS = {".mp4": "video/mp4", ".gif": "image/gif"}
 _BEGINS = {".mp4": (4, b"ftyp"), ".gif": (0, b"GIF8")}
 """At which byte such a file has what."""
+_FACTS = TypeAdapter(dict[str, Any])
+LARGEST_CONFIG = 2**20
+"""Bytes of a configuration that is shown."""
 LARGEST_VIDEO = 20_000_000
 """Bytes: more than that a page had better not hold."""
 
@@ -111,7 +115,7 @@ def of_run(slug: str, folder: Path) -> Section:
     pictures = _pictures(slug, [("training", caption, lambda: run_figures.training_curve(metrics))])
     facts = (("epochs", str(len(metrics))), *_provenance(_json_of(folder / "run.json")))
     path = folder / "config.yaml"
-    config = path.read_text(encoding="utf-8", errors="replace") if path.is_file() else ""
+    config = _text_of(path)
     return Section(slug, f"Training: {folder.resolve().name}", facts, config, (), pictures)
 
 
@@ -194,9 +198,18 @@ def _provenance(tree: dict[str, Any]) -> tuple[tuple[str, str], ...]:
     return tuple(facts)
 
 
+def _text_of(path: Path) -> str:
+    """A file to be shown as it is, without what no page may hold; empty where there is none."""
+    try:
+        text = bounded_json.read_text(path, LARGEST_CONFIG)
+    except (OSError, ValueError):
+        return ""
+    return "".join(letter for letter in text if letter.isprintable() or letter == "\n")
+
+
 def _json_of(path: Path) -> dict[str, Any]:
     try:
-        tree = json.loads(path.read_text(encoding="utf-8"))
+        tree = bounded_json.check(_FACTS, bounded_json.read(path))
     except (OSError, ValueError):
         return {}  # facts beside the figures: a run of another making may lack them
-    return tree if isinstance(tree, dict) else {}
+    return tree

@@ -109,7 +109,9 @@ def label(name: str) -> str:
 
 
 def legend(figure: Figure, handles: Sequence[Any]) -> None:
-    """A legend above the axes, where it covers nothing."""
+    """A legend above the axes, where it covers nothing; none where there is nothing to tell apart."""
+    if not handles:
+        return
     n_columns = 2 if any(len(handle.get_label()) > 16 for handle in handles) else 3
     figure.legend(handles=list(handles), loc="outside upper left", ncols=min(n_columns, len(handles)))
 

@@ -66,7 +66,7 @@ def run(
             so that it comes out as among the others, bit by bit.
 
     Returns:
-        One row for each method and trial, as ``mjx_fit.evaluation.results.AssemblyTrial`` has it.
+        One row for each method and trial, as ``mjx_fit.evaluation.trial_rows.AssemblyTrial`` has it.
     """
     table = Table(config, methods, trials, seed)
     if only is not None:

@@ -1,15 +1,35 @@
 """Whether a sensor may be judged on a data set: not on holes that it was trained on, nor in another world."""
 
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, NotRequired
 
 import numpy as np
+from pydantic import Field, TypeAdapter
+from typing_extensions import TypedDict
 
+from mjx_fit import bounded_json
 from mjx_fit import config as config_
 from mjx_fit.config import Config
 from mjx_fit.dataset.episode import Episode
 from mjx_fit.errors import RequestError
 from mjx_fit.training import run_folder
+
+_Metres = Annotated[float, Field(ge=-10, le=10, allow_inf_nan=False)]
+
+
+class _Hole(TypedDict):
+    sequence: int
+    pos_world: Annotated[list[_Metres], Field(min_length=2, max_length=2)]
+
+
+class _Told(TypedDict):
+    """What a run says of its data; earlier ones did not name a hole."""
+
+    data: NotRequired[str]
+    first_hole: NotRequired[_Hole | None]
+
+
+_TOLD = TypeAdapter(_Told)
 
 WORLD = ("scene", "control")
 """Sections of the configuration that what is felt in a data set depends on, whatever was done there."""
@@ -31,9 +51,13 @@ def require_new(run: Path, data: Episode, fingerprint: str) -> None:
         fingerprint: Of the data.
 
     Raises:
-        RequestError: It was.
+        RequestError: It was, or its ``run.json`` does not say.
     """
-    told = run_folder.read(run, "--run") if (run / run_folder.RUN).is_file() else {}
+    path = run / run_folder.RUN
+    try:
+        told = bounded_json.check(_TOLD, bounded_json.read(path)) if path.is_file() else {}
+    except (OSError, ValueError) as error:
+        raise RequestError(f"--run: {run} is not allowed: its {path.name} cannot be read: {error}") from None
     if told.get("data") == fingerprint:
         raise RequestError("--data: the data that the run was trained on are not allowed: collect others")
     hole = told.get("first_hole")

@@ -95,7 +95,7 @@ def require_whole(step: Path) -> bool:
         raise ValueError(f"{DIGESTS} is damaged: {error}") from None
     odd = sorted(digests.keys() ^ (there - {DIGESTS}))
     if odd:
-        name = ascii(odd[0])[1:81]
+        name = ascii(odd[0])[1:-1][:80]
         raise ValueError(f"{name} is {'missing: it is' if odd[0] in digests else 'not'} in {DIGESTS}")
     for name, digest in digests.items():
         if files.sha256(step / name) != digest:
@@ -114,7 +114,9 @@ def _files(step: Path) -> set[str]:
         for name in (*folders, *found):
             path = Path(place, name)
             if path.is_symlink() or not (path.is_dir() or path.is_file()):
-                raise ValueError(f"{ascii(path.relative_to(step).as_posix())[1:81]} is no file of its own")
+                raise ValueError(
+                    f"{ascii(path.relative_to(step).as_posix())[1:-1][:80]} is no file of its own"
+                )
         names |= {Path(place, name).relative_to(step).as_posix() for name in found}
         if len(names) > _MOST_FILES:
             raise ValueError(f"it holds more than {_MOST_FILES} files")
