@@ -35,8 +35,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
             gl.choose()
         if args.computes:
-            from mjx_fit import runtime
+            from mjx_fit import granted, runtime
 
+            granted.limit_to(args.threads)
             runtime.configure()
         args.command(args)
         sys.stdout.flush()
