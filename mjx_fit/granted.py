@@ -5,18 +5,15 @@ A machine has more than a job on it may use. More threads than CPUs are slower, 
 
 import math
 import os
-from collections.abc import Callable, Mapping
-from pathlib import Path, PurePosixPath
+from collections.abc import Mapping
+from pathlib import PurePosixPath
 
+from mjx_fit.cgroups import ROOT, Read, groups_of, read_file
 from mjx_fit.errors import RequestError
 
 MOST_THREADS = 4096
 
-_CGROUP = PurePosixPath("/sys/fs/cgroup")
 _SLURM, _OPENMP, _XLA = "SLURM_CPUS_PER_TASK", "OMP_NUM_THREADS", "PJRT_NPROC"
-
-Read = Callable[[PurePosixPath], str | None]
-"""Text of a file; None where there is none that can be read."""
 
 
 def limit_to(n: int | None) -> None:
@@ -57,7 +54,7 @@ def cpus(
     said = [
         affinity,
         *(_count(environment.get(name, "")) for name in (_SLURM, _OPENMP)),
-        _quota(read or _read),
+        _quota(read or read_file),
     ]
     return max(1, min(n for n in said if n is not None))
 
@@ -83,18 +80,12 @@ def _quota(read: Read) -> int | None:
             continue
         _, controllers, group = parts
         if controllers == "":
-            shares += [_share_v2(read(folder / "cpu.max")) for folder in _up(_CGROUP, group)]
+            shares += [_share_v2(read(folder / "cpu.max")) for folder in groups_of(ROOT, group)]
         elif "cpu" in controllers.split(","):
-            for root in (_CGROUP / controllers, _CGROUP / "cpu"):
-                shares += [_share_v1(read, folder) for folder in _up(root, group)]
+            for root in (ROOT / controllers, ROOT / "cpu"):
+                shares += [_share_v1(read, folder) for folder in groups_of(root, group)]
     least = min((share for share in shares if share is not None), default=None)
     return None if least is None else max(1, math.ceil(least))
-
-
-def _up(root: PurePosixPath, group: str) -> list[PurePosixPath]:
-    """The folders of a group and of all that hold it; inside a container the root alone is there."""
-    names = [name for name in group.split("/") if name not in ("", ".", "..")]
-    return [root.joinpath(*names[:depth]) for depth in range(len(names), -1, -1)]
 
 
 def _share_v2(text: str | None) -> float | None:
@@ -112,10 +103,3 @@ def _share(quota: str, period: str) -> float | None:
         word.isascii() and word.isdecimal() and len(word) < 16 and int(word) for word in (quota, period)
     )
     return int(quota) / int(period) if sound else None  # "max" and -1: no limit
-
-
-def _read(path: PurePosixPath) -> str | None:
-    try:
-        return Path(path).read_text(encoding="utf-8")
-    except (OSError, ValueError):
-        return None

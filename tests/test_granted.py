@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mjx_fit import cli, granted
+from mjx_fit.cgroups import read_file
 from mjx_fit.simulate.engine import host_threads
 
 V2 = "/sys/fs/cgroup"
@@ -124,6 +125,6 @@ def test_threads_has_a_range(n, capsys, tmp_path):
 
 
 def test_a_file_that_cannot_be_read_says_nothing(tmp_path):
-    assert granted._read(PurePosixPath(tmp_path)) is None
+    assert read_file(PurePosixPath(tmp_path)) is None
     (tmp_path / "x").write_bytes(b"\xff\xfe")
-    assert granted._read(PurePosixPath(tmp_path / "x")) is None
+    assert read_file(PurePosixPath(tmp_path / "x")) is None
