@@ -238,6 +238,9 @@ def _simulating(parser: argparse.ArgumentParser) -> None:
 def _configurable(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(computes=True)
     parser.add_argument(
+        "--threads", type=int, metavar="N", help="most CPU threads (default: all that it may use)"
+    )
+    parser.add_argument(
         "--config",
         type=path,
         action="append",

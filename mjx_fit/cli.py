@@ -4,7 +4,7 @@ import errno
 import sys
 from collections.abc import Sequence
 
-from mjx_fit import environment, interrupts, streams
+from mjx_fit import environment, granted, interrupts, streams
 from mjx_fit.arguments import parser
 from mjx_fit.errors import RequestError, WorkError, one_line
 
@@ -58,6 +58,8 @@ def _run(argv: Sequence[str] | None) -> None:
     else:
         environment.draw_nothing()
     environment.require(args.computes)
+    if args.computes:  # before JAX looks for its threads
+        granted.limit_to(args.threads)
     from mjx_fit import runtime
 
     runtime.pin()

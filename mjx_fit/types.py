@@ -20,6 +20,9 @@ Array = jax.Array | np.ndarray
 SUBSTEPS = 50
 """Simulation steps (500 Hz) in one action (10 Hz): the samples of one wrench window."""
 
+ACTION_BYTES = 4 * (SUBSTEPS * 6 + 3 + 4 + 3 + 3 + 3) + 1
+"""Size of one action's row of a ``Trace`` in memory."""
+
 
 @dataclass_transform(frozen_default=True)
 def pytree(cls: type[T]) -> type[T]:

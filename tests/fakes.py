@@ -33,8 +33,8 @@ class FakeEngine:
         self.starts.append(start)
         zeros = np.zeros
         trace = Trace(
-            zeros((n, 2, 50, 6)), zeros((n, 2, 3)), zeros((n, 2, 4)), zeros((n, 2, 3)), zeros((n, 2, 3)),
-            zeros((n, 2), bool), zeros((n, 2, 3)),
+            zeros((n, 2, 50, 6)), zeros((n, 2, 3)), np.tile([0.0, 1, 0, 0], (n, 2, 1)), zeros((n, 2, 3)),
+            zeros((n, 2, 3)), zeros((n, 2), bool), zeros((n, 2, 3)),
         )  # fmt: skip
         return Interaction(
             trace, active * 2, active & match & (error < CLOSE_M), attempts.peg_type, attempts.hole_type,

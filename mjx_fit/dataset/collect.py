@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from mjx_fit import memory
 from mjx_fit.config import Config, require_room
 from mjx_fit.dataset import shard as shard_
 from mjx_fit.dataset.plan import Plan, check
@@ -15,7 +16,7 @@ from mjx_fit.filesystem import inside
 from mjx_fit.progress import Progress
 from mjx_fit.simulate.broken import kept_in
 from mjx_fit.simulate.engine import create
-from mjx_fit.types import SUBSTEPS
+from mjx_fit.types import ACTION_BYTES, SUBSTEPS
 
 _BROKEN = "broken"
 """Folder, in that of the data set, of what can be replayed."""
@@ -39,6 +40,7 @@ def collect(config: Config, out: Path, plan: Plan, update: Update | None = None)
     check(plan)
     if plan.policy != "spiral":
         require_room(config, "random.reach_m", config.random.reach_m)
+    _require_memory(config, plan)
     request, shards = plan.request(config), plan.shards()
     wanted = new_manifest(request, (plan.shard_index, plan.num_shards))
     if is_finished(out, wanted, shards):
@@ -49,6 +51,13 @@ def collect(config: Config, out: Path, plan: Plan, update: Update | None = None)
             simulate = Sequences(create(plan.engine, config), config, plan, inside(out, _BROKEN), update)
             _fill(writer, {name: shards[name] for name in missing}, len(shards), simulate, request)
         writer.finish()
+
+
+def _require_memory(config: Config, plan: Plan) -> None:
+    """Refuses what needs more memory than there is: the attempts of a batch, beside what came of one."""
+    rows = plan.sequence * plan.steps + min(plan.steps, config.task.attempt_actions)
+    what = f"--batch: {plan.batch} with up to {plan.steps} actions"
+    memory.require(plan.worlds * rows * ACTION_BYTES, what, "lower it")
 
 
 def invalid_in(out: Path) -> str:

@@ -4,7 +4,6 @@
 # pyright: reportAttributeAccessIssue=false
 
 import math
-import os
 from typing import Protocol
 
 import jax
@@ -13,6 +12,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Bool, Float
 
+from mjx_fit import granted
 from mjx_fit.config import Config
 from mjx_fit.errors import RequestError, shown
 from mjx_fit.kinematics import Chain, inverse
@@ -112,8 +112,8 @@ def silence_mujoco() -> None:
 
 
 def host_threads() -> int:
-    """Threads that this process may use at once: on a cluster what it was granted, not all there are."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    """Threads that this process may use at once: what it was granted, not all there are."""
+    return granted.cpus()
 
 
 def even_batch(n: int, at_most: int) -> int:

@@ -68,11 +68,11 @@ def reason(done: Interaction, i: int, scene: SceneConfig) -> str:
         return "the simulation turned non-finite"
     if _is_tilted(quaternion):
         angle = math.degrees(2 * math.acos(min(1.0, abs(float(quaternion[1])))))
-        return f"the peg tilted by {angle:.0f} degrees (at most {MOST_TILT_DEG:.0f} are believed)"
+        return f"the peg tilted by {angle:.1f} degrees (at most {MOST_TILT_DEG:.0f} are believed)"
     if _has_left(position, np.asarray(done.hole_pos_world)[i], scene):
         return "the peg left the plate"
     if last + 1 >= LIMIT_ACTIONS:
-        return f"a joint was at its torque limit for {LIMIT_ACTIONS * _ACTION_S:.1f} s, up to and"
+        return f"a joint had been at its torque limit for {LIMIT_ACTIONS * _ACTION_S:.1f} s"
     return "the simulation turned non-finite"
 
 

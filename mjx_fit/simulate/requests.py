@@ -9,10 +9,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool
 
+from mjx_fit import memory
 from mjx_fit.errors import RequestError
 from mjx_fit.policies import POLICIES
 from mjx_fit.settings import N_TYPES
-from mjx_fit.types import Attempt
+from mjx_fit.types import ACTION_BYTES, Attempt
 
 MOST_ACTIONS = 10_000
 """Actions in one attempt, and those that a policy plans for, at most."""
@@ -49,6 +50,7 @@ def require_attempts(
     """
     n = _length(attempts)
     actions = require_count("actions", actions, 1, MOST_ACTIONS)
+    memory.require(n * actions * ACTION_BYTES, f"attempts: {n:,} of {actions:,} actions", "run fewer at once")
     horizon = actions if horizon is None else require_count("horizon", horizon, actions, MOST_ACTIONS)
     active = np.ones(n, bool) if active is None else np.asarray(active)
     if active.dtype != bool or active.shape != (n,):

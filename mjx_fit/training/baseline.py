@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from mjx_fit import memory
 from mjx_fit.config import Config
 from mjx_fit.dataset import manifest, store
 from mjx_fit.dataset.episode import Episode
@@ -13,6 +14,7 @@ from mjx_fit.training import run_folder
 from mjx_fit.training.kinship import require_world
 from mjx_fit.training.loop import train
 from mjx_fit.training.sides import require_chains, require_symmetric
+from mjx_fit.types import ACTION_BYTES
 
 FRAME_BY_FRAME = "frame_by_frame"
 """Folder of the baseline's training, in that of the run."""
@@ -33,10 +35,12 @@ def train_from(folder: Path, config: Config, out: Path, seed: int, members: int 
             ``train.mirror`` the shapes; and
             as ``mjx_fit.training.loop.train``.
     """
-    request = manifest.read(folder).request
+    there = manifest.read(folder)
+    request = there.request
     require_world(request, config)
     require_chains(request, config)
     require_symmetric(config)
+    _require_memory(sum(shard.episodes for shard in there.shards), request["steps"], config)
     train_with_baseline(store.load(folder), config, out, seed, members)
 
 
@@ -54,6 +58,17 @@ def train_with_baseline(data: Episode, config: Config, out: Path, seed: int, mem
     train(data, config, out, seed, members=members)
     if config.train.baseline_share and config.sensor.reference != "final":
         train(data, _of_baseline(config), out, seed, members=members, inside=FRAME_BY_FRAME)
+
+
+def _require_memory(episodes: int, steps: int, config: Config) -> None:
+    """Refuses what certainly needs more memory than there is: all traces, and a batch of windows."""
+    memory.require(episodes * steps * ACTION_BYTES, f"--data: {episodes:,} interactions", "train on fewer")
+    windows = min(config.train.batch_size, episodes) * config.train.max_window
+    memory.require(
+        (episodes * steps + windows) * ACTION_BYTES,
+        f"config: train.batch_size: {config.train.batch_size} beside the data",
+        "lower it or train.max_window",
+    )
 
 
 def _say_what_is_left_out(data: Episode) -> None:

@@ -1,0 +1,141 @@
+"""How much memory can be had, and refusing what certainly needs more before the work begins."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mjx_fit import cli, memory
+from mjx_fit.config import Config
+from mjx_fit.dataset.draws import draw_attempts
+from mjx_fit.errors import RequestError
+from mjx_fit.types import ACTION_BYTES
+
+CONFIG = Config()
+GB, MB = 10**9, 10**6
+MEMINFO = "MemTotal: 16000000 kB\nMemAvailable: 8000000 kB\nSwapFree: 1000000 kB\n"
+STATUS = "VmSize:\t  2000000 kB\nVmData:\t  500000 kB\n"
+G = "/sys/fs/cgroup"
+
+
+def reader(files):
+    return lambda path: files.get(str(path))
+
+
+def no_limit(name):
+    return None
+
+
+@pytest.mark.parametrize(
+    ("files", "limits", "expected"),
+    [
+        ({}, {}, None),
+        ({"/proc/meminfo": MEMINFO}, {}, 9_000_000 * 1024),
+        ({"/proc/self/status": STATUS}, {"RLIMIT_AS": 3_000_000 * 1024}, 1_000_000 * 1024),
+        ({"/proc/self/status": STATUS}, {"RLIMIT_AS": 1_000_000 * 1024}, 0),
+        ({"/proc/self/status": STATUS}, {"RLIMIT_DATA": 700_000 * 1024}, 200_000 * 1024),
+        ({"/proc/meminfo": MEMINFO, "/proc/self/status": STATUS}, {"RLIMIT_AS": GB * 100}, 9_000_000 * 1024),
+        (
+            {
+                "/proc/self/cgroup": "0::/a/b\n",
+                f"{G}/a/memory.max": "1000\n",
+                f"{G}/a/memory.current": "400\n",
+            },
+            {},
+            600,
+        ),
+        # Caches of files are dropped before anything is refused.
+        (
+            {
+                "/proc/self/cgroup": "0::/\n",
+                f"{G}/memory.max": "1000",
+                f"{G}/memory.current": "900",
+                f"{G}/memory.stat": "anon 100\nfile 800\n",
+            },
+            {},
+            900,
+        ),
+        (
+            {
+                "/proc/self/cgroup": "4:memory:/job\n",
+                f"{G}/memory/job/memory.limit_in_bytes": "9223372036854771712",
+                f"{G}/memory/job/memory.usage_in_bytes": "5",
+                f"{G}/memory/memory.limit_in_bytes": "1000",
+                f"{G}/memory/memory.usage_in_bytes": "5",
+            },
+            {},
+            995,
+        ),
+        ({"/proc/self/cgroup": "0::/\n", f"{G}/memory.max": "max", f"{G}/memory.current": "5"}, {}, None),
+        ({"/proc/meminfo": "MemAvailable: lots\nMemAvailable\n", "/proc/self/cgroup": ":::"}, {}, None),
+    ],
+)
+def test_what_can_be_had_is_the_least_that_anything_leaves(files, limits, expected):
+    assert memory.available(reader(files), limits.get) == expected
+
+
+@given(st.text(max_size=50), st.text(max_size=50), st.text(max_size=20))
+def test_nonsense_in_the_systems_files_refuses_nothing(table, groups, number):
+    files = {
+        "/proc/meminfo": table,
+        "/proc/self/status": "VmSize: " + number,
+        "/proc/self/cgroup": groups + "\n0::/" + groups,
+        f"{G}/memory.max": number,
+        f"{G}/memory.current": number,
+        f"{G}/memory.stat": table,
+    }
+    found = memory.available(reader(files), no_limit)
+    assert found is None or found >= 0
+
+
+def test_the_machine_says_something_here():
+    found = memory.available()
+    assert found is None or found > 100 * MB
+
+
+def having(monkeypatch, there):
+    monkeypatch.setattr(memory, "available", lambda: there)
+
+
+def test_a_collection_that_cannot_fit_is_refused_before_anything_is_made(monkeypatch, tmp_path, capsys):
+    having(monkeypatch, 4 * GB)
+    out = tmp_path / "data"
+    huge = ["collect", "--episodes", "65536", "--batch", "65536", "--steps", "1000", "--out", str(out)]
+    assert cli.main(huge) == 2
+    assert capsys.readouterr().err == (
+        "mjx-fit: --batch: 65536 with up to 1000 actions is not allowed: it needs 91.2 GB of memory or more, "
+        "and 4.0 GB can be had: lower it\n"
+    )
+    assert not out.exists()
+
+
+def test_attempts_that_cannot_fit_are_refused_by_an_engine(monkeypatch, native):
+    """So no evaluation begins them either."""
+    having(monkeypatch, 100 * MB)
+    many = draw_attempts(jax.random.key(0), jnp.arange(1000), "spiral", CONFIG.detector)
+    with pytest.raises(
+        RequestError, match=r"attempts: 1,000 of 100 actions .* needs 126 MB .* run fewer at once"
+    ):
+        native.run(many, 100)
+    having(monkeypatch, 1000 * 100 * ACTION_BYTES)
+    native.run(many, 100, np.zeros(1000, bool))
+
+
+def test_training_that_cannot_fit_is_refused_before_the_data_are_read(monkeypatch, tmp_path, collect, capsys):
+    collect(tmp_path / "data", episodes=20, steps=12, policy="random", batch=20)
+    having(monkeypatch, 20 * 12 * ACTION_BYTES - 1)
+    asked = ["train", "--data", str(tmp_path / "data"), "--out", str(tmp_path / "run")]
+    assert cli.main(asked) == 2
+    assert "--data: 20 interactions is not allowed: it needs 0 MB" in capsys.readouterr().err
+    having(monkeypatch, 20 * 12 * ACTION_BYTES)
+    assert cli.main(asked) == 2
+    assert "config: train.batch_size: 128 beside the data is not allowed" in capsys.readouterr().err
+    assert not (tmp_path / "run").exists()
+
+
+def test_what_an_action_takes_is_what_is_allocated(native):
+    attempts = draw_attempts(jax.random.key(0), jnp.arange(2), "spiral", CONFIG.detector)
+    trace = native.run(attempts, 3, np.zeros(2, bool)).trace
+    assert sum(leaf.nbytes for leaf in jax.tree.leaves(trace)) == 2 * 3 * ACTION_BYTES
