@@ -14,7 +14,7 @@ from mjx_fit.errors import RequestError
 from mjx_fit.evaluation import outcome, parts, results
 from mjx_fit.evaluation.results import Result
 from mjx_fit.policies import SPIRAL
-from mjx_fit.progress import Progress
+from mjx_fit.progress import COMPILING, Progress
 from mjx_fit.randomness import root_key
 from mjx_fit.settings import N_TYPES
 from mjx_fit.simulate.broken import Reporting, report
@@ -55,7 +55,7 @@ def attempt(config: Config, out: Path, trials: int, seed: int, engine: str) -> R
     simulator = create(engine, config)
     root = root_key(seed, "attempt")
     rows: list[dict[str, Any]] = []
-    with Progress("attempts", n) as progress:
+    with Progress("attempts", n, 0, COMPILING if simulator.name == "mjx" else "") as progress:
         for start in range(0, n, batch):
             ids = np.arange(start, start + batch)
             hole_pos, estimate, wiggle, _ = draw_places(root, jnp.asarray(ids), config.detector)
@@ -117,7 +117,9 @@ def assembly(
     pieces = parts.pieces(trials, len(picked), simulator.name)
     pegs_each = len(picked) * config.task.n_holes
     before = min(parts.kept(out) * len(pieces[0]), trials) * pegs_each
-    with Progress("assembly: pegs", trials * pegs_each, before) as progress:
+    with Progress(
+        "assembly: pegs", trials * pegs_each, before, COMPILING if simulator.name == "mjx" else ""
+    ) as progress:
 
         def work(ids: Int[np.ndarray, "n"]) -> parts.Rows:
             drawn = draw_trials(config, seed, ids)

@@ -4,10 +4,11 @@ from rich.console import Console
 from rich.table import Table
 
 from mjx_fit.evaluation.results import Result
+from mjx_fit.training import kinship
 
 
 def print_summary(result: Result) -> None:
-    """Prints method, metric, group, value with its 95 % interval, and n."""
+    """Prints method, metric, group, value with its 95 % interval, and n, and what is to be known of them."""
     table = Table(
         title=f"{result.experiment}, engine {result.engine}, seed {result.seed}", title_justify="left"
     )
@@ -20,3 +21,12 @@ def print_summary(result: Result) -> None:
         metric = row.metric.replace("_", " ")  # a narrow terminal breaks it between words
         table.add_row(row.method, metric, row.group, f"{row.value:.3g}", interval, str(row.n))
     Console().print(table)
+    if note := _note(result):
+        Console(highlight=False).print(note, soft_wrap=True, markup=False)
+
+
+def _note(result: Result) -> str:
+    differs = result.request.get("differs_from_training")
+    if differs is None and result.request.get("sensor"):
+        return "which settings the sensor was trained with is not known: the result does not say"
+    return kinship.away_from_training(differs or [])
