@@ -89,6 +89,12 @@ def parser() -> argparse.ArgumentParser:
     train.add_argument(
         "--members", type=int, default=1, metavar="K", help="train K sensors at once, into RUN/member-0, ..."
     )
+    train.add_argument(
+        "--init",
+        type=Path,
+        metavar="RUN",
+        help="start from the sensors of another run, of the same network and shapes (default: new weights)",
+    )
     _configurable(train)
 
     _evaluations(parsers.add_parser("evaluate", help="run an experiment"))

@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import sys
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -44,8 +45,11 @@ def _update(config: Config, run: Path) -> "tuple[Update, str]":
     """What the sensor of a run makes of attempts, and its fingerprint."""
     from mjx_fit.task.learning import filter_update
     from mjx_fit.training.checkpoint import fingerprint_of, load_sensor
+    from mjx_fit.training.kinship import away_from_training
 
-    sensor, _ = load_sensor(run)
+    sensor, trained = load_sensor(run)
+    if note := away_from_training(config_.differences(trained, config)):
+        print(f"collect: {note}", file=sys.stderr)
     return filter_update(config, sensor), fingerprint_of(sensor)
 
 
@@ -109,9 +113,14 @@ def train(args: argparse.Namespace) -> None:
     index, of = manifest.read(args.data).part
     if of > 1:
         print(f"{args.data}: part {index} of {of} of a data set; data merge joins them")
-    train_from(args.data, config, args.out, args.seed, args.members)
+    was_left = train_from(args.data, config, args.out, args.seed, args.members, args.init)
     for folder in run_folder.members(args.out, args.members):
         print(f"{folder}: {run_folder.summary(folder)}")
+        ended = run_folder.ended(folder, config)
+        if not was_left:
+            print(f"{folder}: nothing was left to do: {ended}")
+        elif ended.startswith("stopped early"):
+            print(f"{folder}: {ended}")
 
 
 def evaluate_attempt(args: argparse.Namespace) -> None:

@@ -13,6 +13,8 @@ from mjx_fit import interrupts
 from mjx_fit.watchdog import Watchdog
 
 SECONDS_BETWEEN_LINES = 5.0
+COMPILING = "compiling: the first part takes longest"
+"""Words to begin with where the first part may take minutes."""
 
 
 class Progress:
@@ -22,10 +24,11 @@ class Progress:
         name: What the work is called.
         total: How much there is to do.
         done: How much was done before.
+        begins: A few words for the time before the first call.
     """
 
-    def __init__(self, name: str, total: int, done: int = 0):
-        self._name, self._total, self._before = name, total, done
+    def __init__(self, name: str, total: int, done: int = 0, begins: str = ""):
+        self._name, self._total, self._before, self._begins = name, total, done, begins
         self._watchdog = Watchdog(name)
         self._last_line = time.monotonic() - SECONDS_BETWEEN_LINES
         self._paced_from: tuple[float, int] | None = None
@@ -40,6 +43,8 @@ class Progress:
         self._watchdog.__enter__()
         if self._bar is not None:
             self._bar.start()
+        if self._begins:
+            self(self._before, self._begins)
         return self
 
     def __exit__(self, *error) -> None:

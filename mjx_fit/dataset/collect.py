@@ -13,7 +13,7 @@ from mjx_fit.dataset.plan import Plan, check
 from mjx_fit.dataset.sequences import Sequences, Update
 from mjx_fit.dataset.writer import Writer, is_finished, new_manifest, new_shard
 from mjx_fit.filesystem import inside
-from mjx_fit.progress import Progress
+from mjx_fit.progress import COMPILING, Progress
 from mjx_fit.simulate.broken import kept_in
 from mjx_fit.simulate.engine import create
 from mjx_fit.types import ACTION_BYTES, SUBSTEPS
@@ -71,7 +71,8 @@ def _fill(
 ) -> None:
     began, actions, inserted = time.monotonic(), 0, 0
     done = n_shards - len(missing)
-    with Progress("collect: shard", n_shards, done) as progress:
+    begins = COMPILING if request["engine"] == "mjx" else ""
+    with Progress("collect: shard", n_shards, done, begins) as progress:
         for name, start in missing.items():
             episodes = simulate(start)
             content = shard_.encode(episodes, request)

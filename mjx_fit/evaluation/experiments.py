@@ -14,7 +14,7 @@ from mjx_fit.errors import RequestError
 from mjx_fit.evaluation import outcome, parts, results
 from mjx_fit.evaluation.results import Result
 from mjx_fit.policies import SPIRAL
-from mjx_fit.progress import Progress
+from mjx_fit.progress import COMPILING, Progress
 from mjx_fit.randomness import root_key
 from mjx_fit.sensors.model import ContactSensor
 from mjx_fit.settings import N_TYPES
@@ -58,7 +58,7 @@ def _attempt(asked: outcome.Asked, trials: int) -> Result:
     simulator = create(engine, config)
     root = root_key(seed, "attempt")
     rows: list[dict[str, Any]] = []
-    with Progress("attempts", n) as progress:
+    with Progress("attempts", n, 0, COMPILING if simulator.name == "mjx" else "") as progress:
         for start in range(0, n, batch):
             ids = np.arange(start, start + batch)
             hole_pos, estimate, wiggle, _ = draw_places(root, jnp.asarray(ids), config.detector)
@@ -125,7 +125,9 @@ def _assembly(
     pieces = parts.pieces(trials, len(picked), simulator.name)
     pegs_each = len(picked) * config.task.n_holes
     before = min(parts.kept(out) * len(pieces[0]), trials) * pegs_each
-    with Progress("assembly: pegs", trials * pegs_each, before) as progress:
+    with Progress(
+        "assembly: pegs", trials * pegs_each, before, COMPILING if simulator.name == "mjx" else ""
+    ) as progress:
 
         def work(ids: Int[np.ndarray, "n"]) -> parts.Rows:
             drawn = draw_trials(config, seed, ids)

@@ -17,7 +17,7 @@ from mjx_fit.evaluation import outcome, parts
 from mjx_fit.evaluation.parts import Rows
 from mjx_fit.evaluation.results import Result
 from mjx_fit.evaluation.statistics import Row
-from mjx_fit.progress import Progress
+from mjx_fit.progress import COMPILING, Progress
 from mjx_fit.sensors.model import ContactSensor
 from mjx_fit.settings import SensorConfig, TrainConfig
 from mjx_fit.simulate.broken import Reporting
@@ -90,7 +90,8 @@ def _worked_out(study: Study, asked: outcome.Asked, sensors: dict[str, ContactSe
     updates = _updates(study.methods, sensors, config)
     pieces = parts.pieces(study.n, n_methods, simulator.name)
     finished = min(parts.kept(out) * len(pieces[0]), study.n) * n_methods
-    with Progress(f"{study.experiment}: trials", study.n * n_methods, finished) as progress:
+    begins = COMPILING if simulator.name == "mjx" else ""
+    with Progress(f"{study.experiment}: trials", study.n * n_methods, finished, begins) as progress:
 
         def attempted(attempts: int) -> None:
             progress(finished, f"{attempts} attempts in this round")

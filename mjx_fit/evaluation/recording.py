@@ -1,5 +1,6 @@
 """One assembly, played again from its result file's request: every attempt with all that was believed."""
 
+import sys
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -23,6 +24,7 @@ from mjx_fit.task.learning import learner
 from mjx_fit.task.methods import ASSEMBLY, Method, chosen
 from mjx_fit.task.trials import draw_trials
 from mjx_fit.training import checkpoint
+from mjx_fit.training.kinship import away_from_training
 from mjx_fit.types import Belief, Interaction
 
 
@@ -221,6 +223,8 @@ def _play(
             raise RequestError(f"--run: none is not allowed: {reading[0]} needs a training run")
         sensor, trained = checkpoint.load_sensor(run)
         config = outcome.with_network_of(trained, config)
+        if note := away_from_training(config_.differences(trained, config)):
+            print(f"playing: {note}", file=sys.stderr)
     drawn = draw_trials(config, seed, ids)
     steps: list[Step] = []
 

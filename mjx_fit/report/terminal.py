@@ -5,10 +5,11 @@ from rich.markup import escape
 from rich.table import Table
 
 from mjx_fit.evaluation.results import Result
+from mjx_fit.training import kinship
 
 
 def print_summary(result: Result) -> None:
-    """Prints method, metric, group, value with its 95 % interval, and n."""
+    """Prints method, metric, group, value with its 95 % interval, and n, and what is to be known of them."""
     table = Table(
         title=escape(f"{result.experiment}, engine {result.engine}, seed {result.seed}"),
         title_justify="left",
@@ -23,3 +24,12 @@ def print_summary(result: Result) -> None:
         names = map(escape, (row.method, metric, row.group))  # a name with brackets is no markup
         table.add_row(*names, f"{row.value:.3g}", interval, str(row.n))
     Console().print(table)
+    if note := _note(result):
+        Console(highlight=False).print(note, soft_wrap=True, markup=False)
+
+
+def _note(result: Result) -> str:
+    differs = result.request.get("differs_from_training")
+    if differs is None and result.request.get("sensor"):
+        return "which settings the sensor was trained with is not known: the result does not say"
+    return kinship.away_from_training(differs or [])

@@ -20,7 +20,9 @@ FRAME_BY_FRAME = "frame_by_frame"
 """Folder of the baseline's training, in that of the run."""
 
 
-def train_from(folder: Path, config: Config, out: Path, seed: int, members: int = 1) -> None:
+def train_from(
+    folder: Path, config: Config, out: Path, seed: int, members: int = 1, init: Path | None = None
+) -> bool:
     """Train both on a stored data set, or go on with what was begun.
 
     Args:
@@ -29,6 +31,10 @@ def train_from(folder: Path, config: Config, out: Path, seed: int, members: int 
         out: Folder of the run.
         seed: Root seed.
         members: Of an ensemble.
+        init: Folder of another run, whose sensors these ones start from.
+
+    Returns:
+        Whether anything was left to do.
 
     Raises:
         RequestError: The data are of another scene or controller, ``train.sequence`` does not fit them, or
@@ -41,23 +47,30 @@ def train_from(folder: Path, config: Config, out: Path, seed: int, members: int 
     require_chains(request, config)
     require_symmetric(config)
     _require_memory(sum(shard.episodes for shard in there.shards), request["steps"], config)
-    train_with_baseline(store.load(folder), config, out, seed, members)
+    return train_with_baseline(store.load(folder), config, out, seed, members, init)
 
 
 @run_folder.held
-def train_with_baseline(data: Episode, config: Config, out: Path, seed: int, members: int = 1) -> None:
+def train_with_baseline(
+    data: Episode, config: Config, out: Path, seed: int, members: int = 1, init: Path | None = None
+) -> bool:
     """Train the sensor, then the frame-by-frame one on the same episodes, or go on with what was begun.
 
     ``checkpoint.load_sensor(out / FRAME_BY_FRAME)`` loads the second; each member of an ensemble has its own.
     With ``train.baseline_share: 0``, or where the sensor itself is of that kind, it is left out.
 
+    Returns:
+        Whether anything was left to do.
+
     Raises:
         RequestError: As ``mjx_fit.training.loop.train``.
     """
     _say_what_is_left_out(data)
-    train(data, config, out, seed, members=members)
+    trained = train(data, config, out, seed, members=members, init=init)
     if config.train.baseline_share and config.sensor.reference != "final":
-        train(data, _of_baseline(config), out, seed, members=members, inside=FRAME_BY_FRAME)
+        share = _of_baseline(config)
+        trained |= train(data, share, out, seed, members=members, inside=FRAME_BY_FRAME, init=init)
+    return trained
 
 
 def _require_memory(episodes: int, steps: int, config: Config) -> None:

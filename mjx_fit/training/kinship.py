@@ -1,5 +1,6 @@
 """Whether a sensor may be judged on a data set: not on holes that it was trained on, nor in another world."""
 
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any, NotRequired
 
@@ -25,8 +26,10 @@ class _Hole(TypedDict):
 class _Told(TypedDict):
     """What a run says of its data; earlier ones did not name a hole."""
 
+    seed: NotRequired[int]
     data: NotRequired[str]
     first_hole: NotRequired[_Hole | None]
+    init: NotRequired["_Told"]
 
 
 _TOLD = TypeAdapter(_Told)
@@ -42,8 +45,48 @@ def first_hole(data: Episode) -> dict[str, Any]:
     return {"sequence": int(data.sequence[row]), "pos_world": [round(float(x), 7) for x in position]}
 
 
+def told_by(run: Path) -> dict[str, Any]:
+    """What a run folder remembers of what it was trained on, and of the sensor that it started from.
+
+    Raises:
+        RequestError: Its ``run.json`` is damaged.
+    """
+    path = run / run_folder.RUN
+    try:
+        told = bounded_json.read(path) if path.is_file() else {}
+        bounded_json.check(_TOLD, told)
+    except (OSError, ValueError) as error:
+        raise RequestError(f"--run: {run} is not allowed: its {path.name} cannot be read: {error}") from None
+    return {key: told[key] for key in ("seed", "data", "first_hole", "init") if key in told}
+
+
+def lineage(told: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    """What a run was trained on, what the sensor that it started from was trained on, and so on."""
+    while told and isinstance(told, dict):
+        yield told
+        told = told.get("init", {})
+
+
+def shares_holes(told: dict[str, Any], data: Episode, fingerprint: str) -> bool:
+    """Whether a run was trained on these data, or at holes that are among theirs.
+
+    Args:
+        told: One of ``lineage``.
+        data: Stacked episodes.
+        fingerprint: Of the data.
+    """
+    if told.get("data") == fingerprint:
+        return True
+    hole = told.get("first_hole")
+    if hole is None:
+        return False
+    same = np.asarray(data.sequence) == hole["sequence"]
+    places = np.asarray(data.interaction.hole_pos_world)[same]
+    return bool(np.isclose(places, hole["pos_world"], rtol=0, atol=1e-6).all(axis=-1).any())
+
+
 def require_new(run: Path, data: Episode, fingerprint: str) -> None:
-    """Make sure that a run was not trained on these data, nor at these holes.
+    """Make sure that a run was not trained on these data, nor at these holes, nor what it started from.
 
     Args:
         run: Folder of the run.
@@ -53,22 +96,29 @@ def require_new(run: Path, data: Episode, fingerprint: str) -> None:
     Raises:
         RequestError: It was, or its ``run.json`` does not say.
     """
-    path = run / run_folder.RUN
-    try:
-        told = bounded_json.check(_TOLD, bounded_json.read(path)) if path.is_file() else {}
-    except (OSError, ValueError) as error:
-        raise RequestError(f"--run: {run} is not allowed: its {path.name} cannot be read: {error}") from None
-    if told.get("data") == fingerprint:
-        raise RequestError("--data: the data that the run was trained on are not allowed: collect others")
-    hole = told.get("first_hole")
-    if hole is None:
-        return
-    same = np.asarray(data.sequence) == hole["sequence"]
-    places = np.asarray(data.interaction.hole_pos_world)[same]
-    if np.isclose(places, hole["pos_world"], rtol=0, atol=1e-6).all(axis=-1).any():
+    for told in lineage(told_by(run)):
+        if told.get("data") == fingerprint:
+            raise RequestError("--data: the data that the run was trained on are not allowed: collect others")
+        if not shares_holes(told, data, fingerprint):
+            continue
         raise RequestError(
             "--data: the holes that the run was trained at are not allowed: collect with another --seed"
         )
+
+
+def away_from_training(differences: Sequence[str]) -> str:
+    """In what the settings in use differ from those that a sensor was trained with, in a line; or nothing.
+
+    Args:
+        differences: Of the training's configuration and the one in use, from ``config.differences``; those of
+            the network and of training are not looked at.
+    """
+    words = [" ".join(str(one).split()) for one in differences]
+    words = [one for one in words if not one.startswith(("sensor.", "train."))]
+    if not words:
+        return ""
+    more = f" (and {len(words) - 1} more)" if len(words) > 1 else ""
+    return f"settings differ from the sensor's training: {words[0]}{more}"
 
 
 def require_world(request: dict[str, Any], config: Config) -> None:

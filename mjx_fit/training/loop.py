@@ -22,11 +22,11 @@ from mjx_fit.dataset.episode import Episode
 from mjx_fit.dataset.reader import n_batches, placed
 from mjx_fit.dataset.windows import Sample, chains, windows_of
 from mjx_fit.errors import RequestError, WorkError
-from mjx_fit.progress import Progress
+from mjx_fit.progress import COMPILING, Progress
 from mjx_fit.randomness import require_seed, root_key
 from mjx_fit.sensors.model import ContactSensor, InputScale
 from mjx_fit.settings import N_TYPES
-from mjx_fit.training import checkpoint, run_folder
+from mjx_fit.training import checkpoint, run_folder, start
 from mjx_fit.training.epoch import run_epoch
 from mjx_fit.training.kinship import first_hole
 from mjx_fit.training.loss import Loss
@@ -48,9 +48,10 @@ def train(
     *,
     members: int = 1,
     inside: str = "",
+    init: Path | None = None,
     on_epoch: Callable[[dict], None] | None = None,
     checkpoint_every_s: float = 30.0,
-) -> None:
+) -> bool:
     """Train a sensor, or continue its training; ``checkpoint.load_sensor(out)`` loads the best one.
 
     An ensemble is trained at once, vmapped: one split of the data, and for each member its own weights,
@@ -60,13 +61,18 @@ def train(
     Args:
         data: Episodes, stacked along one leading axis.
         config: Everything; with a constant learning rate, ``train.epochs`` may be more than when the folder
-            was begun.
+            was begun, and ``train.patience``, too: then it comes to what it would have come to with as many
+            from the start.
         out: Folder of the run.
         seed: Root of weights, split, windows, noise.
         members: Of an ensemble.
         inside: Folder inside that of the run, or inside those of its members, where this training goes.
+        init: Folder of another run, whose best sensor this one starts from.
         on_epoch: Called with the metrics of each epoch (of the first member) once they are stored.
         checkpoint_every_s: Least time between two checkpoints, s; the last epoch always gets one.
+
+    Returns:
+        Whether anything was left to do.
 
     Raises:
         RequestError: The folder holds something else, or data or configuration cannot be trained with.
@@ -79,8 +85,11 @@ def train(
     sides = _examples(data, config, episodes[0]), _examples(data, config, episodes[1])
     data_id = provenance.fingerprint(data)
     folders = run_folder.members(out, members, inside)
-    for folder in folders:
-        run_folder.check(folder, config, seed, data_id)
+    starts = start.read(init, config, members, inside)
+    start.require_unseen(starts, data, data_id, config, seed)
+    origins = start.origins(starts)
+    for folder, origin in zip(folders, origins, strict=True):
+        run_folder.check(folder, config, seed, data_id, origin)
     epochs_done, arrays = checkpoint.load_last(out / inside)
     saver = Saver(out / inside, folders, checkpoint_every_s, config.train.patience)
     if arrays is not None:
@@ -90,20 +99,21 @@ def train(
                 f"--members: {members} is not allowed: {out} was begun with {len(saver.best_nll)} of them"
             )
     if epochs_done >= config.train.epochs or saver.is_stale(epochs_done):
-        return
+        return False
     for folder in folders:
         run_folder.require_same_arithmetic(folder)
     init_keys, epoch_roots, val_key = _keys(seed, members)
-    recipe, state = _begin(data, sides[0], config, init_keys)
+    recipe, state = _begin(data, sides[0], config, init_keys, starts)
     placed_data = placed(data)
     if members > 1 and isinstance(placed_data.episode, np.ndarray):
         raise RequestError(f"--members: {members} is not allowed: the data do not fit beside them; train one")
-    for folder in folders:
-        run_folder.write(folder, config, seed, data_id, first_hole(data), np.asarray(data.sequence), episodes)
+    about = first_hole(data), np.asarray(data.sequence), episodes
+    for folder, origin in zip(folders, origins, strict=True):
+        run_folder.write(folder, config, seed, data_id, *about, origin)
         run_folder.keep_metrics(folder, epochs_done)
     if arrays is not None:
         state = checkpoint.from_arrays(state, arrays)
-    with Progress(_title(config, episodes), config.train.epochs, epochs_done) as show:
+    with Progress(_title(config, episodes), config.train.epochs, epochs_done, COMPILING) as show:
         for epoch in range(epochs_done, config.train.epochs):
             began = time.monotonic()
             key = jax.vmap(partial(jax.random.fold_in, data=epoch))(epoch_roots)
@@ -119,7 +129,8 @@ def train(
                 on_epoch(rows[0])
             show(epoch + 1, f"val_nll {val_nll.mean():.3f} (prior {rows[0]['prior_nll']:.3f})")
             if is_last:
-                return
+                break
+    return True
 
 
 def _examples(data: Episode, config: Config, episodes: Int[np.ndarray, "n"]) -> Int[np.ndarray, "m *length"]:
@@ -142,12 +153,20 @@ def _keys(seed: int, members: int) -> tuple[Key[Array, "members"], Key[Array, "m
 
 
 def _begin(
-    data: Episode, train_ids: Int[np.ndarray, "n *length"], config: Config, keys: Key[Array, "members"]
+    data: Episode,
+    train_ids: Int[np.ndarray, "n *length"],
+    config: Config,
+    keys: Key[Array, "members"],
+    starts: list[start.Start | None],
 ) -> tuple[Recipe, TrainState]:
-    """Sensors with new weights, inputs scaled to windows of the training episodes; several are stacked."""
+    """Sensors as each starts: new, its inputs scaled to windows of the training episodes, or trained already.
+
+    Several are stacked.
+    """
     static = run_folder.identity(config)
     steps = n_batches(train_ids, config.train.batch_size)
     graphdefs, states = zip(*(_new(data, train_ids, static, steps, key) for key in keys), strict=True)
+    states = tuple(map(start.begin, starts, states))
     together = states[0] if len(keys) == 1 else jax.tree.map(lambda *leaves: jnp.stack(leaves), *states)
     return Recipe(graphdefs[0], static, steps), together
 

@@ -37,11 +37,11 @@ _NEEDED = ("val_nll", "prior_nll")
 def identity(config: Config) -> Config:
     """The part of the configuration that makes it this run.
 
-    A run may be continued to more epochs, unless its learning rate was to reach zero with the last.
+    A run may be continued to more epochs, unless its learning rate was to reach zero with the last, and with
+    more patience.
     """
-    if config.train.schedule == "cosine":
-        return config
-    return replace(config, train=replace(config.train, epochs=1))
+    epochs = config.train.epochs if config.train.schedule == "cosine" else 1
+    return replace(config, train=replace(config.train, epochs=epochs, patience=0))
 
 
 def require_members(count: int) -> None:
@@ -102,8 +102,15 @@ def held(train: Callable[P, R]) -> Callable[P, R]:
     return trains
 
 
-def check(out: Path, config: Config, seed: int, data: str) -> None:
+def check(out: Path, config: Config, seed: int, data: str, origin: dict[str, Any] | None = None) -> None:
     """Make sure that the folder is new or holds this very run; write nothing.
+
+    Args:
+        out: The folder.
+        config: The configuration.
+        seed: Root seed.
+        data: Fingerprint of the data.
+        origin: Of the sensor that the training starts from, if it is a trained one.
 
     Raises:
         RequestError: It is not a folder, or it holds another run or other files.
@@ -121,7 +128,10 @@ def check(out: Path, config: Config, seed: int, data: str) -> None:
         for name, here in (("seed", seed), ("data", data))
         if there[name] != here
     ]
-    differences += config_.differences(*map(identity, (config_.load(out / CONFIG), config)))
+    _require_origin(out, there.get("init"), origin)
+    before = config_.load(out / CONFIG)
+    differences += config_.differences(*map(identity, (before, config)))
+    _require_end(out, before, config, differences)
     if differences:
         raise RequestError(
             f"--out: {out} is not allowed: it holds another run ({differences[0]}); choose a new folder"
@@ -205,6 +215,7 @@ def write(
     first_hole: dict[str, Any],
     sequences: Int[np.ndarray, "episodes"],
     sides: tuple[Int[np.ndarray, "n"], Int[np.ndarray, "m"]],
+    origin: dict[str, Any] | None = None,
 ) -> None:
     """Write down what the run is; ``run.json`` last, and only once.
 
@@ -216,6 +227,7 @@ def write(
         first_hole: Of the data, by which others at the same holes are known.
         sequences: Which sequence, that is which hole, each episode belongs to.
         sides: Indices of the training and of the validation episodes.
+        origin: Of the sensor that the training starts from, if it is a trained one.
     """
     files.write_text(out / CONFIG, config_.to_yaml(config))
     if not (out / RUN).is_file():
@@ -229,6 +241,7 @@ def write(
             },
             "versions": provenance.versions(),
             "device": provenance.device(),
+            **({} if origin is None else {"init": origin}),
         }
         files.write_text(out / RUN, json.dumps(run, indent=2) + "\n")
 
@@ -251,6 +264,48 @@ def summary(out: Path) -> str:
         f"{len(rows)}, {best['prior_nll']:.3f} without the sensor (lower is better)"
         + ("" if helps else ": it is worse than none; train longer or on more data")
     )
+
+
+def ended(out: Path, config: Config) -> str:
+    """Why a finished run is over, and how it goes on, in words."""
+    done = len((out / METRICS).read_text().splitlines())
+    if done < config.train.epochs:
+        return (
+            f"stopped early after {done} of {config.train.epochs} epochs: the last {config.train.patience} "
+            "were no better; a larger train.patience goes on"
+        )
+    another = f"--init {out} starts another run from it"
+    if config.train.schedule == "cosine":
+        return f"all {done} epochs are done, and with them train.schedule cosine; {another}"
+    return f"all {done} epochs are done; more --epochs go on, {another}"
+
+
+def _require_origin(out: Path, there: dict[str, Any] | None, here: dict[str, Any] | None) -> None:
+    """Refuse to continue a run from other weights than it started from."""
+    if (there or {}).get("sensor") == (here or {}).get("sensor"):
+        return
+    started = "new weights" if there is None else "a trained sensor"
+    how = "leave --init away" if there is None else "give the --init that it was begun with"
+    raise RequestError(
+        f"--init: {'none' if here is None else 'this one'} is not allowed: {out} started from {started}"
+        f"{' that is not this one' if there and here else ''}; {how}, or choose a new folder"
+    )
+
+
+def _require_end(out: Path, before: Config, now: Config, differences: list[str]) -> None:
+    """Refuse to move the end of a run where it cannot be moved."""
+    cosine = [words for words in differences if words.startswith("train.epochs ")]
+    if cosine and cosine == differences:
+        raise RequestError(
+            f"--epochs: {now.train.epochs} is not allowed: {cosine[0]}, where train.schedule cosine brings "
+            f"the learning rate to zero; start another run from this one: --init {out} --out NEW"
+        )
+    there, here = before.train.patience, now.train.patience
+    if not differences and here and (not there or here < there):
+        raise RequestError(
+            f"config: train.patience: {here} is not allowed: {out} has {there or '0 (never stop early)'}, "
+            "which may only grow"
+        )
 
 
 def keep_metrics(out: Path, epochs_done: int) -> None:
