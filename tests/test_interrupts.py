@@ -141,7 +141,7 @@ def alive(process):
 PARENT = """
 import os, subprocess, sys
 os.environ["MJX_FIT_PARENT"] = str(os.getpid())
-sleeper = "import time; from mjx_fit import interrupts as i; i.install(); print(1, flush=True); time.sleep(60)"
+sleeper = "import time; from mjx_fit import interrupts as i; i.install(); print(1,flush=1); time.sleep(60)"
 child = subprocess.Popen([sys.executable, "-c", sleeper], stdout=subprocess.PIPE)
 child.stdout.readline()
 print(child.pid, flush=True)
