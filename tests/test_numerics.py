@@ -164,11 +164,8 @@ def test_a_set_of_two_arithmetics_is_not_completed(collect, tmp_path, other):
         collect(out)
 
 
-def test_nor_are_its_parts_merged(tmp_path, capsys):
-    common = ["--episodes", "4", "--steps", "2", "--batch", "2", "--engine", "native", "--num-shards", "2"]
-    folders = [tmp_path / f"part{i}" for i in range(2)]
-    for i, folder in enumerate(folders):
-        assert cli.main(["collect", "--out", str(folder), *common, "--shard-index", str(i)]) == 0
+def test_nor_are_its_parts_merged(collect, tmp_path, capsys):
+    folders = [collect(tmp_path / f"part{i}", shard_index=i, num_shards=2) for i in range(2)]
     there = manifest.read(folders[1])
     manifest.write(folders[1], replace(there, versions=there.versions | {"NPY_DISABLE_CPU_FEATURES": "X"}))
     capsys.readouterr()
