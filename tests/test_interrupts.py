@@ -95,8 +95,8 @@ LAUNCH = """
 import os, signal, sys, threading, time
 signal.signal(signal.SIGINT, signal.default_int_handler)
 sys.argv = ["mjx-fit", *{words}]
-threading.Timer({delay}, os.kill, (os.getpid(), {number})).start()
 from mjx_fit.launch import main
+threading.Timer({delay}, os.kill, (os.getpid(), {number})).start()
 sys.exit(main())
 """
 
@@ -152,6 +152,7 @@ child.wait()
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
 def test_a_child_ends_with_its_parent(number):
     with subprocess.Popen([sys.executable, "-c", PARENT], stdout=subprocess.PIPE, text=True) as parent:
+        assert parent.stdout is not None
         child = int(parent.stdout.readline())
         assert alive(child)
         parent.send_signal(number)

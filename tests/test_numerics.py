@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import jax
 import numpy as np
@@ -75,7 +76,7 @@ def test_every_way_into_the_library_looks():
     ways = (
         lambda: create("native", settings),
         lambda: create("mjx", settings),
-        lambda: checkpoint.load_sensor("nowhere"),
+        lambda: checkpoint.load_sensor(Path("nowhere")),
         lambda: learner(settings, None),
         lambda: randomness.root_key(0, "test"),
     )
