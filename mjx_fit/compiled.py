@@ -59,7 +59,7 @@ def replace_damaged(path: Path) -> None:
 
 
 def _delete(path: Path, name: str) -> None:
-    """Deletes what is kept of the computation with this name: JAX does not say which of its entries it was."""
+    """Deletes what is kept of the computation with this name; JAX does not say which entry is damaged."""
     print(f"mjx-fit: a kept computation ({name}) in {path} is damaged: compiling it again", file=sys.stderr)
     for entry in path.iterdir():
         if entry.name.startswith(f"{name}-") and entry.name.endswith("-cache"):

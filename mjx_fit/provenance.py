@@ -57,7 +57,7 @@ def device() -> str:
     first = jax.devices()[0]
     kind = first.device_kind
     if first.platform == "cpu" and CPU_INFO.is_file():
-        told = re.search(r"^model name\s*:\s*(.+)$", CPU_INFO.read_text(), re.MULTILINE)
+        told = re.search(r"^model name\s*:\s*(.+)$", CPU_INFO.read_text(errors="replace"), re.MULTILINE)
         kind = told[1] if told else platform.machine()
     return f"{first.platform}: {kind}"
 

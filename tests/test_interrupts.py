@@ -95,8 +95,8 @@ LAUNCH = """
 import os, signal, sys, threading, time
 signal.signal(signal.SIGINT, signal.default_int_handler)
 sys.argv = ["mjx-fit", *{words}]
-threading.Timer({delay}, os.kill, (os.getpid(), {number})).start()
 from mjx_fit.launch import main
+threading.Timer({delay}, os.kill, (os.getpid(), {number})).start()
 sys.exit(main())
 """
 
@@ -141,7 +141,7 @@ def alive(process):
 PARENT = """
 import os, subprocess, sys
 os.environ["MJX_FIT_PARENT"] = str(os.getpid())
-sleeper = "import time; from mjx_fit import interrupts as i; i.install(); print(1, flush=True); time.sleep(60)"
+sleeper = "import time; from mjx_fit import interrupts as i; i.install(); print(1,flush=1); time.sleep(60)"
 child = subprocess.Popen([sys.executable, "-c", sleeper], stdout=subprocess.PIPE)
 child.stdout.readline()
 print(child.pid, flush=True)
@@ -152,6 +152,7 @@ child.wait()
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
 def test_a_child_ends_with_its_parent(number):
     with subprocess.Popen([sys.executable, "-c", PARENT], stdout=subprocess.PIPE, text=True) as parent:
+        assert parent.stdout is not None
         child = int(parent.stdout.readline())
         assert alive(child)
         parent.send_signal(number)
