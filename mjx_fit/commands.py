@@ -102,7 +102,7 @@ def data_export(args: argparse.Namespace) -> None:
 
 def train(args: argparse.Namespace) -> None:
     from mjx_fit.dataset import manifest
-    from mjx_fit.training import run_folder
+    from mjx_fit.training import run_files, run_folder
     from mjx_fit.training.baseline import train_from
 
     config = _config(args)
@@ -115,8 +115,8 @@ def train(args: argparse.Namespace) -> None:
         print(f"{args.data}: part {index} of {of} of a data set; data merge joins them")
     was_left = train_from(args.data, config, args.out, args.seed, args.members, args.init)
     for folder in run_folder.members(args.out, args.members):
-        print(f"{folder}: {run_folder.summary(folder)}")
-        ended = run_folder.ended(folder, config)
+        print(f"{folder}: {run_files.summary(folder)}")
+        ended = run_files.ended(folder, config)
         if not was_left:
             print(f"{folder}: nothing was left to do: {ended}")
         elif ended.startswith("stopped early"):

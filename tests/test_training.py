@@ -19,7 +19,6 @@ from mjx_fit.dataset.reader import placed
 from mjx_fit.dataset.windows import sample_windows
 from mjx_fit.errors import RequestError, WorkError
 from mjx_fit.settings import SensorConfig, TrainConfig
-from mjx_fit.training import run_folder
 from mjx_fit.training.baseline import FRAME_BY_FRAME, train_with_baseline
 from mjx_fit.training.checkpoint import LAST, from_arrays, load_sensor, to_arrays
 from mjx_fit.training.loop import train
@@ -389,10 +388,10 @@ def test_members_of_an_ensemble_train_at_once_as_they_would_alone(run, tmp_path)
 
 @pytest.mark.parametrize(("best_nll", "is_worse"), [(0.7, False), (1.4, True)])
 def test_a_run_says_when_its_sensor_is_worse_than_none(tmp_path, best_nll, is_worse):
-    (tmp_path / run_folder.RUN).write_text("{}")
+    (tmp_path / run_files.RUN).write_text("{}")
     for epoch, nll in enumerate((1.9, best_nll)):
-        run_folder.append_metrics(tmp_path, {"epoch": epoch, "val_nll": nll, "prior_nll": 1.3})
-    said = run_folder.summary(tmp_path)
+        run_files.append_metrics(tmp_path, {"epoch": epoch, "val_nll": nll, "prior_nll": 1.3})
+    said = run_files.summary(tmp_path)
     assert f"validation NLL {best_nll:.3f} after epoch 2 of 2, 1.300 without the sensor" in said
     assert ("worse than none" in said) == is_worse
 

@@ -13,7 +13,7 @@ from mjx_fit import config as config_
 from mjx_fit.config import Config
 from mjx_fit.dataset.episode import Episode
 from mjx_fit.errors import RequestError
-from mjx_fit.training import run_folder
+from mjx_fit.training.run_files import RUN
 
 _Metres = Annotated[float, Field(ge=-10, le=10, allow_inf_nan=False)]
 
@@ -51,7 +51,7 @@ def told_by(run: Path) -> dict[str, Any]:
     Raises:
         RequestError: Its ``run.json`` is damaged.
     """
-    path = run / run_folder.RUN
+    path = run / RUN
     try:
         told = bounded_json.read(path) if path.is_file() else {}
         bounded_json.check(_TOLD, told)

@@ -26,7 +26,7 @@ from mjx_fit.progress import COMPILING, Progress
 from mjx_fit.randomness import require_seed, root_key
 from mjx_fit.sensors.model import ContactSensor, InputScale
 from mjx_fit.settings import N_TYPES
-from mjx_fit.training import checkpoint, run_folder, start
+from mjx_fit.training import checkpoint, run_files, run_folder, start
 from mjx_fit.training.epoch import run_epoch
 from mjx_fit.training.kinship import first_hole
 from mjx_fit.training.loss import Loss
@@ -110,7 +110,7 @@ def train(
     about = first_hole(data), np.asarray(data.sequence), episodes
     for folder, origin in zip(folders, origins, strict=True):
         run_folder.write(folder, config, seed, data_id, *about, origin)
-        run_folder.keep_metrics(folder, epochs_done)
+        run_files.keep_metrics(folder, epochs_done)
     if arrays is not None:
         state = checkpoint.from_arrays(state, arrays)
     with Progress(_title(config, episodes), config.train.epochs, epochs_done, COMPILING) as show:
@@ -122,7 +122,7 @@ def train(
             )
             rows = _metrics(epoch, members, *losses, seconds=time.monotonic() - began)
             for folder, row in zip(folders, rows, strict=True):
-                run_folder.append_metrics(folder, row)
+                run_files.append_metrics(folder, row)
             val_nll = np.array([row["val_nll"] for row in rows])
             is_last = saver.after_epoch(epoch + 1, state, val_nll, config.train.epochs)
             if on_epoch is not None:

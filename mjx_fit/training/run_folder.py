@@ -22,16 +22,15 @@ from mjx_fit.config import Config
 from mjx_fit.errors import RequestError, require
 from mjx_fit.filesystem import inside as inside_
 from mjx_fit.filesystem import refuse_link
+from mjx_fit.training import run_files
+from mjx_fit.training.run_files import CONFIG, METRICS, RUN
 
 P = ParamSpec("P")
 R = TypeVar("R")
 
 MAX_MEMBERS = 100
-CONFIG, RUN, METRICS = "config.yaml", "run.json", "metrics.jsonl"
 _ENTRIES = (CONFIG, RUN, METRICS, "checkpoints", "checkpoints/best", "checkpoints/last")
 """What is written to in the folder: none may be a link."""
-_NEEDED = ("val_nll", "prior_nll")
-"""Metrics that say what a run has come to."""
 
 
 def identity(config: Config) -> Config:
@@ -122,7 +121,7 @@ def check(out: Path, config: Config, seed: int, data: str, origin: dict[str, Any
     if not (out / RUN).is_file():
         _require_free(out, config)
         return
-    there = read(out)
+    there = run_files.read(out, needed=("seed", "data"))
     differences = [
         f"{name} is {there[name]} there and {here} here"
         for name, here in (("seed", seed), ("data", data))
@@ -138,53 +137,6 @@ def check(out: Path, config: Config, seed: int, data: str, origin: dict[str, Any
         )
 
 
-def read(out: Path, option: str = "--out") -> dict[str, Any]:
-    """What ``run.json`` says; ``option`` is the one that the folder was given by.
-
-    Raises:
-        RequestError: It is damaged.
-    """
-    path = out / RUN
-    try:
-        run = json.loads(path.read_text(encoding="utf-8"))
-        if {"seed", "data"} <= run.keys():
-            return run
-        what = "it lacks the seed or the data"
-    except (OSError, ValueError, RecursionError, AttributeError) as error:
-        what = _in_a_line(error)
-    raise _damaged(path, what, option)
-
-
-def read_metrics(out: Path, epochs: int | None = None) -> list[dict[str, Any]]:
-    """The first epochs of ``metrics.jsonl``, or all; a kill may have torn the line behind them.
-
-    Raises:
-        RequestError: A line is damaged or missing.
-    """
-    path = out / METRICS
-    lines = path.read_bytes().splitlines(keepends=True) if path.is_file() else []
-    rows = []
-    for number, line in enumerate(lines[:epochs]):
-        try:
-            row = json.loads(line.decode())
-            if row["epoch"] != number or not all(isinstance(row[key], float | int) for key in _NEEDED):
-                raise ValueError(f"it is not of epoch {number}")
-        except (ValueError, RecursionError, KeyError, TypeError) as error:
-            raise _damaged(path, f"line {number + 1}: {_in_a_line(error)}") from None
-        rows.append(row)
-    if len(rows) < (epochs or 0):
-        raise _damaged(path, f"it ends after epoch {len(rows)}, and the checkpoint after {epochs}")
-    return rows
-
-
-def _damaged(path: Path, what: str, option: str = "--out") -> RequestError:
-    return RequestError(
-        f"{option}: {path} is not allowed: it is damaged ({what}); restore it, or choose a new folder"
-    )
-
-
-def _in_a_line(error: Exception) -> str:
-    return f"{type(error).__name__}: {' '.join(str(error).split())}"[:120]
 def require_same_arithmetic(out: Path) -> None:
     """Make sure that a begun run is continued with the settings of the process that it was begun with.
 
@@ -195,7 +147,7 @@ def require_same_arithmetic(out: Path) -> None:
     """
     if not (out / RUN).is_file():
         return
-    there, here = read(out).get("versions", {}), provenance.versions()
+    there, here = run_files.read(out).get("versions", {}), provenance.versions()
     for name, old, new in provenance.differing(*map(provenance.settings_of, (there, here))):
         raise RequestError(
             f"{name}: {new} is not allowed here: {out} was begun with {old}, and its numbers depend on it"
@@ -246,40 +198,6 @@ def write(
         files.write_text(out / RUN, json.dumps(run, indent=2) + "\n")
 
 
-def summary(out: Path) -> str:
-    """What a run has come to, in a line."""
-    run = read(out)
-    sides = " and ".join(
-        f"{verb} on {run[side]['interactions']:,} interactions at {run[side]['holes']:,} holes"
-        for verb, side in (("trained", "training"), ("validated", "validation"))
-        if side in run  # earlier runs did not count them
-    )
-    rows = read_metrics(out)
-    if not rows:
-        raise _damaged(out / METRICS, "it holds no epoch")
-    best = min(rows, key=lambda row: row["val_nll"])
-    helps = best["val_nll"] < best["prior_nll"]
-    return (
-        f"{sides or 'trained'}; validation NLL {best['val_nll']:.3f} after epoch {best['epoch'] + 1} of "
-        f"{len(rows)}, {best['prior_nll']:.3f} without the sensor (lower is better)"
-        + ("" if helps else ": it is worse than none; train longer or on more data")
-    )
-
-
-def ended(out: Path, config: Config) -> str:
-    """Why a finished run is over, and how it goes on, in words."""
-    done = len((out / METRICS).read_text().splitlines())
-    if done < config.train.epochs:
-        return (
-            f"stopped early after {done} of {config.train.epochs} epochs: the last {config.train.patience} "
-            "were no better; a larger train.patience goes on"
-        )
-    another = f"--init {out} starts another run from it"
-    if config.train.schedule == "cosine":
-        return f"all {done} epochs are done, and with them train.schedule cosine; {another}"
-    return f"all {done} epochs are done; more --epochs go on, {another}"
-
-
 def _require_origin(out: Path, there: dict[str, Any] | None, here: dict[str, Any] | None) -> None:
     """Refuse to continue a run from other weights than it started from."""
     if (there or {}).get("sensor") == (here or {}).get("sensor"):
@@ -306,21 +224,6 @@ def _require_end(out: Path, before: Config, now: Config, differences: list[str])
             f"config: train.patience: {here} is not allowed: {out} has {there or '0 (never stop early)'}, "
             "which may only grow"
         )
-
-
-def keep_metrics(out: Path, epochs_done: int) -> None:
-    """Cut ``metrics.jsonl`` back to the epochs that the checkpoint knows; the rest is run again."""
-    path = out / METRICS
-    rows = read_metrics(out, epochs_done)
-    lines = path.read_bytes().splitlines(keepends=True) if path.is_file() else []
-    # Line by line in order: the last one may have been torn by a kill.
-    files.write_bytes(path, b"".join(line.rstrip(b"\n") + b"\n" for line in lines[: len(rows)]))
-
-
-def append_metrics(out: Path, row: dict) -> None:
-    """Add the line of one epoch."""
-    locks.require_all()
-    files.append_line(out / METRICS, json.dumps(row))
 
 
 def _require_free(out: Path, config: Config) -> None:

@@ -1,0 +1,121 @@
+"""What stands in the files of a training run: ``run.json`` and ``metrics.jsonl``."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from mjx_fit import bounded_json, files, locks
+from mjx_fit.config import Config
+from mjx_fit.errors import RequestError
+
+CONFIG, RUN, METRICS = "config.yaml", "run.json", "metrics.jsonl"
+_NEEDED = ("val_nll", "prior_nll")
+"""Metrics that say what a run has come to."""
+_LARGEST, _LARGEST_LINE = 2**30, 2**16
+"""Bytes of a ``metrics.jsonl`` and of one of its lines: a million epochs."""
+
+
+def read(out: Path, needed: Sequence[str] = ()) -> dict[str, Any]:
+    """What ``run.json`` says.
+
+    Args:
+        out: Folder of the run.
+        needed: Keys that it must have.
+
+    Raises:
+        RequestError: It is damaged.
+    """
+    path = out / RUN
+    try:
+        run = bounded_json.read(path)
+        if not isinstance(run, dict):
+            raise ValueError(f"it holds a {type(run).__name__}, and must hold an object")
+        missing = [name for name in needed if name not in run]
+        if missing:
+            raise ValueError(f"it lacks {missing[0]}")
+    except (OSError, ValueError) as error:
+        raise _damaged(path, error) from None
+    return run
+
+
+def read_metrics(out: Path, epochs: int | None = None) -> list[dict[str, Any]]:
+    """The first epochs of ``metrics.jsonl``, or all; a kill may have torn the line after them.
+
+    Raises:
+        RequestError: A line is damaged or missing.
+    """
+    path = out / METRICS
+    rows = []
+    for number, line in enumerate(_lines(path)[:epochs]):
+        try:
+            row = bounded_json.loads(line, _LARGEST_LINE)
+            if row["epoch"] != number or not all(isinstance(row[key], float | int) for key in _NEEDED):
+                raise ValueError(f"it is not of epoch {number}")
+        except (ValueError, KeyError, TypeError) as error:
+            raise _damaged(path, f"line {number + 1}: {error}") from None
+        rows.append(row)
+    if len(rows) < (epochs or 0):
+        raise _damaged(path, f"it ends after epoch {len(rows)}, and the checkpoint after {epochs}")
+    return rows
+
+
+def keep_metrics(out: Path, epochs_done: int) -> None:
+    """Cut ``metrics.jsonl`` back to the epochs that the checkpoint knows; the rest is run again."""
+    rows = read_metrics(out, epochs_done)
+    files.write_text(out / METRICS, "".join(f"{line}\n" for line in _lines(out / METRICS)[: len(rows)]))
+
+
+def append_metrics(out: Path, row: dict) -> None:
+    """Add the line of one epoch."""
+    locks.require_all()
+    files.append_line(out / METRICS, json.dumps(row))
+
+
+def summary(out: Path) -> str:
+    """What a run has come to, in a line."""
+    run = read(out)
+    sides = " and ".join(
+        f"{verb} on {run[side]['interactions']:,} interactions at {run[side]['holes']:,} holes"
+        for verb, side in (("trained", "training"), ("validated", "validation"))
+        if side in run  # earlier runs did not count them
+    )
+    rows = read_metrics(out)
+    if not rows:
+        raise _damaged(out / METRICS, "it holds no epoch")
+    best = min(rows, key=lambda row: row["val_nll"])
+    helps = best["val_nll"] < best["prior_nll"]
+    return (
+        f"{sides or 'trained'}; validation NLL {best['val_nll']:.3f} after epoch {best['epoch'] + 1} of "
+        f"{len(rows)}, {best['prior_nll']:.3f} without the sensor (lower is better)"
+        + ("" if helps else ": it is worse than none; train longer or on more data")
+    )
+
+
+def ended(out: Path, config: Config) -> str:
+    """Why a finished run is over, and how it goes on, in words."""
+    done = len(_lines(out / METRICS))
+    if done < config.train.epochs:
+        return (
+            f"stopped early after {done} of {config.train.epochs} epochs: the last {config.train.patience} "
+            "were no better; a larger train.patience goes on"
+        )
+    another = f"--init {out} starts another run from it"
+    if config.train.schedule == "cosine":
+        return f"all {done} epochs are done, and with them train.schedule cosine; {another}"
+    return f"all {done} epochs are done; more --epochs go on, {another}"
+
+
+def _lines(path: Path) -> list[str]:
+    if not path.is_file():
+        return []
+    try:
+        return bounded_json.read_text(path, _LARGEST).splitlines()
+    except (OSError, ValueError) as error:
+        raise _damaged(path, error) from None
+
+
+def _damaged(path: Path, what: object) -> RequestError:
+    return RequestError(
+        f"run: {path} is not allowed: it is damaged ({what}); restore it, or choose a new folder"
+    )
