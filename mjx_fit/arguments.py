@@ -91,7 +91,7 @@ def parser() -> argparse.ArgumentParser:
     )
     train.add_argument(
         "--init",
-        type=Path,
+        type=path,
         metavar="RUN",
         help="start from the sensors of another run, of the same network and shapes (default: new weights)",
     )

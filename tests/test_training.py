@@ -19,6 +19,7 @@ from mjx_fit.dataset.reader import placed
 from mjx_fit.dataset.windows import sample_windows
 from mjx_fit.errors import RequestError, WorkError
 from mjx_fit.settings import SensorConfig, TrainConfig
+from mjx_fit.training import run_files
 from mjx_fit.training.baseline import FRAME_BY_FRAME, train_with_baseline
 from mjx_fit.training.checkpoint import LAST, from_arrays, load_sensor, to_arrays
 from mjx_fit.training.loop import train
