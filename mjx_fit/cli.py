@@ -35,9 +35,12 @@ def main(argv: Sequence[str] | None = None) -> int:
 
             gl.choose()
         if args.computes:
-            from mjx_fit import granted, runtime
+            from mjx_fit import granted, memory
 
+            memory.require_start()
             granted.limit_to(args.threads)
+            from mjx_fit import runtime  # only now: it imports the libraries that these two are about
+
             runtime.configure()
         args.command(args)
         sys.stdout.flush()
