@@ -4,7 +4,7 @@ import errno
 import sys
 from collections.abc import Sequence
 
-from mjx_fit import environment, granted, interrupts, streams
+from mjx_fit import environment, granted, interrupts, memory, streams
 from mjx_fit.arguments import parser
 from mjx_fit.errors import RequestError, WorkError, one_line
 
@@ -57,9 +57,10 @@ def _run(argv: Sequence[str] | None) -> None:
         gl.choose()
     else:
         environment.draw_nothing()
-    environment.require(args.computes)
-    if args.computes:  # before JAX looks for its threads
+    if args.computes:  # before the libraries that these are about
+        memory.require_start()
         granted.limit_to(args.threads)
+    environment.require(args.computes)
     from mjx_fit import runtime
 
     runtime.pin()

@@ -1,5 +1,7 @@
 """Random interactions in which the wrench tells where the hole is and whether it matches the peg."""
 
+from dataclasses import replace
+
 import jax.numpy as jnp
 import numpy as np
 
@@ -53,6 +55,14 @@ def make_interactions(
         end_qvel=_device(np.zeros((episodes, 7))),
         valid=_device(np.ones(episodes, bool)),
     )
+
+
+def with_unit_quaternions(done: Interaction) -> Interaction:
+    """Orientations that are some: what comes in from outside is checked for it."""
+    quaternion = done.trace.tip_quat_world
+    size = jnp.linalg.norm(quaternion, axis=-1, keepdims=True)
+    unit = quaternion / jnp.where(size > 0, size, 1)
+    return replace(done, trace=replace(done.trace, tip_quat_world=unit))
 
 
 def make_episodes(

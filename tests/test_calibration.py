@@ -1,5 +1,6 @@
 """Scores against scikit-learn's definitions, enumeration and simulation."""
 
+import dataclasses
 from dataclasses import replace
 
 import jax
@@ -10,7 +11,7 @@ from flax import nnx
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
-from synthetic import make_episodes
+from synthetic import make_episodes, with_unit_quaternions
 
 from mjx_fit.config import Config
 from mjx_fit.errors import RequestError
@@ -81,6 +82,7 @@ def test_brier_and_balanced_accuracy_of_small_cases():
 def test_an_observation_is_of_the_first_actions_with_the_noise_of_the_episode():
     """Against readings that are cut, one by one: other actions, and other episodes, make no difference."""
     data, config = make_episodes(20, actions=16, min_length=16), Config()
+    data = dataclasses.replace(data, interaction=with_unit_quaternions(data.interaction))
     sensor = ContactSensor(
         SensorConfig(width=8, layers=1, feedforward=8, conv_channels=(4, 4, 4, 4, 4)), nnx.Rngs(0)
     )

@@ -44,17 +44,20 @@ def test_mjx_computes_few_enough_rows_at_once_on_a_cpu(n):
 
 
 BROKEN, BROKEN_ACTION, MARK = 7, 2, 10
+LEFT, LEFT_MARK = 3, 20
 
 
 def breakable(attempt, step, horizon, tip_pos_world, config):
-    """The library's policies; for an attempt that is marked, NaN in one action.
+    """The library's policies; for an attempt that is marked, NaN in one action, or 30 cm in x in all from it.
 
     The poison is in the batch, not in the program: another program may round differently everywhere. So whole
     batches run in it too, and most of this file needs one compilation of MJX, a minute on a CPU.
     """
     real = dataclasses.replace(attempt, policy=attempt.policy % MARK)
-    poison = (step == BROKEN_ACTION) & (attempt.policy >= MARK)
-    return policies.action(real, step, horizon, tip_pos_world, config) + jnp.where(poison, jnp.nan, 0)
+    poison = (step == BROKEN_ACTION) & (attempt.policy // MARK == 1)
+    away = (step >= BROKEN_ACTION) & (attempt.policy // MARK == LEFT_MARK // MARK)
+    action = policies.action(real, step, horizon, tip_pos_world, config) + jnp.where(poison, jnp.nan, 0)
+    return action + jnp.where(away, 0.3, 0) * jnp.array([1.0, 0, 0])
 
 
 @pytest.fixture(scope="module")
@@ -153,6 +156,25 @@ def test_a_broken_world_is_flagged_frozen_and_alone(injected):
         tip = mujoco_tip_pos(hurt.end_qpos[BROKEN])
         assert tip == pytest.approx(hurt.trace.tip_pos_world[BROKEN, BROKEN_ACTION - 1], abs=1e-5)
         assert np.isfinite(hurt.end_qvel[BROKEN]).all()
+
+
+def test_a_peg_that_left_its_plate_is_treated_likewise(rollouts, tmp_path, capsys):
+    attempts, whole, simulators, active = rollouts
+    away = dataclasses.replace(attempts, policy=attempts.policy.at[LEFT].add(LEFT_MARK))
+    others = np.delete(np.arange(12), LEFT)
+    for before, simulator in zip(whole, simulators, strict=True):
+        done = simulator.run(away, 4, active)
+        assert np.array_equal(done.valid, np.arange(12) != LEFT)
+        assert BROKEN_ACTION < done.length[LEFT] <= 4
+        for a, b in zip(jax.tree.leaves(done), jax.tree.leaves(before), strict=True):
+            assert np.array_equal(a[others], b[others])
+        last = done.length[LEFT] - 1
+        tip = mujoco_tip_pos(done.end_qpos[LEFT])
+        assert tip == pytest.approx(done.trace.tip_pos_world[LEFT, last - 1], abs=1e-5)
+        assert broken.report(done, attempts, np.arange(12), 4, CONFIG, tmp_path) == 1
+        assert (
+            f"episode 3: the peg left the plate in action {last}; it is left out" in capsys.readouterr().err
+        )
 
 
 def mujoco_tip_pos(qpos):

@@ -24,13 +24,13 @@ CONFIG = Config()
 SCENE = CONFIG.scene
 PUSHES = {
     "the peg left the plate": (0.05, 0, 0),
-    "degrees (at most": (0, 0, -0.5),
-    "a joint had been at its torque limit for 0.5 s": (0, 0, -0.1),
+    "degrees (at most 45 are believed)": (0, 0, -1.0),
+    "a joint had been at its torque limit for 2.0 s": (0, 0, -0.1),
 }
 
 
 def pushing(push):
-    """An engine whose every second attempt is pushed by so much (m) in each action, whatever its policy says."""
+    """An engine in which attempts of one policy are pushed by so much (m) in each action instead."""
 
     def policy(attempt, step, horizon, tip_pos_world, config):
         own = policies.action(attempt, step, horizon, tip_pos_world, config)
@@ -46,7 +46,7 @@ def half_pushed(n=8):
 
 @pytest.mark.parametrize("why", PUSHES)
 def test_what_left_is_stopped_named_and_alone(why, native, tmp_path, capsys):
-    attempts, n, actions = half_pushed(), 8, 8
+    attempts, n, actions = half_pushed(), 8, 24
     engine = pushing(PUSHES[why])
     done = engine.run(attempts, actions)
     pushed = np.arange(n) % 2 == 1

@@ -91,7 +91,7 @@ class MjxEngine:
     ) -> Interaction:
         """See ``Engine.run``."""
         numerics.require()
-        actions, horizon, active = require_attempts(attempts, actions, horizon, active)
+        actions, horizon, active = require_attempts(attempts, actions, horizon, active, self._policy)
         n = len(attempts.peg_type)
         rows = self._rows(n)
         rollout = self._executable(attempts, rows, actions, horizon)

@@ -84,7 +84,7 @@ class NativeEngine:
     ) -> Interaction:
         """See ``Engine.run``."""
         numerics.require()
-        actions, horizon, active = require_attempts(attempts, actions, horizon, active)
+        actions, horizon, active = require_attempts(attempts, actions, horizon, active, self._policy)
         done = _nothing_done(attempts, actions)
         wanted = np.flatnonzero(active)
         parts = [wanted[part] for part in parts_of(len(wanted), self._threads, ROWS[-1])]

@@ -17,14 +17,15 @@ from mjx_fit.settings import SceneConfig
 from mjx_fit.shapes import plate_top_m
 from mjx_fit.types import Array, Interaction
 
-MOST_TILT_DEG = 15.0
-"""Largest angle between the tip's orientation and straight down with its sides along the world's axes."""
+MOST_TILT_DEG = 45.0
+"""Largest angle between the tip's orientation and straight down with its sides along the world's axes: up to
+there, MJX takes boxes to touch as they do (``mjx_fit.simulate.boxes``)."""
 
 BELOW_FLOOR_M = 0.002
 """How far below the floor of the hole the tip may be: contact yields, but not by more."""
 
-LIMIT_ACTIONS = 5
-"""Actions in a row throughout which some joint is at its torque limit, that are too many: half a second."""
+LIMIT_ACTIONS = 20
+"""Actions in a row throughout which some joint is at its torque limit, that are too many: two seconds."""
 
 _ACTION_S = 0.1
 

@@ -11,7 +11,7 @@ from jaxtyping import Bool
 
 from mjx_fit import memory
 from mjx_fit.errors import RequestError
-from mjx_fit.policies import POLICIES
+from mjx_fit.policies import POLICIES, Policy, action
 from mjx_fit.settings import N_TYPES
 from mjx_fit.types import ACTION_BYTES, Attempt
 
@@ -27,12 +27,16 @@ ESTIMATE_REACH_M = 0.2, 0.95
 MOST_THREADS = 4096
 
 _KEYS = "threefry2x32"
-_INDICES = {"peg_type": N_TYPES, "hole_type": N_TYPES, "policy": len(POLICIES)}
+_ANY = 2**31
 _PLACES = {"hole_pos_world": HOLE_REACH_M, "estimate_world": ESTIMATE_REACH_M}
 
 
 def require_attempts(
-    attempts: Attempt, actions: int, horizon: int | None, active: Bool[np.ndarray, "n"] | None
+    attempts: Attempt,
+    actions: int,
+    horizon: int | None,
+    active: Bool[np.ndarray, "n"] | None,
+    policy: Policy = action,
 ) -> tuple[int, int, Bool[np.ndarray, "n"]]:
     """Makes sure that an engine can run these attempts.
 
@@ -41,6 +45,7 @@ def require_attempts(
         actions: Most actions in one attempt.
         horizon: Actions that a policy plans for; None: as many.
         active: Which of them to run; None: all.
+        policy: The engine's. What ``attempts.policy`` may be is known of the library's own alone.
 
     Returns:
         The actions, the horizon, and which are to be run.
@@ -55,7 +60,8 @@ def require_attempts(
     active = np.ones(n, bool) if active is None else np.asarray(active)
     if active.dtype != bool or active.shape != (n,):
         _refuse("active", f"{active.dtype} {active.shape}", f"it must be bool ({n},), one for each attempt")
-    for name, count in _INDICES.items():
+    kinds = len(POLICIES) if policy is action else _ANY
+    for name, count in (("peg_type", N_TYPES), ("hole_type", N_TYPES), ("policy", kinds)):
         _require_indices(name, _leaf(attempts, name, n, (), jnp.integer, "integers"), active, count)
     for name, reach in _PLACES.items():
         _require_places(name, _leaf(attempts, name, n, (2,), jnp.floating, "floats"), active, reach)
