@@ -69,7 +69,7 @@ def put(name: str, value: Any, **settings: Any) -> Change:
     """The field is replaced; a function makes the new value of the old one."""
 
     def change(file: h5py.File) -> None:
-        made = value(file[name][()]) if callable(value) else value
+        made = value(np.asarray(file[name])) if callable(value) else value
         del file[name]
         file.create_dataset(name, data=made, **settings)
 
@@ -80,7 +80,9 @@ def at(name: str, place: Any, value: Any) -> Change:
     """One number is another."""
 
     def change(file: h5py.File) -> None:
-        file[name][place] = value
+        dataset = file[name]
+        assert isinstance(dataset, h5py.Dataset)
+        dataset[place] = value
 
     return change
 
@@ -178,7 +180,7 @@ def no_space(file: h5py.File) -> None:
 
 def filtered_twice(file: h5py.File) -> None:
     """What unpacks to a million times its size."""
-    values = file["trace/wrench_sensor"][()]
+    values = np.asarray(file["trace/wrench_sensor"])
     del file["trace/wrench_sensor"]
     settings = h5p.create(h5p.DATASET_CREATE)
     settings.set_chunk(values.shape)

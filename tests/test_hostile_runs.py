@@ -16,7 +16,8 @@ from mjx_fit.training.kinship import require_new
 
 BROKEN = [
     "", "{", "[]", "3", "null", '"text"', "[" * 10_000, '{"data": 1}', '{"data": "\\ud800"}',
-    '{"first_hole": 3}', '{"first_hole": {"sequence": 0}}', '{"first_hole": {"sequence": 0, "pos_world": [1]}}',
+    '{"first_hole": 3}', '{"first_hole": {"sequence": 0}}',
+    '{"first_hole": {"sequence": 0, "pos_world": [1]}}',
     '{"first_hole": {"sequence": "0", "pos_world": ["a", 1]}}', '{"data": NaN}', '{"data": "a", "data": "b"}',
     '{"first_hole": {"sequence": 0, "pos_world": [1e300, 0]}}',
 ]  # fmt: skip
@@ -60,7 +61,8 @@ def test_metrics_of_a_run_that_was_killed_are_read(end, tmp_path):
     [
         "{", "3", "[]", "{}", '{"epoch": "x"}', '{"epoch": -1}', '{"epoch": 1e999}', '{"epoch": 1.5}',
         '{"epoch": 1, "nll": "low"}', '{"epoch": 1, "nll": [1]}', '{"epoch": 1, "nll": 1e300}',
-        '{"epoch": 1, "val_nll": true}', "[" * 10_000, '{"epoch": ' + "9" * 5000 + "}", '{"epoch": 1, "epoch": 2}',
+        '{"epoch": 1, "val_nll": true}', "[" * 10_000,
+        '{"epoch": ' + "9" * 5000 + "}", '{"epoch": 1, "epoch": 2}',
         '{"epoch": 1, "x": "' + "y" * 100_000 + '"}', "\ufeff{}",
     ],
 )  # fmt: skip

@@ -24,17 +24,17 @@ _Words = Annotated[str, Field(max_length=1000, pattern=r"^[^\x00-\x1f\x7f-\x9f]*
 _Name = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$", max_length=1000)]
 
 
-def _count(most: int, least: int = 1) -> Any:
-    return Annotated[int, Field(ge=least, le=most)]
+_Episodes = Annotated[int, Field(ge=1, le=MAX_EPISODES)]
+_Index = Annotated[int, Field(ge=0, le=MAX_EPISODES)]
 
 
 class _Shard(TypedDict):
     __pydantic_config__ = _STRICT  # pyright: ignore[reportGeneralTypeIssues]
 
     name: Annotated[str, Field(pattern=SHARD_NAME)]
-    first_episode: _count(MAX_EPISODES, 0)
-    episodes: _count(MAX_EPISODES)
-    bytes: _count(2**50)
+    first_episode: _Index
+    episodes: _Episodes
+    bytes: Annotated[int, Field(ge=1, le=2**50)]
     sha256: _Digest
     device: _Words
 
@@ -42,12 +42,12 @@ class _Shard(TypedDict):
 class _Request(TypedDict):
     __pydantic_config__ = _STRICT  # pyright: ignore[reportGeneralTypeIssues]
 
-    episodes: _count(MAX_EPISODES)
-    steps: _count(MAX_ACTIONS)
+    episodes: _Episodes
+    steps: Annotated[int, Field(ge=1, le=MAX_ACTIONS)]
     policy: Literal[(*POLICIES, "mixed")]  # pyright: ignore[reportInvalidTypeForm]
-    seed: _count(2**32 - 1, 0)
-    batch: _count(MAX_BATCH)
-    sequence: _count(MAX_SEQUENCE)
+    seed: Annotated[int, Field(ge=0, lt=2**32)]
+    batch: Annotated[int, Field(ge=1, le=MAX_BATCH)]
+    sequence: Annotated[int, Field(ge=1, le=MAX_SEQUENCE)]
     sensor: NotRequired[_Words]
     engine: Literal["mjx", "native"]
     config: dict[str, dict[str, Any]]
@@ -57,7 +57,7 @@ class _Manifest(TypedDict):
     __pydantic_config__ = _STRICT  # pyright: ignore[reportGeneralTypeIssues]
 
     request: _Request
-    part: Annotated[list[_count(MAX_EPISODES, 0)], Field(min_length=2, max_length=2)]
+    part: Annotated[list[_Index], Field(min_length=2, max_length=2)]
     versions: dict[_Words, _Words]
     shapes: Annotated[list[_Name], Field(min_length=N_TYPES, max_length=N_TYPES)]
     complete: bool

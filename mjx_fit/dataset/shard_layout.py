@@ -5,10 +5,11 @@ filters, hold objects and declare terabytes; a shard does none of that.
 """
 
 from collections.abc import Iterator
+from typing import Any
 
 import h5py
 import numpy as np
-from h5py import h5d, h5l, h5t, h5z
+from h5py import h5d, h5l, h5t, h5z  # pyright: ignore[reportAttributeAccessIssue]
 
 Shape = tuple[int, ...]
 
@@ -51,8 +52,8 @@ def require(file: h5py.File, shapes: dict[str, Shape], file_bytes: int) -> None:
         raise LayoutError(f"it says that it holds {declared:,} bytes, more than can be packed into it")
 
 
-def _datasets(file: h5py.File, names: set[str]) -> Iterator[tuple[str, h5py.Dataset]]:
-    """The fields by their paths, each reached through hard links alone."""
+def _datasets(file: h5py.File, names: set[str]) -> Iterator[tuple[str, Any]]:
+    """What is in the places of the fields, by their paths, each reached through hard links alone."""
     groups = {name.rpartition("/")[0] for name in names}
     for place in sorted(groups):
         group = file[place] if place else file
@@ -73,7 +74,7 @@ def _datasets(file: h5py.File, names: set[str]) -> Iterator[tuple[str, h5py.Data
                 yield path, group[name]
 
 
-def _require_plain(name: str, dataset: h5py.Dataset, shape: Shape) -> int:
+def _require_plain(name: str, dataset: Any, shape: Shape) -> int:
     """The bytes of a field, if it is an array of the type and shape that it must be, in the file."""
     if not isinstance(dataset, h5py.Dataset):
         raise LayoutError(f"{name}: it must be a data set")

@@ -74,13 +74,15 @@ def read(path: Path) -> Result:
     except ValueError as error:
         raise RequestError(f"result: {path} is not a result file: {error}") from None
     known = {field.name: tree[field.name] for field in dataclasses.fields(Result) if field.name in tree}
-    return Result(**known | {"summary": [_row(row) for row in tree["summary"]]})
+    known["summary"] = [_row(row) for row in tree["summary"]]
+    return Result(**known)
 
 
 def _row(tree: dict[str, Any]) -> Row:
     """A row of a summary; whole numbers may stand for others."""
-    ends = {name: None if tree[name] is None else float(tree[name]) for name in ("value", "low", "high")}
-    return Row(**{field.name: tree[field.name] for field in dataclasses.fields(Row)} | ends)
+    value, low, high = (None if tree[end] is None else float(tree[end]) for end in ("value", "low", "high"))
+    assert value is not None
+    return Row(tree["method"], tree["metric"], tree["group"], value, low, high, tree["n"])
 
 
 def number_in(group: str, prefix: str) -> int | None:

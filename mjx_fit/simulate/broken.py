@@ -93,7 +93,7 @@ def replay(path: Path) -> Interaction:
     """
     kept = broken_file.read(path)
     config = config_.from_yaml(str(kept["config"]))
-    key = jax.random.wrap_key_data(kept["key"][None], impl=KEY_IMPL)
+    key = jax.random.wrap_key_data(jax.numpy.asarray(kept["key"])[None], impl=KEY_IMPL)
     attempt = Attempt(key=key, **{name: kept[name][None] for name in _PLAIN})
     step, horizon = int(kept["step"]), int(kept["horizon"])
     return NativeEngine(config, 1).act(attempt, kept["qpos"][None], kept["qvel"][None], step, horizon)
