@@ -6,6 +6,7 @@ minutes. So the request is noted as well: long work asks ``check()`` whenever it
 Python's own C handler wakes at once, ends the process a few seconds later, or at a second signal.
 """
 
+import atexit
 import contextlib
 import os
 import select
@@ -56,6 +57,7 @@ def install() -> None:
     sys.unraisablehook = _without_requests(sys.unraisablehook)
     for number in taken:
         signal.signal(number, _on_signal)
+    atexit.register(_leave)  # registered first, called last
     if PARENT in os.environ:
         _Process.quiet = True  # the parent says it
         serve(int(os.environ.pop(PARENT)))
@@ -108,6 +110,12 @@ def settle() -> None:
 def finished(result: int) -> None:
     """Notes that the work is done, with this exit code; to ask for its end now ends the process at once."""
     _Process.result = result
+
+
+def _leave() -> None:
+    """Ends a process that is done before Python takes itself apart: signals would kill it meanwhile."""
+    if _Process.result is not None:
+        os._exit(_Process.result)
 
 
 def end(done: bool = False) -> NoReturn:

@@ -80,6 +80,23 @@ def test_who_asks_after_the_end_is_told_so():
     assert done.stderr == "mjx-fit: asked to stop; the work was complete\n"
 
 
+def test_a_process_that_is_done_ends_after_everything_else_was_cleaned_up():
+    """And before Python takes its modules apart, when a signal would kill it."""
+    body = """
+import atexit
+class Late:
+    def __del__(self): print("taken apart", flush=True)
+late = Late()
+atexit.register(lambda: (print("cleaned up", flush=True), {more}))
+interrupts.finished(3)
+"""
+    done = run(body.format(more="None"))
+    assert (done.returncode, done.stdout, done.stderr) == (3, "cleaned up\n", "")
+    asked = run(body.format(more="ask()"))
+    assert (asked.returncode, asked.stdout) == (3, "cleaned up\n")
+    assert asked.stderr == "mjx-fit: asked to stop; the work was complete\n"
+
+
 def test_a_request_that_is_settled_is_forgotten():
     done = run(f"{DROPPED['a callback of C code']}\ninterrupts.settle()\ntime.sleep(1.5)\ninterrupts.check()")
     assert (done.returncode, done.stderr) == (0, "")

@@ -10,6 +10,7 @@ from pathlib import Path
 import jax
 import numpy as np
 import pytest
+from collecting import files_of
 
 from mjx_fit import cli, config, numerics, provenance, randomness, runtime
 from mjx_fit.dataset import manifest
@@ -214,7 +215,7 @@ def test_a_command_makes_the_same_bytes_under_every_setting(tmp_path):
         words = ["collect", "--episodes", "6", "--policy", "spiral", "--steps", "20", "--out", str(out)]
         env = os.environ | {name: value}
         subprocess.run([sys.executable, "-m", "mjx_fit", *words], check=True, timeout=300, env=env)
-        return {path.name: path.read_bytes() for path in out.glob("*.*")}
+        return files_of(out)
 
     plain = made("plain", "NOTHING=1")
     assert len(plain) == 2
