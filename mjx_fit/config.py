@@ -193,6 +193,4 @@ def _set(tree: dict[str, Any], override: str) -> None:
     try:
         section[keys[1]] = strict_yaml.load(text)
     except strict_yaml.StrictYamlError as error:
-        raise RequestError(
-            f"--set: {shown(override)} is not allowed: {shown(text)} is no YAML value: {error}"
-        ) from None
+        raise RequestError(f"--set: {shown(override)} is not allowed: it is no YAML value: {error}") from None

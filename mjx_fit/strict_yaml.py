@@ -144,7 +144,9 @@ def _scalar(event: yaml.ScalarEvent) -> Any:
     ):
         if pattern.fullmatch(text):
             if len(text) > MOST_DIGITS:
-                raise _error(event, f"the number {shown(text)} is not allowed: it has {len(text)} digits")
+                raise _error(
+                    event, f"{shown(text)} has {len(text)} digits: at most {MOST_DIGITS} are allowed"
+                )
             return number(text)
     return text
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
+import optax
 import pytest
 from flax import nnx
 from synthetic import make_episodes
@@ -204,9 +205,10 @@ def test_runs_that_cannot_be_loaded_are_named(run, tmp_path):
     assert not (out / LAST).exists()
 
 
-def test_a_diverged_training_says_so(tmp_path):
-    wild = replace(CONFIG, train=replace(CONFIG.train))
-    object.__setattr__(wild.train, "learning_rate", 1e30)  # more than a configuration may ask for
+def test_a_diverged_training_says_so(tmp_path, monkeypatch):
+    adamw = optax.adamw  # more than a configuration may ask for
+    monkeypatch.setattr(optax, "adamw", lambda _, **rest: adamw(1e30, **rest))
+    wild = replace(CONFIG, train=replace(CONFIG.train, learning_rate=1.0))
     with pytest.raises(WorkError, match=r"epoch \d is not finite"):
         train(DATA, wild, tmp_path / "run", 0)
 

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float, Int
 
 from mjx_fit import config as config_
 from mjx_fit.config import Config
-from mjx_fit.errors import RequestError, require, shown
+from mjx_fit.errors import RequestError, require, shortened, shown
 from mjx_fit.evaluation import outcome, parts
 from mjx_fit.evaluation.results import Result
 from mjx_fit.progress import Progress
@@ -157,7 +157,7 @@ def replay(
     names = list(dict.fromkeys(name for name, _ in rows))
     if (method, trial) not in rows:
         raise RequestError(
-            f"--method, --trial: {shown(method)}, {shown(trial)} are not in the result: "
+            f"--method, --trial: {shortened(method)}, {shown(trial)} are not in the result: "
             f"it has {', '.join(names)} and trials 0 to {max(row['trial'] for row in result.trials)}"
         )
     _only(method)
