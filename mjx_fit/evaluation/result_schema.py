@@ -143,12 +143,10 @@ def _other_length(column: str, found: list, wanted: int, of: str) -> Iterator[st
         yield f"{column}: {len(found)} values are not allowed: {of} has {wanted}"
 
 
-def _assembly(trial: dict[str, Any], first: dict[str, Any], names: set[str]) -> Iterator[str]:
-    yield from _unknown("pegs", trial["pegs"], names)
+def _assembly(trial: dict[str, Any], first: dict[str, Any], _: set[str]) -> Iterator[str]:
     yield from _other_length("pegs", trial["pegs"], len(first["pegs"]), "the first trial")
     for column in ("attempts", "human"):
         yield from _other_length(column, trial[column], len(trial["pegs"]), "pegs")
-    yield from _unknown("holes", trial.get("holes", []), names)
     of_attempts = trial.keys() & {
         "tried", "chance", "next_best", "match_probability", "error_cm", "peak_force_n", "match_after",
         "error_after_cm",
