@@ -13,6 +13,7 @@ from synthetic import make_interactions
 
 from mjx_fit.errors import RequestError
 from mjx_fit.sensors.encoder import TraceEncoder
+from mjx_fit.sensors.heads import PositionNoise
 from mjx_fit.sensors.model import (
     ContactSensor,
     InputScale,
@@ -229,3 +230,14 @@ def test_the_final_position_and_where_it_was_pressed():
     np.testing.assert_allclose(final, [tip[i, n - 1, :2] for i, n in enumerate(count)], rtol=1e-6)
     want = [wrench.mean(2), wrench.std(2), pressure, tip[..., :2] + pressure]
     np.testing.assert_allclose(features, np.concatenate(want, -1), atol=1e-5)
+
+
+def test_the_noise_is_the_product_of_a_lower_triangle_with_a_floor():
+    """Entry by entry, cm²: of each peg's three numbers two are made positive, the third is below them."""
+    noise = PositionNoise(3, 4, False, nnx.Rngs(0))
+    raw = np.array([[0.3, -0.7, 0.5], [-30.0, 1.0, -0.2], [2.0, -30.0, 0.0]])
+    noise.raw.embedding[...] = jnp.asarray(raw, jnp.float32)
+    xx, yy = (np.log1p(np.exp(raw[:, axis])) + 0.01 for axis in range(2))
+    below = raw[:, 2]
+    want = np.array([[xx**2, xx * below], [xx * below, below**2 + yy**2]]).transpose(2, 0, 1)
+    np.testing.assert_allclose(noise(jnp.arange(3), jnp.zeros((3, 4))), want, rtol=1e-4, atol=1e-7)

@@ -372,3 +372,22 @@ def test_no_draw_of_an_assembly_comes_twice():
     error = (trials.estimate_world - trials.hole_pos_world).reshape(-1, 2)
     apart = np.abs(error[:, None] - error).max(-1) + np.eye(len(error))
     assert apart.min() > 1e-6
+
+
+def test_among_equals_the_tries_of_the_peg_in_hand_count_and_not_those_of_earlier_pegs():
+    """A try in a broken world leaves a hole as good as it was, and only the tries tell it from its equals."""
+    trials, seen = trials_.draw_trials(CONFIG, 0, np.arange(6)), []
+    assembly.run(
+        CONFIG, methods.chosen("failure_only", methods.ASSEMBLY), trials, 0, Breaking(),
+        learning.learner(CONFIG, None), lambda done, text: None, seen.append,
+    )  # fmt: skip
+    for row in range(6):
+        peg, tries = -1, np.zeros(4, int)
+        for one in (one for one in seen if one.before.active[row]):
+            if one.before.peg[row] != peg:
+                peg, tries = one.before.peg[row], np.zeros(4, int)
+            belief = np.exp(one.before.beliefs.type_logp[row, :, trials.peg_type[row, peg]])
+            open_ = np.where(one.before.filled[row], -1, belief)
+            equals = np.flatnonzero(open_ >= open_.max() - 2e-6)
+            assert one.chosen[row] == equals[tries[equals].argmin()]
+            tries[one.chosen[row]] += 1
