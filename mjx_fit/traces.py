@@ -7,6 +7,7 @@ from typing import Any
 
 import jax
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Bool
 
 from mjx_fit.errors import RequestError
@@ -85,7 +86,7 @@ def require_reading(reading: Reading) -> None:
 
 
 def _is_traced(tree: Any) -> bool:
-    return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
+    return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(tree))
 
 
 def _require_shape(name: str, leaf: Any, shape: tuple[int, ...], words: str = "") -> None:

@@ -70,14 +70,8 @@ def test_what_left_is_stopped_named_and_alone(why, native, tmp_path, capsys):
         for i, line in zip((1, 3, 5, 7), said, strict=True)
     )
     last = int(done.length[first]) - 1
-    again = engine.act(
-        *(
-            jax.tree.map(lambda leaf: leaf[first : first + 1], tree)
-            for tree in (attempts, done.end_qpos, done.end_qvel)
-        ),
-        last,
-        actions,
-    )
+    one, row = jax.tree.map(lambda leaf: leaf[first : first + 1], attempts), slice(first, first + 1)
+    again = engine.act(one, done.end_qpos[row], done.end_qvel[row], last, actions)
     assert again.trace.tip_pos_world[0, last] == pytest.approx(
         done.trace.tip_pos_world[first, last], abs=1e-3
     )
@@ -97,7 +91,8 @@ def test_tilt_is_the_whole_angle_to_straight_down(axis, degrees):
         return
     over = (np.array([0.5, 0, 0.045], np.float32), quaternion(axis, degrees), np.array([0.5, 0], np.float32))
     for kind in (np.asarray, jnp.asarray):  # both engines ask
-        lost = plausible.is_lost(*map(kind, over), SCENE)
+        tip, turned, hole = map(kind, over)
+        lost = plausible.is_lost(tip, turned, hole, SCENE)
         assert bool(lost) == (degrees > plausible.MOST_TILT_DEG)
 
 
@@ -120,7 +115,7 @@ def test_the_plate_ends_where_it_ends(x, y, z, lost):
     at = np.array([0.4 + x, -0.1 + y, z], np.float32)
     assert bool(plausible.is_lost(at, quaternion((1, 0, 0), 0), hole, SCENE)) is lost
     wider = dataclasses.replace(SCENE, plate_half_width_m=0.1)
-    assert not plausible.is_lost(np.float32([0.481, -0.1, 0.045]), quaternion((1, 0, 0), 0), hole, wider)
+    assert not plausible.is_lost(np.array([0.481, -0.1, 0.045]), quaternion((1, 0, 0), 0), hole, wider)
 
 
 @given(st.lists(st.booleans(), max_size=30))

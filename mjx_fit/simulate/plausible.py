@@ -84,5 +84,9 @@ def _is_tilted(tip_quat_world: Float[Array, "*n 4"]) -> Bool[Array, "*n"]:
 def _has_left(
     tip_pos_world: Float[Array, "*n 3"], hole_pos_world: Float[Array, "*n 2"], scene: SceneConfig
 ) -> Bool[Array, "*n"]:
-    beside = (abs(tip_pos_world[..., :2] - hole_pos_world) > scene.plate_half_width_m).any(-1)
-    return beside | (tip_pos_world[..., 2] < plate_top_m(scene) - scene.hole_depth_m - BELOW_FLOOR_M)
+    beside = abs(tip_pos_world[..., :2] - hole_pos_world) > scene.plate_half_width_m
+    return (
+        beside[..., 0]
+        | beside[..., 1]
+        | (tip_pos_world[..., 2] < plate_top_m(scene) - scene.hole_depth_m - BELOW_FLOOR_M)
+    )

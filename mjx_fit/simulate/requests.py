@@ -2,7 +2,7 @@
 
 import operator
 from dataclasses import fields
-from typing import Any
+from typing import Any, NoReturn
 
 import jax
 import jax.numpy as jnp
@@ -134,5 +134,5 @@ def _require_keys(key: Any, n: int) -> None:
         _refuse("attempts: key", str(jax.random.key_impl(key)), f"its implementation must be {_KEYS}")
 
 
-def _refuse(name: str, value: str, allowed: str) -> None:
+def _refuse(name: str, value: str, allowed: str) -> NoReturn:
     raise RequestError(f"{name}: {value} is not allowed: {allowed}")
