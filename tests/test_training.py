@@ -1,6 +1,8 @@
 """Training on a small set whose wrench tells the answer: it learns, resumes, and refuses what it must."""
 
+import errno
 import json
+import os
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -9,6 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from faults import Faults
 from flax import nnx
 from synthetic import make_episodes
 
@@ -391,3 +394,42 @@ def test_a_run_says_when_its_sensor_is_worse_than_none(tmp_path, best_nll, is_wo
     said = run_folder.summary(tmp_path)
     assert f"validation NLL {best_nll:.3f} after epoch 2 of 2, 1.300 without the sensor" in said
     assert ("worse than none" in said) == is_worse
+
+
+@pytest.mark.parametrize("replaced", [False, True])
+def test_a_folder_that_is_taken_away_ends_the_training(tmp_path, replaced):
+    out = tmp_path / "run"
+
+    def taken_away(row):
+        shutil.rmtree(out)
+        if replaced:
+            out.mkdir()
+
+    with pytest.raises(WorkError, match="run was removed or replaced while this command was writing to it"):
+        train(DATA, CONFIG, out, 0, on_epoch=taken_away)
+    assert not out.exists() or not list(out.iterdir())
+
+
+def test_a_training_without_room_goes_on_when_there_is_some(tmp_path, monkeypatch):
+    """At any moment of its own writing: no temporary file stays, and the curve is that of one that had it."""
+    short = replace(CONFIG, train=replace(CONFIG.train, epochs=2))
+    train(DATA, short, tmp_path / "whole", 0)
+    moment = 0
+    while True:
+        out = tmp_path / f"run{moment}"
+        with monkeypatch.context() as patch:
+            faults = Faults(patch, tmp_path, moment, errno.ENOSPC)
+            if moment % 2:
+                patch.setattr(os, "posix_fallocate", lambda *_: None)
+            try:
+                train(DATA, short, out, 0)
+            except OSError as error:
+                named = str(error.filename)
+        if not faults.failed:
+            break
+        assert named.startswith(str(out))
+        assert not [path for path in out.rglob("*") if path.suffix in (".tmp", ".lock")]
+        train(DATA, short, out, 0)
+        assert metrics(out) == metrics(tmp_path / "whole")
+        moment += 6
+    assert moment > 20

@@ -106,6 +106,8 @@ def check(out: Path, config: Config, seed: int, data: str) -> None:
         _require_free(out, config)
         return
     there = read(out)
+    if not {"seed", "data"} <= there.keys():
+        raise _damaged(out / RUN, "it lacks the seed or the data")
     differences = [
         f"{name} is {there[name]} there and {here} here"
         for name, here in (("seed", seed), ("data", data))
@@ -127,10 +129,10 @@ def read(out: Path, option: str = "--out") -> dict[str, Any]:
     path = out / RUN
     try:
         run = json.loads(path.read_text(encoding="utf-8"))
-        if {"seed", "data"} <= run.keys():
+        if isinstance(run, dict):
             return run
-        what = "it lacks the seed or the data"
-    except (OSError, ValueError, RecursionError, AttributeError) as error:
+        what = "it is no object"
+    except (OSError, ValueError, RecursionError) as error:
         what = _in_a_line(error)
     raise _damaged(path, what, option)
 
@@ -206,11 +208,14 @@ def write(
 def summary(out: Path) -> str:
     """What a run has come to, in a line."""
     run = read(out)
-    sides = " and ".join(
-        f"{verb} on {run[side]['interactions']:,} interactions at {run[side]['holes']:,} holes"
-        for verb, side in (("trained", "training"), ("validated", "validation"))
-        if side in run  # earlier runs did not count them
-    )
+    try:
+        sides = " and ".join(
+            f"{verb} on {run[side]['interactions']:,} interactions at {run[side]['holes']:,} holes"
+            for verb, side in (("trained", "training"), ("validated", "validation"))
+            if side in run  # earlier runs did not count them
+        )
+    except (KeyError, TypeError, ValueError) as error:
+        raise _damaged(out / RUN, _in_a_line(error)) from None
     rows = read_metrics(out)
     if not rows:
         raise _damaged(out / METRICS, "it holds no epoch")
