@@ -109,10 +109,12 @@ def _held(place: Path, path: Path, even_if_read_only: bool) -> Iterator[Hold]:
         raise
     finally:
         del _mine.holds[number]
-        if hold.is_there():  # before it is released: who comes later makes a new one
-            with suppress(OSError):
-                os.unlink(path)
-        os.close(descriptor)
+        try:
+            if hold.is_there():  # before it is released: who comes later makes a new one
+                with suppress(OSError):
+                    os.unlink(path)
+        finally:
+            os.close(descriptor)
 
 
 def _mine_at(path: Path) -> Hold | None:

@@ -1,7 +1,6 @@
 """File operations that fail, all of those below a folder, from a chosen one on."""
 
 import errno
-import fcntl
 import os
 from pathlib import Path
 
@@ -97,14 +96,13 @@ class Faults:
     _unlink_ = _rmdir_ = _removed
 
 
-def without(patch, code: int) -> None:
-    """A file system that answers locking and syncing with an error."""
+def without(patch, module, name: str, code: int) -> None:
+    """A file system that answers locking (``fcntl.flock``) or syncing (``os.fsync``) with an error."""
 
-    def refused(*args):
+    def refused(*_):
         raise OSError(code, os.strerror(code))
 
-    patch.setattr(fcntl, "flock", refused)
-    patch.setattr(os, "fsync", refused)
+    patch.setattr(module, name, refused)
 
 
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EMFILE, errno.EIO, errno.ESTALE)

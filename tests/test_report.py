@@ -1,6 +1,8 @@
 import json
 import re
+import shutil
 import xml.etree.ElementTree as ET
+from contextlib import suppress
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
@@ -9,6 +11,7 @@ from typing import Any
 import jax
 import numpy as np
 import pytest
+from faults import NO_ROOM, Faults, Killed
 
 from mjx_fit import config
 from mjx_fit.dataset.episode import Episode
@@ -19,6 +22,7 @@ from mjx_fit.errors import RequestError
 from mjx_fit.evaluation import results
 from mjx_fit.evaluation.results import Result, summarise_assembly, summarise_attempt
 from mjx_fit.report import about
+from mjx_fit.report import build as build_
 from mjx_fit.report.build import build
 from mjx_fit.task.methods import ASSEMBLY, INSERTION, POSITION
 from mjx_fit.types import Interaction, Trace
@@ -219,6 +223,70 @@ def test_figures_show_the_numbers(folder: Path, tmp_path: Path):
     assert "Attempts at one peg" in texts["assembly-success"]
     assert "first 5 pegs" in texts["assembly-attempts"]
     assert "prior belief" in texts["run-training"]
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory):
+    """A section of one picture, drawn once."""
+    path = tmp_path_factory.mktemp("small") / "assembly.json"
+    results.write(path, assembly({"full": 0.4}, 2))
+    section = build_._find(path)[path][1]("assembly")
+    return path, replace(section, pictures=section.pictures[:1])
+
+
+@pytest.fixture
+def report(small, monkeypatch):
+    """Makes a report of it, and says what is in the folder."""
+    path, section = small
+    monkeypatch.setattr(build_, "_find", lambda _: {path: ("assembly", lambda slug: section)})
+
+    def make(out: Path) -> dict[str, bytes]:
+        build([path], out)
+        return {str(path.relative_to(out)): path.read_bytes() for path in out.rglob("*") if path.is_file()}
+
+    return make
+
+
+@pytest.mark.parametrize("code", [0, *NO_ROOM])
+def test_a_report_that_is_stopped_is_continued(report, tmp_path: Path, monkeypatch, code: int):
+    """Killed, or out of room, at any file operation: the same command comes to the same bytes.
+
+    Both folders and the lock are made, and one is synced in the other; the page that says it is unfinished,
+    the figure and the page are each created, written, synced, renamed and synced in their folder. A kill may
+    also come after a renaming, when the lock is removed, and when the folder would be, were it empty.
+    """
+    whole, moment = report(tmp_path / "whole"), 0
+    assert len(whole) == 2
+    while True:
+        out = tmp_path / f"stopped{moment}"
+        with monkeypatch.context() as patch:
+            faults = Faults(patch, out, moment, code)
+            with suppress(Killed, OSError):
+                report(out)
+        if not faults.failed:
+            break
+        assert code == 0 or not [path for path in out.rglob("*") if path.suffix in (".tmp", ".lock")]
+        assert report(out) == whole
+        moment += 1
+    assert moment == (4 + 3 * 5 if code else 4 + 3 * 6 + 2)
+
+
+def test_an_unfinished_page_says_so(report, tmp_path: Path, monkeypatch):
+    monkeypatch.setattr(build_, "page", lambda made: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        report(tmp_path / "out")
+    assert "was not finished: give its command again" in (tmp_path / "out" / "index.html").read_text()
+
+
+@pytest.mark.parametrize("name", ["figures", ".lock"])
+def test_a_report_follows_no_link(report, tmp_path: Path, name: str):
+    (tmp_path / "elsewhere").mkdir()
+    report(tmp_path / "out")
+    shutil.rmtree(tmp_path / "out" / name, ignore_errors=True)
+    (tmp_path / "out" / name).symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(RequestError, match=f"{name} is not allowed: it is a symbolic link"):
+        report(tmp_path / "out")
+    assert not list((tmp_path / "elsewhere").iterdir())
 
 
 def test_an_input_that_is_given_twice_is_shown_once(folder: Path, tmp_path: Path):

@@ -1,7 +1,9 @@
 """Training on a small set whose wrench tells the answer: it learns, resumes, and refuses what it must."""
 
+import errno
 import json
 import math
+import os
 import shutil
 import time
 from dataclasses import replace
@@ -12,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 import pytest
+from faults import Faults
 from flax import nnx
 from synthetic import make_episodes
 
@@ -415,3 +418,42 @@ def test_the_saver_waits_for_every_member_and_keeps_the_first_of_equals(tmp_path
         assert saver.best_epoch.tolist() == [1, min(epoch, 2)]
     assert saved == [("a", "best", 1), ("b", "best", 2), ("checkpoints", "last", 4)]
     assert not Saver(tmp_path, [tmp_path], 0.0, patience=0).is_stale(1000)
+
+
+@pytest.mark.parametrize("replaced", [False, True])
+def test_a_folder_that_is_taken_away_ends_the_training(tmp_path, replaced):
+    out = tmp_path / "run"
+
+    def taken_away(row):
+        shutil.rmtree(out)
+        if replaced:
+            out.mkdir()
+
+    with pytest.raises(WorkError, match="run was removed or replaced while this command was writing to it"):
+        train(DATA, CONFIG, out, 0, on_epoch=taken_away)
+    assert not out.exists() or not list(out.iterdir())
+
+
+def test_a_training_without_room_goes_on_when_there_is_some(tmp_path, monkeypatch):
+    """At any moment of its own writing: no temporary file stays, and the curve is that of one that had it."""
+    short = replace(CONFIG, train=replace(CONFIG.train, epochs=2))
+    train(DATA, short, tmp_path / "whole", 0)
+    moment = 0
+    while True:
+        out = tmp_path / f"run{moment}"
+        with monkeypatch.context() as patch:
+            faults = Faults(patch, tmp_path, moment, errno.ENOSPC)
+            if moment % 2:
+                patch.setattr(os, "posix_fallocate", lambda *_: None)
+            try:
+                train(DATA, short, out, 0)
+            except OSError as error:
+                named = str(error.filename)
+        if not faults.failed:
+            break
+        assert named.startswith(str(out))
+        assert not [path for path in out.rglob("*") if path.suffix in (".tmp", ".lock")]
+        train(DATA, short, out, 0)
+        assert metrics(out) == metrics(tmp_path / "whole")
+        moment += 6
+    assert moment > 20

@@ -13,6 +13,7 @@ from mjx_fit import config as config_
 from mjx_fit.config import Config
 from mjx_fit.dataset.episode import Episode
 from mjx_fit.errors import RequestError
+from mjx_fit.training import run_files
 from mjx_fit.training.run_files import RUN
 
 _Metres = Annotated[float, Field(ge=-10, le=10, allow_inf_nan=False)]
@@ -51,12 +52,13 @@ def told_by(run: Path) -> dict[str, Any]:
     Raises:
         RequestError: Its ``run.json`` is damaged.
     """
-    path = run / RUN
+    if not (run / RUN).is_file():
+        return {}
+    told = run_files.read(run, option="--run")
     try:
-        told = bounded_json.read(path) if path.is_file() else {}
         bounded_json.check(_TOLD, told)
-    except (OSError, ValueError) as error:
-        raise RequestError(f"--run: {run} is not allowed: its {path.name} cannot be read: {error}") from None
+    except ValueError as error:
+        raise run_files.damaged(run / RUN, error, "--run") from None
     return {key: told[key] for key in ("seed", "data", "first_hole", "init") if key in told}
 
 

@@ -16,12 +16,13 @@ _LARGEST, _LARGEST_LINE = 2**30, 2**16
 """Bytes of a ``metrics.jsonl`` and of one of its lines: a million epochs."""
 
 
-def read(out: Path, needed: Sequence[str] = ()) -> dict[str, Any]:
+def read(out: Path, needed: Sequence[str] = (), option: str = "--out") -> dict[str, Any]:
     """What ``run.json`` says.
 
     Args:
         out: Folder of the run.
         needed: Keys that it must have.
+        option: The one that the folder was given by.
 
     Raises:
         RequestError: It is damaged.
@@ -35,7 +36,7 @@ def read(out: Path, needed: Sequence[str] = ()) -> dict[str, Any]:
         if missing:
             raise ValueError(f"it lacks {missing[0]}")
     except (OSError, ValueError) as error:
-        raise _damaged(path, error) from None
+        raise damaged(path, error, option) from None
     return run
 
 
@@ -49,21 +50,21 @@ def read_metrics(out: Path, epochs: int | None = None) -> list[dict[str, Any]]:
     rows = []
     for number, line in enumerate(_lines(path)[:epochs]):
         try:
-            row = bounded_json.loads(line, _LARGEST_LINE)
+            row = bounded_json.loads(line.decode(), _LARGEST_LINE)
             if row["epoch"] != number or not all(isinstance(row[key], float | int) for key in _NEEDED):
                 raise ValueError(f"it is not of epoch {number}")
         except (ValueError, KeyError, TypeError) as error:
-            raise _damaged(path, f"line {number + 1}: {error}") from None
+            raise damaged(path, f"line {number + 1}: {error}") from None
         rows.append(row)
     if len(rows) < (epochs or 0):
-        raise _damaged(path, f"it ends after epoch {len(rows)}, and the checkpoint after {epochs}")
+        raise damaged(path, f"it ends after epoch {len(rows)}, and the checkpoint after {epochs}")
     return rows
 
 
 def keep_metrics(out: Path, epochs_done: int) -> None:
     """Cut ``metrics.jsonl`` back to the epochs that the checkpoint knows; the rest is run again."""
     rows = read_metrics(out, epochs_done)
-    files.write_text(out / METRICS, "".join(f"{line}\n" for line in _lines(out / METRICS)[: len(rows)]))
+    files.write_bytes(out / METRICS, b"".join(line + b"\n" for line in _lines(out / METRICS)[: len(rows)]))
 
 
 def append_metrics(out: Path, row: dict) -> None:
@@ -75,14 +76,17 @@ def append_metrics(out: Path, row: dict) -> None:
 def summary(out: Path) -> str:
     """What a run has come to, in a line."""
     run = read(out)
-    sides = " and ".join(
-        f"{verb} on {run[side]['interactions']:,} interactions at {run[side]['holes']:,} holes"
-        for verb, side in (("trained", "training"), ("validated", "validation"))
-        if side in run  # earlier runs did not count them
-    )
+    try:
+        sides = " and ".join(
+            f"{verb} on {run[side]['interactions']:,} interactions at {run[side]['holes']:,} holes"
+            for verb, side in (("trained", "training"), ("validated", "validation"))
+            if side in run  # earlier runs did not count them
+        )
+    except (KeyError, TypeError, ValueError) as error:
+        raise damaged(out / RUN, error) from None
     rows = read_metrics(out)
     if not rows:
-        raise _damaged(out / METRICS, "it holds no epoch")
+        raise damaged(out / METRICS, "it holds no epoch")
     best = min(rows, key=lambda row: row["val_nll"])
     helps = best["val_nll"] < best["prior_nll"]
     return (
@@ -106,16 +110,17 @@ def ended(out: Path, config: Config) -> str:
     return f"all {done} epochs are done; more --epochs go on, {another}"
 
 
-def _lines(path: Path) -> list[str]:
+def damaged(path: Path, what: object, option: str = "--out") -> RequestError:
+    """The refusal of a file of a run that a kill cannot have left so."""
+    return RequestError(
+        f"{option}: {path} is not allowed: it is damaged ({what}); restore it, or choose a new folder"
+    )
+
+
+def _lines(path: Path) -> list[bytes]:
+    """The lines of a file, none where it is not there; the last may be torn."""
     if not path.is_file():
         return []
-    try:
-        return bounded_json.read_text(path, _LARGEST).splitlines()
-    except (OSError, ValueError) as error:
-        raise _damaged(path, error) from None
-
-
-def _damaged(path: Path, what: object) -> RequestError:
-    return RequestError(
-        f"run: {path} is not allowed: it is damaged ({what}); restore it, or choose a new folder"
-    )
+    if path.stat().st_size > _LARGEST:
+        raise damaged(path, f"it has more than {_LARGEST:,} bytes")
+    return path.read_bytes().splitlines()
