@@ -224,8 +224,8 @@ def _play(
             raise RequestError(f"--run: none is not allowed: {reading[0]} needs a training run")
         sensor, trained = checkpoint.load_sensor(run)
         config = outcome.with_network_of(trained, config)
-        if note := away_from_training(config_.differences(trained, config)):
-            print(f"playing: {note}", file=sys.stderr)
+        if away := away_from_training(config_.differences(trained, config)):
+            print(f"playing: {away}", file=sys.stderr)
     drawn = draw_trials(config, seed, ids)
     steps: list[Step] = []
 
