@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 from collecting import Collector
 
+from mjx_fit.config import Config
 from mjx_fit.dataset import manifest, shard, store
 from mjx_fit.dataset.export import export
+from mjx_fit.dataset.windows import split
 from mjx_fit.errors import RequestError
 
 
@@ -40,7 +42,9 @@ def test_demonstrations_are_laid_out_as_robomimic_reads_them(folder, native, tmp
         demos = list(root)
         assert demos == [f"demo_{i}" for i in range(10)]
         assert root.attrs["total"] == data.interaction.length.sum()
-        assert json.loads(root.attrs["env_args"])["env_kwargs"]["seed"] == 5
+        about = json.loads(root.attrs["env_args"])
+        assert about["env_kwargs"]["seed"] == 5
+        assert (about["env_name"], about["type"]) == ("mjx_fit", 2)
         for i, name in enumerate(demos):
             demo = root[name]
             n = demo.attrs["num_samples"]
@@ -48,13 +52,41 @@ def test_demonstrations_are_laid_out_as_robomimic_reads_them(folder, native, tmp
             assert demo["dones"][-1] == 1
             assert demo["dones"][:-1].sum() == demo["rewards"][()].sum() == 0
             for key in demo["obs"]:
-                stored = getattr(data.interaction.trace, key)[i, :n]
+                stored = np.asarray(getattr(data.interaction.trace, key)[i, :n])
+                if key == "contact":
+                    stored = stored[:, None].astype(np.float32)
+                assert demo["obs"][key].dtype == np.float32
                 assert np.array_equal(demo["next_obs"][key], stored)
                 assert np.array_equal(demo["obs"][key][1:], stored[:-1])
             start = demo["obs/tip_pos_world"][0]
             assert start[:2] == pytest.approx(data.interaction.estimate_world[i])
             assert start[2] == pytest.approx(native.scene.plate_top_m + 0.002)
             assert demo.attrs["peg_type"] in ("cross", "rectangle", "square")
+
+
+def test_the_masks_are_the_sides_that_training_would_take(native, tmp_path):
+    folder = Collector(native)(tmp_path / "set", sequence=2, episodes=30)
+    export(folder, tmp_path / "set.hdf5")
+    data = store.load(folder)
+    sides = split(np.asarray(data.sequence), Config().train.validation_fraction, seed=0)
+    with h5py.File(tmp_path / "set.hdf5") as file:
+        root: Any = file
+        masks = [[name.decode() for name in root[f"mask/{side}"]] for side in ("train", "valid")]
+        assert set(masks[0]) | set(masks[1]) == set(root["data"])
+    for names, ids in zip(masks, sides, strict=True):
+        assert names == [f"demo_{i}" for i in ids if data.interaction.length[i] > 0]
+        assert names
+    of = dict(zip((f"demo_{i}" for i in range(30)), np.asarray(data.sequence).tolist(), strict=True))
+    assert not {of[name] for name in masks[0]} & {of[name] for name in masks[1]}
+
+
+def test_a_single_sequence_is_for_training(native, tmp_path):
+    folder = Collector(native)(tmp_path / "set", sequence=2, episodes=2)
+    export(folder, tmp_path / "set.hdf5")
+    with h5py.File(tmp_path / "set.hdf5") as file:
+        root: Any = file
+        assert len(root["mask/train"]) == len(root["data"])
+        assert len(root["mask/valid"]) == 0
 
 
 @pytest.mark.parametrize("name", ["set.npz", "set.hdf5"])

@@ -1,5 +1,7 @@
 """What is said beside numbers that were made away from where the sensor was trained."""
 
+from pathlib import Path
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -35,7 +37,13 @@ def test_a_result_away_from_its_sensors_training_says_so(experiment, capsys, mon
 
 def test_what_is_not_known_is_said_and_without_a_sensor_nothing_is(capsys):
     assert "is not known" in said(capsys, sensor={"full": "f"})[0]
-    for request in ({}, {"sensor": None}, {"sensor": {}}, {"sensor": None, "differs_from_training": []}):
+    requests: list[dict] = [
+        {},
+        {"sensor": None},
+        {"sensor": {}},
+        {"sensor": None, "differs_from_training": []},
+    ]
+    for request in requests:
         assert said(capsys, **request) == []
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import h5py
 import jax
 import numpy as np
+from jaxtyping import Int
 
 from mjx_fit import config as config_
 from mjx_fit import files, locks
@@ -17,6 +18,7 @@ from mjx_fit.dataset.episode import Episode, happened
 from mjx_fit.dataset.manifest import Manifest
 from mjx_fit.dataset.shard import FIELDS, flat
 from mjx_fit.dataset.store import load, read_shards
+from mjx_fit.dataset.windows import split
 from mjx_fit.errors import RequestError
 from mjx_fit.policies import POLICIES
 from mjx_fit.progress import Progress
@@ -33,6 +35,13 @@ _STATE = (
     "contact",
 )
 """What the robot observes once an action is done."""
+
+_GYM_TYPE = 2
+"""``robomimic.envs.env_base.EnvType.GYM_TYPE``: of the kinds that robomimic has, the one that stands for an
+environment of any making. It names the data's; robomimic has nothing to play them with."""
+
+_SEED = 0
+"""Of the split into training and validation: the default of ``mjx-fit train``."""
 
 
 def export(folder: Path, out: Path) -> None:
@@ -72,23 +81,43 @@ def _write_npz(folder: Path, manifest: Manifest, path: Path) -> None:
 
 
 def _write_robomimic(folder: Path, manifest: Manifest, path: Path) -> None:
-    """One group ``data/demo_<episode>`` for each episode.
+    """One group ``data/demo_<episode>`` for each episode, and filter keys ``mask/train`` and ``mask/valid``.
 
     ``obs`` row t is before action t and ``next_obs`` after it, each with the wrenches (50, 6) of the action
-    before. Before the first action the robot is at rest, straight down over the estimate.
+    before. Before the first action the robot is at rest, straight down over the estimate. The masks are the
+    sides that ``mjx-fit train`` divides the set into by default: all demonstrations of a sequence are on one.
     """
-    top = plate_top_m(config_.from_tree(manifest.request["config"]).scene)
+    config = config_.from_tree(manifest.request["config"])
+    top = plate_top_m(config.scene)
     total, buffer = 0, io.BytesIO()
+    names: list[str] = []
+    sequences: list[int] = []
     with h5py.File(buffer, "w") as file, Progress("export: shard", len(manifest.shards)) as progress:
         root = file.create_group("data", track_order=True)
-        root.attrs["env_args"] = json.dumps({"env_name": "mjx_fit", "env_kwargs": manifest.request})
+        about = {"env_name": "mjx_fit", "type": _GYM_TYPE, "env_kwargs": manifest.request}
+        root.attrs["env_args"] = json.dumps(about)
         for done, shard in enumerate(read_shards(folder, manifest.shards, manifest.request), 1):
-            for row in np.flatnonzero(happened(shard)):
+            kept = happened(shard)
+            sequences += np.asarray(shard.sequence).tolist()
+            names += [
+                f"demo_{episode}" if is_kept else ""
+                for episode, is_kept in zip(shard.episode.tolist(), kept, strict=True)
+            ]
+            for row in np.flatnonzero(kept):
                 episode = jax.tree.map(lambda leaf, row=row: leaf[row], shard)
                 total += _add_demonstration(root, episode, top, manifest.shapes)
             progress(done)
         root.attrs["total"] = total
+        for side, ids in _sides(np.array(sequences), config.train.validation_fraction).items():
+            file[f"mask/{side}"] = np.array([names[i] for i in ids if names[i]], dtype="S")
     path.write_bytes(buffer.getbuffer())
+
+
+def _sides(sequences: Int[np.ndarray, "n"], fraction: float) -> dict[str, Int[np.ndarray, "m"]]:
+    """Which episodes are on which side; a single sequence cannot be divided, and trains."""
+    if len(np.unique(sequences)) < 2:
+        return {"train": np.arange(len(sequences)), "valid": np.zeros(0, int)}
+    return dict(zip(("train", "valid"), split(sequences, fraction, _SEED), strict=True))
 
 
 def _add_demonstration(root: h5py.Group, episode: Episode, plate_top: float, names: tuple[str, ...]) -> int:
@@ -109,8 +138,12 @@ def _add_demonstration(root: h5py.Group, episode: Episode, plate_top: float, nam
     demo["dones"] = ended.astype(np.int64)
     first = _at_rest(interaction, plate_top)
     for name in _STATE:
-        after = getattr(interaction.trace, name)[:n]
-        before = np.concatenate([np.asarray(first[name], after.dtype)[None], after[:-1]])
+        after = np.asarray(getattr(interaction.trace, name)[:n])
+        if after.ndim == 1:  # robomimic normalises vectors of floats alone
+            after = after.astype(np.float32)[:, None]
+        before = np.concatenate(
+            [np.reshape(first[name], (1, *after.shape[1:])).astype(after.dtype), after[:-1]]
+        )
         for group, rows in (("obs", before), ("next_obs", after)):
             demo.create_dataset(f"{group}/{name}", data=rows, compression="gzip", compression_opts=1)
     return n
