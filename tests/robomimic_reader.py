@@ -3,6 +3,9 @@
 torchvision, which robomimic imports for pictures alone, is replaced by modules that hold nothing.
 """
 
+# In an environment of its own, which has them.
+# pyright: reportMissingImports=false
+
 import json
 import sys
 import types

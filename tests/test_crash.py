@@ -36,7 +36,9 @@ def folder(collect, tmp_path_factory):
 @pytest.fixture
 def recall(folder, collect, monkeypatch):
     """Collects what is in the folder, but recalls its episodes instead of simulating them again."""
-    parts = {int(part.episode[0]): part for part in store.read_shards(folder, manifest.read(folder).shards)}
+    told = manifest.read(folder)
+    shards = store.read_shards(folder, told.shards, told.request)
+    parts = {int(part.episode[0]): part for part in shards}
 
     class Recalled:
         broken = 0

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from synthetic import make_episodes
 
 from mjx_fit import locks
 from mjx_fit.config import Config, to_yaml
@@ -42,7 +43,7 @@ RUNS = [b"", b"{", b"null", b"[]", b'"seed"', b"7", b"\xff\xfe", DEEP.encode(), 
     [
         (lambda run: run_folder.check(run, Config(), 0, "d"), "--out"),
         (run_files.summary, "--out"),
-        (lambda run: kinship.require_new(run, None, "d"), "--run"),
+        (lambda run: kinship.require_new(run, make_episodes(2), "d"), "--run"),
     ],
 )
 def test_a_damaged_run_json_is_named_in_a_line(read, option, content, run):
