@@ -98,7 +98,7 @@ def test_memory_that_xla_does_not_get_is_one_line(monkeypatch, capsys):
         ("MUJOCO_GL=nonsense", ["info"], 0, ""),
         ("MUJOCO_GL=osmesa", ["info"], 0, ""),
         ("PYTHONWARNINGS=error", ["info", "--json"], 0, ""),
-        ("HOME=/nonexistent", ["info"], 0, ""),
+        ("HOME=/dev/null", ["info"], 0, ""),
         ("TMPDIR=/nonexistent", ["info"], 0, ""),
         ("MUJOCO_GL=nonsense", ["render", "--out", "x.mp4"], 2, "MUJOCO_GL: 'nonsense' is not allowed"),
     ],
