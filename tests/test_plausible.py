@@ -71,7 +71,7 @@ def test_what_left_is_stopped_named_and_alone(why, native, tmp_path, capsys):
     )
     last = int(done.length[first]) - 1
     one, row = jax.tree.map(lambda leaf: leaf[first : first + 1], attempts), slice(first, first + 1)
-    again = engine.act(one, done.end_qpos[row], done.end_qvel[row], last, actions)
+    again = engine.act(one, np.asarray(done.end_qpos)[row], np.asarray(done.end_qvel)[row], last, actions)
     assert again.trace.tip_pos_world[0, last] == pytest.approx(
         done.trace.tip_pos_world[first, last], abs=1e-3
     )
@@ -119,7 +119,7 @@ def test_the_plate_ends_where_it_ends(x, y, z, lost):
 
 
 @given(st.lists(st.booleans(), max_size=30))
-def test_only_a_whole_row_of_actions_at_a_limit_counts(throughout):
+def test_only_actions_in_a_row_at_a_limit_count(throughout):
     held, longest, run = np.zeros(1, np.int32), 0, 0
     for whole in throughout:
         held = plausible.actions_at_limit(held, np.array([whole]))

@@ -156,8 +156,8 @@ class Block:
         return np.logical_and(np.isfinite(state).all(1), np.isfinite(self._applied).all((0, 2)))
 
     def at_limit(self) -> Bool[np.ndarray, "m"]:
-        """Whether some joint was at its torque limit (m,) at every step of the last action."""
-        return plausible.at_limit(self._applied).all(0)
+        """Whether some joint was at its torque limit (m,) as the last action ended."""
+        return plausible.at_limit(self._applied[-1])
 
     def touched(self) -> Bool[np.ndarray, "m"]:
         """Whether a contact force acted (m,) at any step of the last action."""

@@ -163,13 +163,14 @@ def rollout_world(
         data, running, held = carry
         arm = arm_state(model, data, scene)
         action = policy(attempt, step, horizon, arm.tip_pos_world, config)
-        after, (wrench, touched, limited) = hold(model, data, arm.tip_pos_world + action, config, scene)
+        after, (wrench, touched) = hold(model, data, arm.tip_pos_world + action, config, scene)
         row = _trace_row(model, after, scene, wrench, touched.any(), action)
         inserted = is_inserted(
             row.tip_pos_world, attempt.hole_pos_world, scene, config.task.insertion_depth_m
         )
         finite = jnp.isfinite(after.qpos).all() & jnp.isfinite(after.qvel).all()
-        held = actions_at_limit(held, limited.all())
+        # Asked of the state after the action: one more output of a step, and XLA rounds all of it otherwise.
+        held = actions_at_limit(held, at_limit(after.ctrl))
         lost = is_lost(row.tip_pos_world, row.tip_quat_world, attempt.hole_pos_world, config.scene)
         valid = finite & ~lost & (held < LIMIT_ACTIONS)
         inserted &= valid
@@ -198,18 +199,16 @@ def rollout_world(
 
 def hold(
     model: mjx.Model, data: mjx.Data, goal_pos_world: Float[Array, "3"], config: Config, scene: Scene
-) -> tuple[mjx.Data, tuple[Float[Array, "50 6"], Bool[Array, "50"], Bool[Array, "50"]]]:
+) -> tuple[mjx.Data, tuple[Float[Array, "50 6"], Bool[Array, "50"]]]:
     """Pulls the tip to a goal for one action: 50 steps of control and physics.
 
-    Needs and leaves data whose position and velocity stages are current. Returns the wrench (N, N·m),
-    whether a contact force acted and whether a joint was at its torque limit, step by step.
+    Needs and leaves data whose position and velocity stages are current. Returns the wrench (N, N·m) and
+    whether a contact force acted, step by step.
     """
     torque = worlds_last(partial(control.torque, gains=config.control))
 
     def substep(data, _):
-        applied = torque(arm_state(model, data, scene), goal_pos_world)
-        data, sample = advance(model, data, applied)
-        return data, (*sample, at_limit(applied))
+        return advance(model, data, torque(arm_state(model, data, scene), goal_pos_world))
 
     return jax.lax.scan(substep, data, length=SUBSTEPS)
 

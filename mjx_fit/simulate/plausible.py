@@ -1,13 +1,14 @@
 """How far an attempt may go and still be believed; beyond, its world is stopped like one that diverged.
 
 The physics is a model of a peg that stands nearly upright on its plate, and of an arm that has the torque it
-needs. Each bound lies far outside what attempts with the default configuration meet: in 1,000 spirals and 300
-random attempts, and in 2,000 more with friction from 0.15 to 1.2, gains from 350 to 1000 and a contact time
-of 20 ms, the largest tilt was TILT, the tip never came within BESIDE of the plate's edge, and no joint was at
-its limit for a whole action.
+needs. The bounds lie outside of what attempts with the default configuration meet. In 1,000 spirals the
+largest tilt was 0.6 degrees, the tip kept 42 mm from the plate's edge and no joint met its limit. In 700
+random attempts of 200 actions it kept 21 mm; four of them jammed at the edge of a hole, at a torque limit for
+up to 6 actions, and one tilted by 28 degrees before it came free. That can happen, and is believed.
 """
 
 import math
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -25,12 +26,12 @@ BELOW_FLOOR_M = 0.002
 """How far below the floor of the hole the tip may be: contact yields, but not by more."""
 
 LIMIT_ACTIONS = 20
-"""Actions in a row throughout which some joint is at its torque limit, that are too many: two seconds."""
+"""Actions in a row, at the end of each of which some joint is at its torque limit, that are too many."""
 
 _ACTION_S = 0.1
 
 # Straight down is the quaternion (0, 1, 0, 0), so x is the cosine of half the angle to it.
-_LEAST_X = np.float32(math.cos(math.radians(MOST_TILT_DEG) / 2))
+_LEAST_X = math.cos(math.radians(MOST_TILT_DEG) / 2)
 
 
 def is_lost(
@@ -47,17 +48,19 @@ def is_lost(
         hole_pos_world: True centre of the hole and of the plate, m.
         scene: Gives the plate's size.
     """
-    return _is_tilted(tip_quat_world) | _has_left(tip_pos_world, hole_pos_world, scene)
+    tilted: Any = _is_tilted(tip_quat_world)
+    return tilted | _has_left(tip_pos_world, hole_pos_world, scene)
 
 
 def at_limit(torque: Float[Array, "*n 7"]) -> Bool[Array, "*n"]:
     """Whether some joint is given the largest torque (N·m) that it has."""
-    return (abs(torque) >= TORQUE_LIMIT_NM).any(-1)
+    limited: Any = abs(torque) >= TORQUE_LIMIT_NM
+    return limited.any(-1)
 
 
-def actions_at_limit(before: Int[Array, "*n"], throughout: Bool[Array, "*n"]) -> Int[Array, "*n"]:
-    """Number of actions in a row that were at a torque limit throughout, after one more action."""
-    return (before + 1) * throughout
+def actions_at_limit(before: Int[Array, "*n"], now: Bool[Array, "*n"]) -> Int[Array, "*n"]:
+    """Number of actions in a row that ended at a torque limit, after one more action."""
+    return (before + 1) * now
 
 
 def reason(done: Interaction, i: int, scene: SceneConfig) -> str:
@@ -84,7 +87,7 @@ def _is_tilted(tip_quat_world: Float[Array, "*n 4"]) -> Bool[Array, "*n"]:
 def _has_left(
     tip_pos_world: Float[Array, "*n 3"], hole_pos_world: Float[Array, "*n 2"], scene: SceneConfig
 ) -> Bool[Array, "*n"]:
-    beside = abs(tip_pos_world[..., :2] - hole_pos_world) > scene.plate_half_width_m
+    beside: Any = abs(tip_pos_world[..., :2] - hole_pos_world) > scene.plate_half_width_m
     return (
         beside[..., 0]
         | beside[..., 1]
