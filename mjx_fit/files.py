@@ -131,7 +131,8 @@ def is_temporary(name: str, of: Collection[str]) -> bool:
     """Whether a name is that of a temporary or lock file of one of these, or of the folder's lock."""
     owners = {short(owner) for owner in of}
     found = _TEMPORARY.fullmatch(name)
-    return name == LOCK or name.removesuffix(LOCK) in owners or (found is not None and found[1] in owners)
+    owner = found[1] if found is not None else name[: -len(LOCK)] if name.endswith(LOCK) else None
+    return name == LOCK or owner in owners
 
 
 def sha256(path: Path) -> str:

@@ -80,7 +80,9 @@ def test_bad_seeds_and_places(refused, data, tmp_path):
     assert "--seed: -1 is not allowed" in refused(
         "evaluate", "attempt", "--out", tmp_path / "r", "--seed", -1
     )
-    assert "Not a directory" in refused("collect", "--out", tmp_path / "file" / "sub", "--episodes", 1)
+    assert "it is a file, and must be a folder" in refused(
+        "collect", "--out", tmp_path / "file" / "sub", "--episodes", 1
+    )
     for command in (["evaluate", "attempt"], ["evaluate", "assembly", "--methods", "oracle"]):
         assert "cannot be used" in refused(*command, "--out", "/proc/nowhere/x.json")
     crowded = ["--set", "scene.plate_half_width_m=0.2", "--methods", "oracle"]

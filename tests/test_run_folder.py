@@ -130,6 +130,10 @@ def test_a_start_that_was_killed_is_no_other_run(tmp_path):
     for name in ("config.yaml.tmp", "config.yaml.0123abcd.tmp", "run.json.89abcdef.tmp", ".lock"):
         (tmp_path / name).write_bytes(b"{")
     run_folder.check(tmp_path, Config(), 0, "d")
+    (tmp_path / "config.yaml").write_text("mine: 1")
+    with pytest.raises(RequestError, match=r"it holds other files \(config\.yaml\)"):
+        run_folder.check(tmp_path, Config(), 0, "d")
+    (tmp_path / "config.yaml").unlink()
     (tmp_path / "thesis.tex").write_text("")
     with pytest.raises(RequestError, match=r"it holds other files \(thesis\.tex\)"):
         run_folder.check(tmp_path, Config(), 0, "d")
