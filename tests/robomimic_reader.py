@@ -3,6 +3,8 @@
 torchvision, which robomimic imports for pictures alone, is replaced by modules that hold nothing.
 """
 
+# pyright: reportMissingImports=false
+
 import json
 import sys
 import types
