@@ -28,6 +28,8 @@ def test_wheel_holds_models_configs_and_weights(wheel):
     weights = resources.folder("weights")
     files = {path.relative_to(weights).as_posix() for path in weights.rglob("*") if path.is_file()}
     assert {f"mjx_fit/weights/{name}" for name in files} <= names
+    licences = {name.rpartition("/")[2] for name in names if ".dist-info/licenses/" in name}
+    assert licences == {"LICENSE", "NOTICE"}
     assert not any(name.startswith(("tests/", "runs/")) for name in names)
 
 

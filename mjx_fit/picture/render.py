@@ -1,8 +1,10 @@
 """A recording as a video: the robot on the left, its belief and what it felt on the right."""
 
+import os
 import sys
 import warnings
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
+from contextlib import closing
 from itertools import pairwise
 from pathlib import Path
 
@@ -71,9 +73,9 @@ def render(recording: Recording, out: Path, fps: int, speed: float, size: tuple[
     if len(shown) > MANY_FRAMES:
         what = f"{len(shown)} frames for {len(recording.steps)} attempts"
         print(f"render: {what}; a larger --speed, or one --attempt, has fewer", file=sys.stderr)
-    frames = _frames(recording, shown, size)
     write = _write_gif if out.suffix == ".gif" else _write_mp4
-    with locks.holding_file(out):
+    # Closed here: at the end of the process there is no graphics library left to free a context with.
+    with locks.holding_file(out), closing(_frames(recording, shown, size)) as frames:
         files.replace_with(out, lambda hidden: write(frames, hidden, fps, size))
     return out
 
@@ -84,14 +86,17 @@ def still(recording: Recording, share: float, size: tuple[int, int] = SIZE_PX) -
     return next(_drawn(recording, [shown[round(share * (len(shown) - 1))]], size))
 
 
-def _frames(recording: Recording, shown: list[Moment], size: tuple[int, int]) -> Iterator[Frame]:
-    with Progress("drawing: frames", len(shown)) as progress:
-        for number, frame in enumerate(_drawn(recording, shown, size), 1):
+def _frames(recording: Recording, shown: list[Moment], size: tuple[int, int]) -> Generator[Frame]:
+    with (
+        Progress("drawing: frames", len(shown)) as progress,
+        closing(_drawn(recording, shown, size)) as drawn,
+    ):
+        for number, frame in enumerate(drawn, 1):
             yield frame
             progress(number)
 
 
-def _drawn(recording: Recording, shown: list[Moment], size: tuple[int, int]) -> Iterator[Frame]:
+def _drawn(recording: Recording, shown: list[Moment], size: tuple[int, int]) -> Generator[Frame]:
     width, height = size
     beside = round(width * WIDTH_SHARE)
     acting, panel = Puppet(recording), Panel(recording, beside, height)
@@ -125,7 +130,9 @@ def _write_mp4(frames: Iterator[Frame], path: Path, fps: int, size: tuple[int, i
         # JAX warns of any fork; this one becomes the encoder at once.
         warnings.filterwarnings("ignore", "os.fork", RuntimeWarning)
         writer.send(None)
-    failed = WorkError("render: the video could not be encoded whole: is there room for it?")
+    own = os.environ.get("IMAGEIO_FFMPEG_EXE")
+    why = f", and has {own} (IMAGEIO_FFMPEG_EXE) libx264?" if own else "?"
+    failed = WorkError(f"render: the video could not be encoded whole: is there room for it{why}")
     sent = 0
     try:
         for frame in frames:
