@@ -232,7 +232,7 @@ def _command(
     parsers: argparse._SubParsersAction, name: str, run: Callable[[argparse.Namespace], None], text: str
 ) -> argparse.ArgumentParser:
     parser = parsers.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".")
-    parser.set_defaults(command=run, computes=False, draws=False, resumes=run in _RESUME)
+    parser.set_defaults(command=run, computes=False, draws=False, resumes=run in _RESUME, threads=None)
     return parser
 
 

@@ -157,7 +157,7 @@ class Block:
 
     def at_limit(self) -> Bool[np.ndarray, "m"]:
         """Whether some joint was at its torque limit (m,) as the last action ended."""
-        return plausible.at_limit(self._applied[-1])
+        return np.asarray(plausible.at_limit(self._applied[-1]))
 
     def touched(self) -> Bool[np.ndarray, "m"]:
         """Whether a contact force acted (m,) at any step of the last action."""

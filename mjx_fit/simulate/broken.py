@@ -66,7 +66,7 @@ def report(
         files.replace_with(path, lambda temporary, arrays=arrays: _save(temporary, arrays))
         if place < MOST_LINES:
             _say(
-                f"episode {ids[i]}: {reason(interactions, i, config.scene)} in action {arrays['step']}; "
+                f"episode {ids[i]}: {reason(interactions, int(i), config.scene)} in action {arrays['step']}; "
                 f"it is left out, and its state before that action is in {path}"
             )
     if len(broken) > MOST_LINES:
