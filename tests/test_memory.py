@@ -148,15 +148,13 @@ def test_what_an_action_takes_is_what_is_allocated(native):
 def test_a_limit_under_which_nothing_can_start_is_refused(monkeypatch, tmp_path, capsys):
     """Before the libraries are imported, which would abort the process."""
     for most in (0, 10**6, memory.START_BYTES - 1):
-        with pytest.raises(RequestError, match=r"ulimit -v: .* 1.8 GB"):
+        with pytest.raises(RequestError, match=r"ulimit -v: .* need 1757812 \(1.8 GB\) or more"):
             memory.require_start({"RLIMIT_AS": most}.get)
     for limits in ({"RLIMIT_AS": memory.START_BYTES}, {}):
         memory.require_start(limits.get)
     monkeypatch.setattr(memory, "soft_limit", {"RLIMIT_AS": 500 * MB}.get)
     assert cli.main(["collect", "--out", str(tmp_path / "data")]) == 2
-    assert capsys.readouterr().err == (
-        "mjx-fit: ulimit -v: 488281 (500 MB) is not allowed: commands that compute need 1757812 (1.8 GB) or more\n"
-    )
+    assert capsys.readouterr().err.startswith("mjx-fit: ulimit -v: 488281 (500 MB) is not allowed: ")
     assert not (tmp_path / "data").exists()
 
 
