@@ -54,8 +54,8 @@ def require_start(limit: Limit | None = None) -> None:
     most = (limit or soft_limit)("RLIMIT_AS")
     if most is not None and most < START_BYTES:
         raise RequestError(
-            f"ulimit -v: {most // 1024} is not allowed: this process may then use {_size(most)} of memory, "
-            f"and the least with which it can start is {_size(START_BYTES)} ({START_BYTES // 1024})"
+            f"ulimit -v: {most // 1024} ({_size(most)}) is not allowed: commands that compute need "
+            f"{START_BYTES // 1024} ({_size(START_BYTES)}) or more"
         )
 
 

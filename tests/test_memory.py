@@ -1,5 +1,9 @@
 """How much memory can be had, and refusing what certainly needs more before the work begins."""
 
+import resource
+import subprocess
+import sys
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -139,3 +143,47 @@ def test_what_an_action_takes_is_what_is_allocated(native):
     attempts = draw_attempts(jax.random.key(0), jnp.arange(2), "spiral", CONFIG.detector)
     trace = native.run(attempts, 3, np.zeros(2, bool)).trace
     assert sum(leaf.nbytes for leaf in jax.tree.leaves(trace)) == 2 * 3 * ACTION_BYTES
+
+
+def test_a_limit_under_which_nothing_can_start_is_refused(monkeypatch, tmp_path, capsys):
+    """Before the libraries are imported, which would abort the process."""
+    for most in (0, 10**6, memory.START_BYTES - 1):
+        with pytest.raises(RequestError, match=r"ulimit -v: .* need 1757812 \(1.8 GB\) or more"):
+            memory.require_start({"RLIMIT_AS": most}.get)
+    for limits in ({"RLIMIT_AS": memory.START_BYTES}, {}):
+        memory.require_start(limits.get)
+    monkeypatch.setattr(memory, "soft_limit", {"RLIMIT_AS": 500 * MB}.get)
+    assert cli.main(["collect", "--out", str(tmp_path / "data")]) == 2
+    assert capsys.readouterr().err.startswith("mjx-fit: ulimit -v: 488281 (500 MB) is not allowed: ")
+    assert not (tmp_path / "data").exists()
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux limits the address space so")
+@pytest.mark.parametrize("above_mb", [20, 300, 600, 900, 1200, 1600])
+def test_under_a_limit_a_command_says_why_it_ends(above_mb, tmp_path):
+    """Never by a signal or a traceback: it is refused, or says that memory is short, or gets through."""
+    start = 60  # MB that the interpreter itself takes
+    words = [
+        sys.executable,
+        "-m",
+        "mjx_fit",
+        "collect",
+        "--episodes",
+        "6",
+        "--policy",
+        "spiral",
+        "--steps",
+        "20",
+    ]
+    limit = (start + above_mb) * MB
+
+    def bound():
+        resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+
+    argv = [sys.executable, *words, str(tmp_path / "data")]
+    done = subprocess.run(argv, preexec_fn=bound, capture_output=True, text=True, check=False)
+    assert done.returncode in (0, 1, 2), done.stderr
+    assert "Traceback" not in done.stderr
+    if done.returncode:
+        assert done.stderr.splitlines()[-1].startswith("mjx-fit: ")
