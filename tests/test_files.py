@@ -11,6 +11,7 @@ import pytest
 from faults import Faults, without
 
 from mjx_fit import cli, files, filesystem, locks
+from mjx_fit.config import Config
 from mjx_fit.errors import RequestError, WorkError
 from mjx_fit.evaluation import outcome, parts
 from mjx_fit.training import run_folder
@@ -144,7 +145,7 @@ def test_a_line_that_does_not_fit_leaves_the_lines_before(tmp_path, monkeypatch)
 )
 def test_what_a_file_system_lacks_is_done_without_and_said_once(call, code, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(filesystem, "_said", set())
-    without(monkeypatch, *call, getattr(errno, code))
+    without(monkeypatch, call[0], call[1], getattr(errno, code))
     with locks.holding(tmp_path / "new") as hold:
         files.write_bytes(tmp_path / "new" / "f", b"1")
         files.append_line(tmp_path / "new" / "f", "2")
@@ -204,7 +205,7 @@ def linked(folder: Path, name: str, target: Path) -> Path:
         ("frame_by_frame", lambda out: run_folder.members(out, 1, "frame_by_frame")),
         ("member-0/frame_by_frame", lambda out: run_folder.members(out, 2, "frame_by_frame")),
         *[
-            (name, lambda out: run_folder.check(out, None, 0, ""))
+            (name, lambda out: run_folder.check(out, Config(), 0, ""))
             for name in ("config.yaml", "run.json", "metrics.jsonl", "checkpoints", "checkpoints/last")
         ],
     ],

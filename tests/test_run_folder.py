@@ -5,6 +5,7 @@ import json
 import os
 import threading
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from mjx_fit.training.baseline import train_with_baseline
 from mjx_fit.training.loop import train
 
 ROW = {"epoch": 0, "val_nll": 1.0, "prior_nll": 2.0}
+NO_DATA: Any = None
 DEEP = "[" * 100_000
 
 
@@ -42,7 +44,7 @@ RUNS = [b"", b"{", b"null", b"[]", b'"seed"', b"7", b"\xff\xfe", DEEP.encode(), 
     [
         (lambda run: run_folder.check(run, Config(), 0, "d"), "--out"),
         (run_folder.summary, "--out"),
-        (lambda run: kinship.require_new(run, None, "d"), "--run"),
+        (lambda run: kinship.require_new(run, NO_DATA, "d"), "--run"),
     ],
 )
 def test_a_damaged_run_json_is_named_in_a_line(read, option, content, run):
@@ -156,7 +158,7 @@ def test_two_trainings_in_a_folder(begin, members, tmp_path):
         held.wait(60)
         try:
             with pytest.raises(RequestError, match=f"{place} is not allowed now: another process"):
-                begin(None, None, tmp_path, 0, members=members)
+                begin(NO_DATA, Config(), tmp_path, 0, members=members)
         finally:
             done.set()
             other.join()
