@@ -5,6 +5,7 @@ import json
 import os
 import threading
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from mjx_fit.training.baseline import train_with_baseline
 from mjx_fit.training.loop import train
 
 ROW = {"epoch": 0, "val_nll": 1.0, "prior_nll": 2.0}
+NO_DATA: Any = None
 DEEP = "[" * 100_000
 
 
@@ -157,7 +159,7 @@ def test_two_trainings_in_a_folder(begin, members, tmp_path):
         held.wait(60)
         try:
             with pytest.raises(RequestError, match=f"{place} is not allowed now: another process"):
-                begin(None, None, tmp_path, 0, members=members)
+                begin(NO_DATA, Config(), tmp_path, 0, members=members)
         finally:
             done.set()
             other.join()
