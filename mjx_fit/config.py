@@ -85,9 +85,7 @@ def from_tree(tree: dict[str, Any]) -> Config:
         raise RequestError(
             f"config: {shown(tree)} is not allowed: it must hold sections of names and values"
         ) from None
-    limits.require_steady(
-        config.scene, config.control, config.spiral, config.random, config.task.attempt_actions
-    )
+    limits.require_steady(config.scene, config.control, config.spiral, config.random, config.task)
     require_room(config, "spiral.radius_m", config.spiral.radius_m)
     return config
 

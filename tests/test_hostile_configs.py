@@ -15,7 +15,9 @@ import pytest
 from mjx_fit import cli, config, resources
 from mjx_fit.arguments import parser
 from mjx_fit.config import Config
+from mjx_fit.dataset.collect import collect
 from mjx_fit.dataset.draws import draw_attempts
+from mjx_fit.dataset.plan import Plan
 from mjx_fit.errors import RequestError
 from mjx_fit.randomness import root_key
 from mjx_fit.simulate.native import NativeEngine
@@ -176,8 +178,7 @@ def test_ranges_hold_what_is_planned():
         (["spiral.push_m=0.02"], "spiral.push_m"),
         (["random.push_m=0.012", "control.kp_position=1000"], "random.push_m"),
         (["spiral.radius_m=0.03", "control.kp_position=1400"], "spiral.radius_m"),
-        (["random.reach_m=0.061"], "random.reach_m"),
-        (["random.actions_per_sweep=1", "control.kp_position=1124"], "random.reach_m"),
+        (["scene.friction=1.25", "control.kp_position=1400"], "spiral.radius_m"),
         (["task.attempt_actions=2", "control.kp_position=1400"], "spiral.radius_m"),
         (["spiral.wiggle_m=0.05"], "spiral.wiggle_m"),
         (["spiral.wiggle_m=0.005"], "spiral.wiggle_m"),
@@ -190,6 +191,23 @@ def test_ranges_hold_what_is_planned():
 def test_what_tilts_a_peg_or_lifts_it_is_refused(sets, field):
     with pytest.raises(RequestError, match=rf"^config: {field}: .* is not allowed: it must be .*between"):
         config.load(None, sets)
+
+
+@pytest.mark.parametrize(
+    "sets",
+    [
+        ["random.reach_m=0.051", "scene.plate_half_width_m=0.2"],
+        ["random.actions_per_sweep=1", "control.kp_position=1124"],
+        ["scene.friction=1.25", "control.kp_position=851"],
+    ],
+)
+def test_sweeps_that_tilt_a_peg_are_refused_where_they_are_used(sets, tmp_path):
+    asked = config.load(None, sets)
+    with pytest.raises(
+        RequestError, match=r"^config: random\.reach_m: .* is not allowed: it must be between"
+    ):
+        collect(asked, tmp_path / "d", Plan(episodes=2, steps=1))
+    assert not (tmp_path / "d").exists()
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from mjx_fit import memory
+from mjx_fit import limits, memory
 from mjx_fit.config import Config, require_room
 from mjx_fit.dataset import shard as shard_
 from mjx_fit.dataset.plan import Plan, check
@@ -40,6 +40,7 @@ def collect(config: Config, out: Path, plan: Plan, update: Update | None = None)
     check(plan)
     if plan.policy != "spiral":
         require_room(config, "random.reach_m", config.random.reach_m)
+        limits.require_random_upright(config.scene, config.control, config.random)
     _require_memory(config, plan)
     request, shards = plan.request(config), plan.shards()
     wanted = new_manifest(request, (plan.shard_index, plan.num_shards))
