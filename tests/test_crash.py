@@ -92,6 +92,25 @@ def test_a_merge_killed_at_any_file_operation_goes_on(folder, collect, tmp_path,
         assert files_of(out) == files_of(folder)
 
 
+def test_dumps_of_parts_are_merged_whole_and_through_no_link(collect, tmp_path, monkeypatch):
+    parts = [collect(tmp_path / f"part{i}", shard_index=i, num_shards=2) for i in range(2)]
+    dump, other, out = parts[1] / "broken" / "broken-00000007.npz", tmp_path / "other", tmp_path / "out"
+    dump.parent.mkdir()
+    dump.write_bytes(b"a state")
+    other.mkdir()
+    (other / dump.name).write_bytes(b"precious")
+    out.mkdir()
+    (out / "broken").symlink_to(other)
+    with pytest.raises(RequestError, match="broken is not allowed: it is a symbolic link"):
+        merge(parts, out)
+    (out / "broken").unlink()
+    (out / "broken").mkdir()
+    (out / "broken" / dump.name).symlink_to(other / dump.name)  # replaced as an entry
+    merge(parts, out)
+    assert (out / "broken" / dump.name).read_bytes() == b"a state"
+    assert (other / dump.name).read_bytes() == b"precious"
+
+
 def test_a_folder_that_is_taken_away_is_noticed(collect, tmp_path, monkeypatch):
     out, encode = tmp_path / "out", shard.encode
 

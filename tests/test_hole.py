@@ -1,6 +1,7 @@
 """Attempts in a row at one hole, with physics by decree, and the experiments that are made of them."""
 
 import shutil
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -9,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from fakes import CLOSE_M, FakeEngine
+from faults import Faults, Killed
 
 from mjx_fit import resources
 from mjx_fit.config import Config, load
@@ -93,6 +95,37 @@ def test_a_trials_outcome_does_not_depend_on_its_batch():
 
 def asked(tmp_path, **changes) -> outcome.Asked:
     return outcome.Asked(tmp_path / "r.json", "position", CONFIG, 0, {"trials": 5} | changes, "native")
+
+
+def test_parts_that_are_killed_at_any_file_operation_go_on(tmp_path, monkeypatch):
+    """From the first temporary file on, to the same result file and nothing else."""
+
+    def evaluate(out):
+        done = replace(asked(tmp_path), out=out)
+
+        def work():
+            rows = parts.in_parts(done, range(2), lambda part: [{"trial": part}], lambda rows: None)
+            assert rows == [{"trial": 0}, {"trial": 1}]
+            return outcome.write(done, [], [])
+
+        outcome.once(done, work)
+        parts.finish(out)
+        return {path.name: path.read_bytes() for path in out.parent.iterdir()}
+
+    whole, moment = evaluate(tmp_path / "whole" / "r.json")["r.json"], 0
+    while True:
+        out = tmp_path / f"killed{moment}" / "r.json"
+        with monkeypatch.context() as patch:
+            faults = Faults(patch, out.parent, moment)
+            with suppress(Killed):
+                evaluate(out)
+        if not faults.failed:
+            break
+        left = evaluate(out)
+        assert left.pop("r.json") == whole
+        assert set(left) <= {"r.json.lock"}  # its holder was killed once all was done
+        moment += 1
+    assert moment > 30
 
 
 def test_work_that_is_killed_goes_on_with_the_part_that_it_was_in(tmp_path):
