@@ -34,7 +34,9 @@ try:
 except KeyboardInterrupt:
     interrupts.end()
 """
-    done = run(body)
+    # Whoever runs the tests may ignore SIGHUP, as nohup does.
+    begin = BEGIN.replace("signal.signal(", "signal.signal(signal.SIGHUP, signal.SIG_DFL); signal.signal(", 1)
+    done = run(body, begin)
     assert (done.returncode, done.stderr) == (code, "mjx-fit: stopped; this is kept\n")
 
 

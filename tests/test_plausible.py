@@ -157,7 +157,7 @@ def test_a_data_set_counts_them_and_training_leaves_them_out(tmp_path, monkeypat
     data = store.load(tmp_path / "data")
     assert happened(data).sum() == 6
     assert "6 invalid" in capsys.readouterr().err
-    monkeypatch.setattr(baseline, "train", lambda *args, **kwargs: None)
+    monkeypatch.setattr(baseline, "train", lambda *args, **kwargs: False)
     baseline.train_with_baseline(data, CONFIG, tmp_path / "run", 0)
     assert capsys.readouterr().err == "mjx-fit: 6 of 12 interactions are not valid: left out\n"
     baseline.train_with_baseline(make_episodes(), CONFIG, tmp_path / "run", 0)
