@@ -58,14 +58,31 @@ def test_what_is_planted_is_replaced_and_never_written_through(write, name, kind
 
 
 @WRITERS
-def test_a_name_that_was_guessed_is_not_used(write, tmp_path, monkeypatch):
+@pytest.mark.parametrize("plant", [Path.symlink_to, Path.hardlink_to])
+def test_a_name_that_was_guessed_is_not_used(write, plant, tmp_path, monkeypatch):
     other = tmp_path / "other"
     other.write_bytes(b"precious")
     guesses = iter(["0123abcd", "89abcdef"])
     monkeypatch.setattr(files.secrets, "token_hex", lambda _: next(guesses))
-    monkeypatch.setattr(files, "_remove_dead", lambda path: (tmp_path / "f.0123abcd.tmp").symlink_to(other))
+    monkeypatch.setattr(files, "_remove_dead", lambda path: plant(tmp_path / "f.0123abcd.tmp", other))
     write(tmp_path / "f")
     assert other.read_bytes() == b"precious"
+    assert (tmp_path / "f").read_bytes() == b"new"
+
+
+@WRITERS
+def test_a_temporary_that_another_took_for_dead_is_made_again(write, tmp_path, monkeypatch):
+    """Between making and locking."""
+    real, removed = filesystem.try_lock, []
+
+    def late(descriptor, path):
+        if not removed:
+            removed.extend(one.unlink() for one in tmp_path.glob("f.*.tmp"))
+        return real(descriptor, path)
+
+    monkeypatch.setattr(files, "try_lock", late)
+    write(tmp_path / "f")
+    assert removed == [None]
     assert (tmp_path / "f").read_bytes() == b"new"
 
 
