@@ -457,3 +457,9 @@ def test_paths_that_the_system_refuses_are_refused_in_a_line(words, tmp_path, ca
         assert said.count("\n") == 1, said
         assert str(tmp_path) in said
     assert names(tmp_path) == ["file", "loop"]
+
+
+def test_a_fifo_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "metrics.jsonl")
+    with pytest.raises(OSError, match=f"'{tmp_path}/metrics.jsonl'"):
+        files.append_line(tmp_path / "metrics.jsonl", "{}")
