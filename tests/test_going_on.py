@@ -53,7 +53,7 @@ def with_train(config=CONFIG, **fields):
     return replace(config, train=replace(config.train, **fields))
 
 
-def there(checkpoint):
+def of(checkpoint):
     assert checkpoint is not None
     return checkpoint
 
@@ -63,7 +63,7 @@ def weights(out):
     found = {}
     for place in (BEST, LAST):
         for path in sorted(out.rglob(str(place))):
-            step, arrays = there(load(path))
+            step, arrays = of(load(path))
             found |= {f"{path.relative_to(out)}/{step}/{name}": leaf for name, leaf in arrays.items()}
     return found
 
@@ -143,7 +143,7 @@ def test_a_run_starts_from_anothers_best_sensor(run, tmp_path):
         told = json.loads((out / inside / "run.json").read_text())["init"]
         assert told["sensor"] == fingerprint_of(load_sensor(run / inside)[0])
         assert told["seed"] == 0
-    _, last = there(load(out / LAST))
+    _, last = of(load(out / LAST))
     assert any(name.startswith("opt_state") for name in last)
     assert [int(leaf) for name, leaf in last.items() if name.endswith("count")] == [1]
     assert "init" not in json.loads((run / "run.json").read_text())
