@@ -131,3 +131,38 @@ def test_few_slots_keep_the_deepest_points_and_spare_ones_stay_empty(ours):
         assert len(slots) == count
         assert (slots < 0).sum() == min(count, 8)
         assert np.sort(slots)[: min(count, 8)] == pytest.approx(np.sort(dist)[: min(count, 8)])
+
+
+@pytest.mark.parametrize(
+    "turn", [[0.002, 0.05, 0], [0, 0.05, 0.05], [-0.002, 0.06, -0.03], [0.02, 0.03, 0.1]]
+)
+def test_where_the_pegs_face_is_the_reference_points_lie_on_both_surfaces(ours, turn):
+    """The peg overhangs, its lowest edge hangs free, the plate has an edge in its face: C has one point.
+
+    By geometry: half the distance along the normal leads from a point to the peg's face and back to the
+    plate's, and the deepest is the deepest of the plate's edge under the peg.
+    """
+    frame = np.zeros(9)
+    mujoco.mju_quat2Mat(frame, turned(turn))
+    frame = frame.reshape(3, 3)
+    edge = np.stack([np.full(6001, 0.06), np.linspace(-0.03, 0.03, 6001), np.zeros(6001)], axis=1)
+    # As high over x = 7.2 cm as puts some of that edge up to 0.1 mm into the face.
+    pos = np.array([0.072, 0.002, 0.0])
+    at = (edge - pos) @ frame
+    pos[2] = (PEG[2] - 1e-4 - at[np.abs(at[:, 1]) < 0.01, 2]).max() / -frame[2, 2]
+    at = (edge - pos) @ frame
+    inside = (np.abs(at[:, :2]) <= PEG[:2]).all(1)
+    points = ours(jnp.asarray(pos, jnp.float32), jnp.asarray(frame, jnp.float32))
+    dist = np.asarray(points.dist[:, 0])
+    assert (dist < 0).any()
+    assert -dist[0] == pytest.approx((PEG[2] - at[inside, 2]).max(), abs=1e-6)
+    middle, normal = (
+        np.asarray(x, float)[dist < 0] for x in (points.pos_plate[..., 0], points.frame[:, 0, :, 0])
+    )
+    assert normal == pytest.approx(np.tile(frame[:, 2], (len(normal), 1)), abs=1e-6)
+    half = -dist[dist < 0, None] / 2 * normal
+    on_peg, on_plate = (middle + half - pos) @ frame, middle - half
+    assert on_peg[:, 2] == pytest.approx(PEG[2], abs=1e-6)
+    assert (np.abs(on_peg[:, :2]) <= PEG[:2] + 1e-6).all()
+    assert on_plate[:, 2] == pytest.approx(0, abs=1e-6)
+    assert (np.abs(on_plate - PLATE_CENTRE[1]) <= PLATE[1] + 1e-6).all()
