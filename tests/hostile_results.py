@@ -68,7 +68,8 @@ def _change(holder: Any, key: Any, rng: random.Random) -> None:
 
 def _somewhere(tree: Any, rng: random.Random) -> tuple[Any, Any]:
     """A place at a random depth; where trials and rows are as likely as what is above them."""
-    holder, key = tree, rng.choice([*tree, "trials", "trials", "trials", "summary", "summary"])
+    often = [name for name in ("trials", "trials", "trials", "summary", "summary") if name in tree]
+    holder, key = tree, rng.choice([*tree, *often])
     while isinstance(holder[key], list | dict) and holder[key] and rng.random() < 0.85:
         holder = holder[key]
         key = rng.choice(list(holder)) if isinstance(holder, dict) else rng.randrange(len(holder))
