@@ -79,6 +79,7 @@ def test_no_other_file_is_read(make, tmp_path, capsys):
         with h5py.File(secret, "w") as file:
             file["secret"] = np.full((hostile.EPISODES, 7), 42.0, np.float32)
     folder = hostile.write(tmp_path / "set", make(secret))
+    assert "end_qpos: data outside the file are not allowed" in store.damages(folder)[hostile.NAME]
     assert_refused(capsys, folder, tmp_path / "out", hostile.NAME)
 
 
@@ -186,6 +187,8 @@ def test_a_manifest_that_is_none_is_one_line(where, tmp_path, capsys):
         else:
             place(tree, path[:-1])[path[-1]] = value
         (folder / "manifest.json").write_text(signed(tree))
+        with pytest.raises(ValueError):  # noqa: PT011  (FormatError is among them)
+            manifest_.parse(signed(tree))
         assert said(capsys, "data", "check", folder)[0] in (1, 2), (path, value)
         commands = readers(folder, tmp_path / "out")
         for name in ("info", "train") if value != "../../profile" else commands:

@@ -109,6 +109,12 @@ def test_a_report_of_a_changed_result_is_one_line_and_leaves_nothing(right, tmp_
         assert not (tmp_path / "page").exists()
 
 
+def test_a_name_in_brackets_is_no_markup(right, tmp_path, capsys):
+    right = right | {"device": "[/red]", "summary": [row | {"group": "[/red]"} for row in right["summary"]]}
+    print_summary(results.read(put(tmp_path / "r.json", right)))
+    assert "[/red]" in capsys.readouterr().out
+
+
 def test_playing_a_trial_of_a_changed_result_is_one_line(tmp_path, capsys):
     tree = hostile.right("assembly")
     tree["request"]["trials"] = 10**15
