@@ -110,7 +110,10 @@ def test_a_report_of_a_changed_result_is_one_line_and_leaves_nothing(right, tmp_
 
 
 def test_a_name_in_brackets_is_no_markup(right, tmp_path, capsys):
-    right = right | {"device": "[/red]", "summary": [row | {"group": "[/red]"} for row in right["summary"]]}
+    right = right | {
+        "device": "[/red]",
+        "summary": [*right["summary"], right["summary"][0] | {"group": "[/red]"}],
+    }
     print_summary(results.read(put(tmp_path / "r.json", right)))
     assert "[/red]" in capsys.readouterr().out
 
