@@ -15,8 +15,8 @@ from mjx_fit.settings import MAX_EPOCHS
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from mjx_fit.dataset.sequences import Update
     from mjx_fit.evaluation.recording import Recording
+    from mjx_fit.task.learning import Update
 
 # Each command imports what it needs: `mjx-fit --help` answers at once.
 
@@ -222,7 +222,7 @@ def info(args: argparse.Namespace) -> None:
     import jax
 
     from mjx_fit import provenance
-    from mjx_fit.simulate.engine import resolve
+    from mjx_fit.simulate.select import resolve
 
     _show(
         {

@@ -22,7 +22,7 @@ from mjx_fit.evaluation.position import position
 from mjx_fit.filesystem import inside
 from mjx_fit.randomness import require_seed, root_key
 from mjx_fit.report.build import build
-from mjx_fit.simulate.engine import create
+from mjx_fit.simulate.select import make_engine
 from mjx_fit.task.learning import filter_update
 from mjx_fit.training.baseline import train_from
 from mjx_fit.training.checkpoint import fingerprint_of, load_sensor
@@ -228,7 +228,7 @@ def _forecast(config: Config, size: Size) -> str:
 
 
 def _actions_per_s(config: Config) -> float:
-    engine = create("auto", config)
+    engine = make_engine("auto", config)
     attempts = draw_attempts(root_key(0, "forecast"), jnp.arange(PROBE), "spiral", config.detector)
     seconds = []
     for _ in range(2):  # the first compiles

@@ -9,8 +9,8 @@ from typing import Any
 from mjx_fit.config import Config
 from mjx_fit.dataset import collect as collect_
 from mjx_fit.dataset.plan import Plan
-from mjx_fit.dataset.sequences import Update
 from mjx_fit.files import LOCK
+from mjx_fit.task.learning import Update
 
 PLAN = Plan(episodes=10, steps=3, policy="mixed", engine="native", seed=5, batch=5)
 
@@ -24,12 +24,12 @@ class Collector:
     def __call__(
         self, out: Path, config: Config | None = None, update: Update | None = None, **changes: Any
     ) -> Path:
-        create = collect_.create
-        collect_.create = lambda *_: self._native
+        make_engine = collect_.make_engine
+        collect_.make_engine = lambda *_: self._native
         try:
             collect_.collect(config or Config(), out, replace(PLAN, **changes), update)
         finally:
-            collect_.create = create
+            collect_.make_engine = make_engine
         return out
 
 

@@ -48,7 +48,7 @@ def own_address() -> str:
 def shown():
     """A puppet, and a way to let a screen show something that it did not show before."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(recording, "create", lambda name, config: PathEngine())
+        patch.setattr(recording, "make_engine", lambda name, config: PathEngine())
         played = recording.record(CONFIG, None, "failure_only", 1, 5)
     puppet, moment = Puppet(played), moments(played, 4, 1.0)[0]
     panel, counter = Panel(played, 460, 720).draw(moment), itertools.count()

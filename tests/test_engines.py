@@ -17,7 +17,7 @@ from mjx_fit.dataset.plan import Plan
 from mjx_fit.errors import RequestError
 from mjx_fit.policies import SPIRAL
 from mjx_fit.scene import simulation_scene
-from mjx_fit.simulate import broken, engine
+from mjx_fit.simulate import attempt_rules, broken, select
 from mjx_fit.simulate.mjx import MjxEngine
 from mjx_fit.simulate.native import NativeEngine
 from mjx_fit.types import Attempt
@@ -95,7 +95,7 @@ def test_engines_give_the_same_trace(rollouts):
 def test_both_engines_store_the_same_schema(rollouts, monkeypatch, tmp_path):
     files = {}
     for simulator in rollouts[2]:
-        monkeypatch.setattr(collect, "create", lambda name, config, own=simulator: own)
+        monkeypatch.setattr(collect, "make_engine", lambda name, config, own=simulator: own)
         collect.collect(CONFIG, tmp_path / simulator.name, Plan(12, 4, "random", simulator.name, batch=12))
         assert store.describe(tmp_path / simulator.name)["engine"] == simulator.name
         files[simulator.name] = h5py.File(tmp_path / simulator.name / "shard-00000000.h5")
@@ -295,20 +295,20 @@ def test_only_a_peg_in_its_hole_is_inserted(scene):
     floor = top - CONFIG.scene.hole_depth_m
     heights = top, top - 0.0101, floor, floor - 0.01, -0.3, 0.02
     places = np.array([[0.09 * (i == 5), 0, height] for i, height in enumerate(heights)])
-    inserted = engine.is_inserted(places, hole, scene, 0.01)
+    inserted = attempt_rules.is_inserted(places, hole, scene.config, 0.01)
     assert inserted.tolist() == [False, True, True, False, False, False]
     # To any side, as far as 2 cm; and a peg exactly as deep as it must be is in.
     ring = 0.019 * np.array([[1, 0], [0, 1], [-1, 0], [0, -1], [0.7, 0.7]])
     deep = np.full((5, 1), top - 0.02)
-    assert engine.is_inserted(np.hstack([ring, deep]), hole, scene, 0.02 - 1e-9).all()
-    assert not engine.is_inserted(np.hstack([1.1 * ring, deep]), hole, scene, 0.01)[:4].any()
-    assert engine.is_inserted(np.array([0, 0, floor]), hole, scene, top - floor)
+    assert attempt_rules.is_inserted(np.hstack([ring, deep]), hole, scene.config, 0.02 - 1e-9).all()
+    assert not attempt_rules.is_inserted(np.hstack([1.1 * ring, deep]), hole, scene.config, 0.01)[:4].any()
+    assert attempt_rules.is_inserted(np.array([0, 0, floor]), hole, scene.config, top - floor)
 
 
 def test_auto_is_native_on_a_cpu_and_unknown_engines_are_refused():
-    assert engine.resolve("auto") == ("native" if jax.default_backend() == "cpu" else "mjx")
+    assert select.resolve("auto") == ("native" if jax.default_backend() == "cpu" else "mjx")
     with pytest.raises(RequestError, match="--engine: 'warp9' is not allowed: choose from auto, mjx, native"):
-        engine.resolve("warp9")
+        select.resolve("warp9")
 
 
 @pytest.mark.slow

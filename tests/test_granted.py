@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 
 from mjx_fit import cli, granted
 from mjx_fit.cgroups import read_file
-from mjx_fit.simulate.engine import host_threads
 
 V2 = "/sys/fs/cgroup"
 
@@ -99,7 +98,7 @@ def test_nonsense_is_no_crash_and_at_least_one_thread_is_left(affinity, variable
 
 def test_engines_use_what_was_granted(monkeypatch):
     monkeypatch.setenv("SLURM_CPUS_PER_TASK", "1")
-    assert host_threads() == 1
+    assert granted.cpus() == 1
 
 
 def test_threads_is_a_limit_for_what_is_not_started_yet(monkeypatch):

@@ -208,11 +208,11 @@ def test_trials_of_position_and_insertion_are_what_they_are_said_to_be(tmp_path,
     """Pairs in turn, an oracle that knows, seeds of a draw that share hole and estimate, refusals."""
     seen = {}
 
-    def create(name, config):
+    def make_engine(name, config):
         seen["engine"] = FakeEngine()
         return seen["engine"]
 
-    monkeypatch.setattr("mjx_fit.evaluation.hole_study.create", create)
+    monkeypatch.setattr("mjx_fit.evaluation.hole_study.make_engine", make_engine)
     run = resources.folder("weights")
     found = position.position(CONFIG, tmp_path / "p.json", run, "oracle", 12, 3, "native")
     pairs = [tuple(trial["pair"]) for trial in found.trials]

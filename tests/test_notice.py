@@ -60,7 +60,7 @@ def test_an_ffmpeg_of_ones_own_that_does_not_do_is_one_line_and_leaves_nothing(t
         finally:
             closed.append(True)
 
-    monkeypatch.setattr(recording, "create", lambda name, config: PathEngine())
+    monkeypatch.setattr(recording, "make_engine", lambda name, config: PathEngine())
     monkeypatch.setattr(render, "_drawn", drawn)
     monkeypatch.setenv("IMAGEIO_FFMPEG_EXE", "/bin/false")
     played = recording.record(CONFIG, None, "failure_only", 1, 5)

@@ -16,7 +16,7 @@ from mjx_fit import cli, config, numerics, provenance, randomness, runtime
 from mjx_fit.dataset import manifest
 from mjx_fit.errors import RequestError
 from mjx_fit.evaluation import parts
-from mjx_fit.simulate.engine import create
+from mjx_fit.simulate.select import make_engine
 from mjx_fit.task.learning import learner
 from mjx_fit.training import checkpoint, run_folder
 
@@ -75,8 +75,8 @@ def test_commands_set_it(option):
 def test_every_way_into_the_library_looks():
     settings = config.Config()
     ways = (
-        lambda: create("native", settings),
-        lambda: create("mjx", settings),
+        lambda: make_engine("native", settings),
+        lambda: make_engine("mjx", settings),
         lambda: checkpoint.load_sensor(Path("nowhere")),
         lambda: learner(settings, None),
         lambda: randomness.root_key(0, "test"),

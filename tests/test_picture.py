@@ -27,14 +27,14 @@ CONFIG = dataclasses.replace(Config(), task=TASK)
 
 @pytest.fixture
 def played(monkeypatch):
-    monkeypatch.setattr(recording, "create", lambda name, config: PathEngine())
+    monkeypatch.setattr(recording, "make_engine", lambda name, config: PathEngine())
     return recording.record(CONFIG, None, "failure_only", trial=1, seed=5)
 
 
 @pytest.fixture
 def result(monkeypatch, tmp_path):
     for module in (recording, experiments):
-        monkeypatch.setattr(module, "create", lambda name, config: PathEngine())
+        monkeypatch.setattr(module, "make_engine", lambda name, config: PathEngine())
     monkeypatch.setattr(parts, "ROWS", 4)  # two trials to a part: the third is in a part of its own
     out = tmp_path / "assembly.json"
     return experiments.assembly(CONFIG, out, None, "failure_only,oracle", 3, 5, "native")
@@ -161,7 +161,7 @@ def test_colours_of_beliefs_go_from_pale_to_the_types_own():
 
 @pytest.mark.parametrize("n", [1, 8])
 def test_the_panel_has_room_for_any_number_of_holes(monkeypatch, n):
-    monkeypatch.setattr(recording, "create", lambda name, config: PathEngine())
+    monkeypatch.setattr(recording, "make_engine", lambda name, config: PathEngine())
     config = dataclasses.replace(CONFIG, task=dataclasses.replace(TASK, n_holes=n, max_attempts=1))
     played = recording.record(config, None, "failure_only", 0, 0)
     panel, shown = Panel(played, 460, 720), moments(played, 4, 1.0)
@@ -176,7 +176,7 @@ def test_the_panel_has_room_for_any_number_of_holes(monkeypatch, n):
 
 
 def test_a_peg_whose_name_begins_anothers_is_the_one_that_is_shown(monkeypatch):
-    monkeypatch.setattr(recording, "create", lambda name, config: PathEngine())
+    monkeypatch.setattr(recording, "make_engine", lambda name, config: PathEngine())
     shapes = tuple(dataclasses.replace(s, name=n) for s, n in zip(SHAPES, ("ell_0", "ell", "o"), strict=True))
     config = dataclasses.replace(CONFIG, scene=dataclasses.replace(CONFIG.scene, shapes=shapes))
     played = recording.record(config, None, "failure_only", 1, 5)
@@ -201,7 +201,7 @@ class BreakingEngine(PathEngine):
 
 
 def test_a_world_that_broke_is_shown_as_far_as_it_went(monkeypatch):
-    monkeypatch.setattr(recording, "create", lambda name, config: BreakingEngine())
+    monkeypatch.setattr(recording, "make_engine", lambda name, config: BreakingEngine())
     played = recording.record(CONFIG, None, "failure_only", 0, 0)
     shown = moments(played, 4, 1.0)
     assert all(np.isfinite(moment.tip_pos_world).all() for moment in shown)

@@ -73,7 +73,7 @@ def test_collecting_and_playing_away_from_the_training_say_so(capsys, monkeypatc
     monkeypatch.setattr("mjx_fit.training.checkpoint.fingerprint_of", lambda sensor: "f")
     monkeypatch.setattr("mjx_fit.task.learning.filter_update", lambda config, sensor: None)
     monkeypatch.setattr(recording, "draw_trials", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
-    monkeypatch.setattr(recording, "create", lambda name, config: None)
+    monkeypatch.setattr(recording, "make_engine", lambda name, config: None)
     for config, is_away in ((away, True), (Config(), False)):
         commands._update(config, Path("run"))
         with pytest.raises(KeyboardInterrupt):

@@ -25,7 +25,7 @@ CONFIG = dataclasses.replace(
 
 @pytest.fixture
 def play(monkeypatch):
-    monkeypatch.setattr(recording, "create", lambda name, config: PathEngine())
+    monkeypatch.setattr(recording, "make_engine", lambda name, config: PathEngine())
     return lambda watch, attempt=None: recording.record(
         CONFIG, None, "failure_only", 1, 5, watch=watch, attempt=attempt
     )

@@ -14,7 +14,7 @@ from mjx_fit import resources, runtime
 from mjx_fit.evaluation.insertion import ATTEMPTS, draw_holes
 from mjx_fit.evaluation.statistics import bootstrap_mean
 from mjx_fit.filters.kalman import gaussian_nll
-from mjx_fit.simulate.engine import create
+from mjx_fit.simulate.select import make_engine
 from mjx_fit.task import hole, learning
 from mjx_fit.task.methods import HoleMethod
 from mjx_fit.training.checkpoint import load_sensor
@@ -48,7 +48,9 @@ def main(trials: int) -> None:
     sensor, config = load_sensor(resources.folder("weights"))
     updates = {"Kalman": learning.filter_update(config, sensor), "particles": particle_filter(config, sensor)}
     holes, methods = draw_holes(config, np.arange(trials), 1, 0), tuple(map(HoleMethod, updates))
-    done = hole.run(config, methods, holes, ATTEMPTS, create("auto", config), updates, lambda attempts: None)
+    done = hole.run(
+        config, methods, holes, ATTEMPTS, make_engine("auto", config), updates, lambda attempts: None
+    )
     for name, outcome in done.items():
         mean, low, high = bootstrap_mean(outcome.attempts, range(trials))
         print(f"{name}: {mean:.2f} attempts ({low:.2f} to {high:.2f}), n = {trials}")

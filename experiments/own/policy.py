@@ -11,12 +11,11 @@ import sys
 import jax.numpy as jnp
 import numpy as np
 
-from mjx_fit import policies, runtime
+from mjx_fit import granted, policies, runtime
 from mjx_fit.config import Config
 from mjx_fit.dataset.draws import draw_attempts
 from mjx_fit.evaluation.statistics import wilson
 from mjx_fit.randomness import root_key
-from mjx_fit.simulate.engine import host_threads
 from mjx_fit.simulate.native import NativeEngine
 
 LINES, REACH_M, PUSH_M = 5, 0.015, 0.004
@@ -36,7 +35,7 @@ def main(trials: int) -> None:
     config = Config()
     drawn = draw_attempts(root_key(0, "own policy"), jnp.arange(2 * trials), "spiral", config.detector)
     for name, policy in (("spiral", policies.action), ("raster", raster)):
-        engine = NativeEngine(config, host_threads(), policy)
+        engine = NativeEngine(config, granted.cpus(), policy)
         matched = np.asarray(drawn.peg_type == drawn.hole_type)
         done = engine.run(drawn, config.task.attempt_actions, matched)
         rate = wilson(int(done.inserted[matched].sum()), int(matched.sum()))

@@ -22,7 +22,7 @@ from mjx_fit.dataset.draws import MISMATCHED
 from mjx_fit.evaluation.statistics import wilson
 from mjx_fit.report import style
 from mjx_fit.settings import N_TYPES, NAMES
-from mjx_fit.simulate.engine import create
+from mjx_fit.simulate.select import make_engine
 from mjx_fit.types import Array, Attempt
 
 PER_SHAPE = 400
@@ -52,7 +52,7 @@ def detectors() -> None:
         asked = shared.spiral_attempts(
             config, f"alpha: {kind}", np.append(peg, others[:, 0]), np.append(peg, others[:, 1])
         )
-        done = create("native", config).run(asked, config.task.attempt_actions)
+        done = make_engine("native", config).run(asked, config.task.attempt_actions)
         matched = done.inserted[: len(peg)]
         results[kind] = {
             "matched": _rate(matched),
@@ -73,7 +73,7 @@ def error() -> None:
     rows: dict[str, list] = {}
     for shape, name in enumerate(NAMES):
         asked = _at_distance(config, np.full(n, shape), 1e-3 * mm)
-        inserted = create("native", config).run(asked, config.task.attempt_actions).inserted
+        inserted = make_engine("native", config).run(asked, config.task.attempt_actions).inserted
         rows[name] = [{"error_mm": e, **_rate(inserted[mm == e])} for e in ERRORS_MM]
     shared.save("alpha_error", {"attempts_per_point": PER_ERROR, "rows": rows})
     shared.draw("alpha_error", lambda: _figure(rows))
@@ -95,7 +95,7 @@ def sensitivity() -> None:
 def _matched_rate(config: Config) -> dict[str, float]:
     peg = np.arange(3 * PER_SHAPE) % N_TYPES
     asked = shared.spiral_attempts(config, "alpha: sensitivity", peg, peg)
-    return _rate(create("native", config).run(asked, config.task.attempt_actions).inserted)
+    return _rate(make_engine("native", config).run(asked, config.task.attempt_actions).inserted)
 
 
 def _at_distance(config: Config, peg: np.ndarray, distance_m: np.ndarray) -> Attempt:

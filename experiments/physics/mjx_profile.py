@@ -22,7 +22,7 @@ from mjx_fit.kinematics import chain_of
 from mjx_fit.lanes import worlds_last
 from mjx_fit.scene import pair_index, simulation_scene
 from mjx_fit.simulate import contact, stages
-from mjx_fit.simulate.engine import start_qpos
+from mjx_fit.simulate.attempt_rules import start_qpos
 from mjx_fit.simulate.mjx import arm_state, compiler_options
 from mjx_fit.simulate.stages import models_of, placed, stacked_models
 
@@ -82,7 +82,7 @@ def _microseconds(controlled: bool) -> float:
         return jax.lax.scan(step, data, length=STEPS)[1]
 
     rollout = jax.jit(jax.vmap(world, (axes, 0, 0, 0)), compiler_options=compiler_options())
-    qpos = start_qpos(chain_of(scene.models[0]), attempts, scene)
+    qpos = start_qpos(chain_of(scene.models[0]), attempts, scene.config)
     fields = models, qpos, attempts.hole_pos_world, attempts.estimate_world
     jax.block_until_ready(rollout(*fields))
     seconds = []

@@ -27,9 +27,9 @@ from mjx_fit.policies import POLICIES
 from mjx_fit.report import style
 from mjx_fit.scene import Scene, pair_index, simulation_scene
 from mjx_fit.settings import N_TYPES
-from mjx_fit.simulate.engine import create
 from mjx_fit.simulate.mjx import compiler_options
 from mjx_fit.simulate.native import NativeEngine
+from mjx_fit.simulate.select import make_engine
 from mjx_fit.simulate.stages import accelerate, models_of, observe, stacked_models
 
 FREE = 216
@@ -173,7 +173,7 @@ def attempts() -> None:
     measured, seconds = {}, {}
     for name in ("native", "mjx"):
         began = time.perf_counter()
-        measured[name] = _measure(create(name, config).run(asked, config.task.attempt_actions), config)
+        measured[name] = _measure(make_engine(name, config).run(asked, config.task.attempt_actions), config)
         seconds[name] = time.perf_counter() - began
     ids = np.arange(ATTEMPTS)
     rows = {}

@@ -14,20 +14,21 @@ import numpy as np
 from jaxtyping import Float
 from mujoco.batch import Batch
 
-from mjx_fit import numerics
+from mjx_fit import granted, numerics
 from mjx_fit.bench import reference
 from mjx_fit.config import Config
 from mjx_fit.dataset.draws import draw_attempts
 from mjx_fit.kinematics import chain_of
 from mjx_fit.scene import pair_index
-from mjx_fit.simulate.engine import create, host_threads, start_qpos
+from mjx_fit.simulate.attempt_rules import start_qpos
 from mjx_fit.simulate.mjx import MOST_ROWS, compiler_options
 from mjx_fit.simulate.native import NativeEngine
+from mjx_fit.simulate.select import make_engine
 from mjx_fit.simulate.stages import advance, models_of, placed, stacked_models
 from mjx_fit.simulate.threads import on_threads, parts_of
 from mjx_fit.types import SUBSTEPS, Attempt
 
-THREADS = host_threads()
+THREADS = granted.cpus()
 
 Run = Callable[[], int]
 """Simulates once and returns the number of physics steps, of worlds that were at work."""
@@ -54,7 +55,7 @@ def attempts_of(config: Config, worlds: int) -> Attempt:
 
 
 def _engine(name: str, config: Config, attempts: Attempt, actions: int) -> Run:
-    engine = create(name, config)
+    engine = make_engine(name, config)
     # MJX computes worlds that are done as well, but only those at work count.
     return lambda: int(engine.run(attempts, actions).length.sum()) * SUBSTEPS
 
@@ -103,7 +104,7 @@ def _mjx_step(config: Config, attempts: Attempt, actions: int) -> Run:
     @partial(jax.jit, compiler_options=compiler_options())
     def rollout(part: Attempt, torque):
         models = models_of(stacked, pair_index(part.peg_type, part.hole_type))
-        qpos = start_qpos(chain, part, engine.scene)
+        qpos = start_qpos(chain, part, engine.scene.config)
         with jax.default_matmul_precision("highest"):
             return jax.vmap(world, (axes, 0, 0, 0))(models, qpos, part.hole_pos_world, torque)
 

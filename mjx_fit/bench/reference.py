@@ -14,7 +14,7 @@ from mjx_fit.control import TORQUE_LIMIT_NM, ArmState
 from mjx_fit.kinematics import POSTURE, STRAIGHT_DOWN, chain_of
 from mjx_fit.scene import pair_index, simulation_scene
 from mjx_fit.settings import ControlConfig
-from mjx_fit.simulate.engine import start_qpos
+from mjx_fit.simulate.attempt_rules import start_qpos
 from mjx_fit.types import Attempt
 
 
@@ -73,7 +73,7 @@ def one_world(
     first = jax.tree.map(lambda leaf: leaf[:1], attempts)
     model = scene.models[int(pair_index(first.peg_type, first.hole_type)[0])]
     data = mujoco.MjData(model)
-    data.qpos[:] = np.asarray(start_qpos(chain_of(model), first, scene))[0]
+    data.qpos[:] = np.asarray(start_qpos(chain_of(model), first, scene.config))[0]
     data.mocap_pos[0] = [*np.asarray(first.hole_pos_world)[0], scene.plate_top_m]
     return (
         model,

@@ -10,12 +10,13 @@ from mjx_fit import limits, memory
 from mjx_fit.config import Config, require_room
 from mjx_fit.dataset import shard as shard_
 from mjx_fit.dataset.plan import Plan, check
-from mjx_fit.dataset.sequences import Sequences, Update
+from mjx_fit.dataset.sequences import Sequences
 from mjx_fit.dataset.writer import Writer, is_finished, new_manifest, new_shard
 from mjx_fit.filesystem import inside
 from mjx_fit.progress import COMPILING, Progress
 from mjx_fit.simulate.broken import kept_in
-from mjx_fit.simulate.engine import create
+from mjx_fit.simulate.select import make_engine
+from mjx_fit.task.learning import Update
 from mjx_fit.types import ACTION_BYTES, SUBSTEPS
 
 _BROKEN = "broken"
@@ -49,7 +50,7 @@ def collect(config: Config, out: Path, plan: Plan, update: Update | None = None)
     with Writer(out, wanted) as writer:
         missing = writer.missing(shards)
         if missing:
-            simulate = Sequences(create(plan.engine, config), config, plan, inside(out, _BROKEN), update)
+            simulate = Sequences(make_engine(plan.engine, config), config, plan, inside(out, _BROKEN), update)
             _fill(writer, {name: shards[name] for name in missing}, len(shards), simulate, request)
         writer.finish()
 

@@ -23,7 +23,7 @@ from mjx_fit.errors import RequestError
 from mjx_fit.policies import POLICIES
 from mjx_fit.progress import Progress
 from mjx_fit.shapes import plate_top_m
-from mjx_fit.simulate.engine import START_HEIGHT_M
+from mjx_fit.simulate.attempt_rules import START_HEIGHT_M
 from mjx_fit.types import SUBSTEPS, Interaction
 
 _STATE = (

@@ -12,7 +12,8 @@ from mjx_fit.dataset.manifest_schema import MAX_ACTIONS, MAX_BATCH, MAX_EPISODES
 from mjx_fit.errors import RequestError, require, shown
 from mjx_fit.randomness import require_seed
 from mjx_fit.settings import SensorConfig, TrainConfig
-from mjx_fit.simulate.engine import even_batch, resolve
+from mjx_fit.simulate.select import resolve
+from mjx_fit.simulate.threads import even_batch
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,5 @@
 """Simulating sequences: attempts in a row of one peg at one hole, a batch of sequences at once."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -8,7 +7,7 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int, Key
+from jaxtyping import Bool, Float, Int
 
 from mjx_fit import policies
 from mjx_fit.config import Config
@@ -19,11 +18,9 @@ from mjx_fit.filters.belief import initial_belief
 from mjx_fit.randomness import root_key
 from mjx_fit.settings import N_TYPES
 from mjx_fit.simulate.broken import report
-from mjx_fit.simulate.engine import Engine
+from mjx_fit.simulate.interface import Engine
+from mjx_fit.task.learning import Update
 from mjx_fit.types import Array, Attempt, Belief, Interaction
-
-Update = Callable[[Belief, Interaction, Key[Array, "n"]], Belief]
-"""Beliefs about n holes before and after an attempt at each; keys are of the sensors' noise."""
 
 
 class Sequences:

@@ -19,7 +19,8 @@ from mjx_fit.randomness import root_key
 from mjx_fit.sensors.model import ContactSensor
 from mjx_fit.settings import N_TYPES
 from mjx_fit.simulate.broken import Reporting, report
-from mjx_fit.simulate.engine import create, even_batch
+from mjx_fit.simulate.select import make_engine
+from mjx_fit.simulate.threads import even_batch
 from mjx_fit.task import assembly as assembly_
 from mjx_fit.task.learning import learner
 from mjx_fit.task.methods import ASSEMBLY, Method, chosen
@@ -55,7 +56,7 @@ def _attempt(asked: outcome.Asked, trials: int) -> Result:
     peg_type, hole_type = _attempt_pairs(trials)
     n = len(peg_type)
     batch = even_batch(n, ATTEMPT_BATCH)
-    simulator = create(engine, config)
+    simulator = make_engine(engine, config)
     root = root_key(seed, "attempt")
     rows: list[dict[str, Any]] = []
     with Progress("attempts", n, 0, COMPILING if simulator.name == "mjx" else "") as progress:
@@ -121,7 +122,7 @@ def _assembly(
     asked: outcome.Asked, picked: tuple[Method, ...], sensor: ContactSensor | None, trials: int
 ) -> Result:
     config, out, seed, engine = asked.config, asked.out, asked.seed, asked.engine
-    simulator, learn = create(engine, config), learner(config, sensor)
+    simulator, learn = make_engine(engine, config), learner(config, sensor)
     pieces = parts.pieces(trials, len(picked), simulator.name)
     pegs_each = len(picked) * config.task.n_holes
     before = min(parts.kept(out) * len(pieces[0]), trials) * pegs_each

@@ -11,7 +11,6 @@ from jaxtyping import Int
 
 from mjx_fit import config as config_
 from mjx_fit.config import Config
-from mjx_fit.dataset.sequences import Update
 from mjx_fit.errors import RequestError
 from mjx_fit.evaluation import outcome, parts
 from mjx_fit.evaluation.parts import Rows
@@ -21,9 +20,9 @@ from mjx_fit.progress import COMPILING, Progress
 from mjx_fit.sensors.model import ContactSensor
 from mjx_fit.settings import SensorConfig, TrainConfig
 from mjx_fit.simulate.broken import Reporting
-from mjx_fit.simulate.engine import create
+from mjx_fit.simulate.select import make_engine
 from mjx_fit.task import hole
-from mjx_fit.task.learning import filter_update, frame_update
+from mjx_fit.task.learning import Update, filter_update, frame_update
 from mjx_fit.task.methods import HoleMethod
 from mjx_fit.training import checkpoint
 from mjx_fit.training.baseline import FRAME_BY_FRAME
@@ -86,7 +85,7 @@ def run(study: Study, config: Config, out: Path, folder: Path, seed: int, engine
 
 def _worked_out(study: Study, asked: outcome.Asked, sensors: dict[str, ContactSensor]) -> Result:
     config, out, engine = asked.config, asked.out, asked.engine
-    simulator, n_methods = create(engine, config), len(study.methods)
+    simulator, n_methods = make_engine(engine, config), len(study.methods)
     updates = _updates(study.methods, sensors, config)
     pieces = parts.pieces(study.n, n_methods, simulator.name)
     finished = min(parts.kept(out) * len(pieces[0]), study.n) * n_methods

@@ -18,7 +18,7 @@ from mjx_fit.evaluation.results import Result
 from mjx_fit.evaluation.statistics import Row
 from mjx_fit.filesystem import inside
 from mjx_fit.randomness import require_seed
-from mjx_fit.simulate.engine import resolve
+from mjx_fit.simulate.select import resolve
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from mjx_fit import bounded_json, files, locks, provenance
 from mjx_fit.errors import RequestError
 from mjx_fit.evaluation.outcome import Asked
 from mjx_fit.filesystem import inside
-from mjx_fit.simulate.engine import even_batch
+from mjx_fit.simulate.threads import even_batch
 
 Rows = list[dict[str, Any]]
 ASKED = "request.json"

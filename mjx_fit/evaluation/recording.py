@@ -17,7 +17,8 @@ from mjx_fit.evaluation import outcome, parts
 from mjx_fit.evaluation.results import Result
 from mjx_fit.progress import Progress
 from mjx_fit.randomness import require_seed
-from mjx_fit.simulate.engine import Engine, create
+from mjx_fit.simulate.interface import Engine
+from mjx_fit.simulate.select import make_engine
 from mjx_fit.task import assembly
 from mjx_fit.task.assembly import Round
 from mjx_fit.task.learning import learner
@@ -124,7 +125,7 @@ def record(
     require_seed(seed)
     picked = (_only(method),)
     _require_attempt(attempt, config.task.n_holes * config.task.max_attempts)
-    return _play(config, run, picked, np.array([trial]), 0, seed, create(engine, config), watch, attempt)
+    return _play(config, run, picked, np.array([trial]), 0, seed, make_engine(engine, config), watch, attempt)
 
 
 def replay(
@@ -171,7 +172,7 @@ def replay(
     if not isinstance(trials, int) or trials <= max(number for _, number in rows):
         raise RequestError(f"result: request.trials: {trials!r} is not allowed: it must count its trials")
     config = config_.from_tree(result.config)
-    engine = create(result.engine, config)
+    engine = make_engine(result.engine, config)
     pieces = parts.pieces(trials, len(names), engine.name)
     ids = next(piece for piece in pieces if trial in piece)
     row = names.index(method) * len(ids) + int(np.flatnonzero(ids == trial)[0])

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float
 from mjx_fit.errors import require
 from mjx_fit.evaluation.recording import Recording, Step
 from mjx_fit.shapes import plate_top_m
-from mjx_fit.simulate.engine import START_HEIGHT_M
+from mjx_fit.simulate.attempt_rules import START_HEIGHT_M
 from mjx_fit.types import Belief
 
 ACTIONS_PER_S = 10

@@ -16,7 +16,7 @@ from mjx_fit.config import Config
 from mjx_fit.filesystem import inside
 from mjx_fit.numerics import KEY_IMPL
 from mjx_fit.simulate import broken_file
-from mjx_fit.simulate.engine import Engine
+from mjx_fit.simulate.interface import Engine
 from mjx_fit.simulate.native import NativeEngine
 from mjx_fit.simulate.plausible import reason
 from mjx_fit.types import Attempt, Interaction

@@ -16,12 +16,12 @@ from mjx_fit.config import Config
 from mjx_fit.kinematics import chain_of
 from mjx_fit.lanes import worlds_last
 from mjx_fit.scene import Scene, pair_index, simulation_scene
-from mjx_fit.simulate.engine import is_inserted, silence_mujoco, start_qpos
-from mjx_fit.simulate.plausible import LIMIT_ACTIONS, actions_at_limit, at_limit, is_lost
+from mjx_fit.simulate import attempt_rules
+from mjx_fit.simulate.plausible import at_limit
 from mjx_fit.simulate.requests import MOST_THREADS, require_attempts, require_count
 from mjx_fit.simulate.stages import accelerate, advance, models_of, placed, stacked_models
-from mjx_fit.simulate.threads import on_threads
-from mjx_fit.types import SUBSTEPS, Array, Attempt, Interaction, Trace
+from mjx_fit.simulate.threads import on_threads, silence_mujoco
+from mjx_fit.types import SUBSTEPS, Array, Attempt, Interaction
 
 _WITHOUT_EMITTERS = {"xla_cpu_use_fusion_emitters": False}
 
@@ -51,7 +51,7 @@ experiments/physics/deadlock.py shows it)."""
 
 
 class MjxEngine:
-    """Runs attempts in MJX; see ``mjx_fit.simulate.engine.Engine``.
+    """Runs attempts in MJX; see ``mjx_fit.simulate.interface.Engine``.
 
     On a CPU, XLA runs this computation on one thread, so each host thread takes a part of the batch through
     it. On an accelerator the batch is one computation.
@@ -130,7 +130,7 @@ class MjxEngine:
     ) -> Interaction:
         pair = pair_index(attempts.peg_type, attempts.hole_type)
         models = models_of(self._models, pair)
-        qpos = start_qpos(self._chain, attempts, self.scene)
+        qpos = attempt_rules.start_qpos(self._chain, attempts, self.scene.config)
         world = partial(
             rollout_world,
             config=self._config,
@@ -160,25 +160,21 @@ def rollout_world(
     tare = _free_reading(model, data)
 
     def act(carry, step):
-        data, running, held = carry
+        data, running, limited = carry
         arm = arm_state(model, data, scene)
         action = policy(attempt, step, horizon, arm.tip_pos_world, config)
         after, (wrench, touched) = hold(model, data, arm.tip_pos_world + action, config, scene)
-        row = _trace_row(model, after, scene, wrench, touched.any(), action)
-        inserted = is_inserted(
-            row.tip_pos_world, attempt.hole_pos_world, scene, config.task.insertion_depth_m
-        )
+        tip = attempt_rules.tip_of(arm_state(model, after, scene))
+        row = attempt_rules.trace_row(tip, wrench, jnp.any(touched), action)
         finite = jnp.isfinite(after.qpos).all() & jnp.isfinite(after.qvel).all()
         # Asked of the state after the action: one more output of a step, and XLA rounds all of it otherwise.
-        held = actions_at_limit(held, at_limit(after.ctrl))
-        lost = is_lost(row.tip_pos_world, row.tip_quat_world, attempt.hole_pos_world, config.scene)
-        valid = finite & ~lost & (held < LIMIT_ACTIONS)
-        inserted &= valid
-        # A world that is done, or about to break, is frozen: the others of its batch go on.
-        data = jax.tree.map(partial(jnp.where, running & valid), after, data)
+        verdict = attempt_rules.judge(
+            tip, attempt.hole_pos_world, finite, at_limit(after.ctrl), limited, config
+        )
+        data = jax.tree.map(partial(jnp.where, running & verdict.valid), after, data)
         row = jax.tree.map(lambda leaf: jnp.where(running, leaf, jnp.zeros_like(leaf)), row)
-        carry = data, running & ~inserted & valid, held
-        return carry, (row, running, running & inserted, running & ~valid)
+        carry = data, running & ~verdict.over, verdict.limited
+        return carry, (row, running, running & verdict.inserted, running & ~verdict.valid)
 
     carry = data, active, jnp.int32(0)
     (end, *_), (trace, ran, inserted, broke) = jax.lax.scan(act, carry, jnp.arange(actions))
@@ -231,17 +227,3 @@ def arm_state(model: mjx.Model, data: mjx.Data, scene: Scene) -> control.ArmStat
 def _free_reading(model: mjx.Model, data: mjx.Data) -> Float[Array, "6"]:
     """What the sensor reads at rest in free space."""
     return accelerate(model, data.replace(ctrl=data.qfrc_bias)).sensordata
-
-
-def _trace_row(model, data, scene, wrench, touched, action) -> Trace:
-    arm = arm_state(model, data, scene)
-    velocity = control.tip_velocity(arm)
-    return Trace(
-        wrench_sensor=wrench,
-        tip_pos_world=arm.tip_pos_world,
-        tip_quat_world=control.tip_quaternion(arm),
-        tip_linvel_world=velocity[:3],
-        tip_angvel_world=velocity[3:],
-        contact=touched,
-        action_world=action,
-    )

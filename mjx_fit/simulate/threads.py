@@ -1,9 +1,14 @@
-"""Host threads for batches of worlds."""
+"""Host threads for batches of worlds, and the sizes of batches."""
 
+# MuJoCo's extension module has no stubs.
+# pyright: reportAttributeAccessIssue=false
+
+import math
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
+import mujoco
 import numpy as np
 from jaxtyping import Int
 
@@ -31,3 +36,17 @@ def on_threads(threads: int, work: Callable[[T], None], items: Iterable[T]) -> N
     finally:
         # Without waiting: after Ctrl-C nobody wants the other threads' results.
         pool.shutdown(wait=False, cancel_futures=True)
+
+
+def even_batch(n: int, at_most: int) -> int:
+    """Size of the batches that n attempts are run in: of one shape, with little padding in the last."""
+    return math.ceil(n / math.ceil(n / at_most))
+
+
+def silence_mujoco() -> None:
+    """Keeps MuJoCo's warnings out of a file in the working folder: what breaks is in ``Interaction.valid``.
+
+    A caller that has set a handler of its own keeps it.
+    """
+    if mujoco.get_mju_user_warning() is None:
+        mujoco.set_mju_user_warning(lambda message: None)

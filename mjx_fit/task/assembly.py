@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Int
 
 from mjx_fit.config import Config
-from mjx_fit.simulate.engine import Engine
+from mjx_fit.simulate.interface import Engine
 from mjx_fit.task.learning import Learn
 from mjx_fit.task.methods import Method
 from mjx_fit.task.table import State, Table

@@ -17,7 +17,7 @@ from mjx_fit.filters.belief import initial_belief
 from mjx_fit.filters.kalman import scale_tril
 from mjx_fit.policies import SPIRAL
 from mjx_fit.settings import N_TYPES
-from mjx_fit.simulate.engine import Engine
+from mjx_fit.simulate.interface import Engine
 from mjx_fit.task.learning import Update
 from mjx_fit.task.methods import KNOWN_VARIANCE_M2, HoleMethod
 from mjx_fit.types import Array, Attempt, Belief, Interaction

@@ -11,7 +11,6 @@ from jaxtyping import Bool, Int, Key
 
 from mjx_fit import numerics
 from mjx_fit.config import Config
-from mjx_fit.dataset.sequences import Update
 from mjx_fit.filters.belief import update_position, update_type
 from mjx_fit.filters.success import success_probability
 from mjx_fit.sensors.model import ContactSensor
@@ -19,6 +18,9 @@ from mjx_fit.task.entrance import require_update
 from mjx_fit.traces import require_readable
 from mjx_fit.types import Array, Belief, Interaction, Reading
 from mjx_fit.wrist import read
+
+Update = Callable[[Belief, Interaction, Key[Array, "n"]], Belief]
+"""Beliefs about n holes before and after an attempt at each; keys are of the sensors' noise."""
 
 Learn = Callable[[Belief, Interaction, Key[Array, "n"], Bool[Array, "n"], Bool[Array, "n"]], Belief]
 

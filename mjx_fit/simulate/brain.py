@@ -1,0 +1,89 @@
+"""Control and policies of a block of worlds, jitted: what the native engine asks of JAX between two steps.
+
+Every function is compiled for a few numbers of rows; a block is padded to the least of them that it fits.
+"""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float, Int
+
+from mjx_fit import control, policies
+from mjx_fit.config import Config
+from mjx_fit.kinematics import chain_of
+from mjx_fit.scene import Scene
+from mjx_fit.simulate import attempt_rules
+from mjx_fit.simulate.attempt_rules import Tip
+from mjx_fit.simulate.block import Layout
+from mjx_fit.types import Array, Attempt
+
+CHUNK = 32
+"""Rows that the controller computes at a time: larger intermediate results made a call several times slower.
+Always so many also means the same bits for the torques, whatever the block."""
+
+ROWS = (32, 64, 128, 256, 512)
+"""Rows that the controller is compiled for: a block holds at most the last, and takes the least that it fits.
+The larger the block, the less often a thread changes between physics and control, whose code and data push
+each other out of its cache. What an action starts and ends with is computed for all rows, with the same bits
+too (tests/test_engines.py)."""
+
+
+class Brain:
+    """The jitted functions.
+
+    Attributes:
+        config: The configuration.
+        layout: How the inputs of the controller lie in a row of numbers.
+        start: From attempts (rows,), the joint angles (rows, 7) at which they start, rad.
+        command: From attempts, packed inputs, the number of the action and the horizon: the policy's command
+            and the goal that it gives the tip, (rows, 3) each, m.
+        torque: From packed inputs and goals, joint torques (rows, 7), N·m.
+        tip: From packed inputs, the tips.
+    """
+
+    def __init__(self, scene: Scene, config: Config, policy: policies.Policy):
+        self.layout = Layout(scene.models[0])
+        self.config, self._policy = config, policy
+        chain = chain_of(scene.models[0])
+        self.start = jax.jit(partial(attempt_rules.start_qpos, chain, scene=config.scene))
+        self.torque = jax.jit(self._torque)
+        self.command = jax.jit(jax.vmap(self._command, (0, 0, None, None)), static_argnums=3)
+        self.tip = jax.jit(jax.vmap(self._tip))
+
+    def _torque(
+        self, packed: Float[Array, "rows k"], goal_pos_world: Float[Array, "rows 3"]
+    ) -> Float[Array, "rows 7"]:
+        def chunk(part):
+            rows, goal = part
+            return control.torque(self.layout.unpack(rows.T), goal.T, self.config.control).T
+
+        chunks = (x.reshape(-1, CHUNK, x.shape[1]) for x in (packed, goal_pos_world))
+        return jax.lax.map(chunk, tuple(chunks)).reshape(-1, 7)
+
+    def _command(self, attempt: Attempt, packed: Float[Array, "k"], step, horizon: int):
+        tip = self.layout.unpack(packed).tip_pos_world
+        action = self._policy(attempt, step, horizon, tip, self.config)
+        return action, tip + action
+
+    def _tip(self, packed: Float[Array, "k"]) -> Tip:
+        return attempt_rules.tip_of(self.layout.unpack(packed))
+
+
+def rows_for(n: int) -> int:
+    """Rows of the controller for n worlds."""
+    return next(rows for rows in ROWS if rows >= n)
+
+
+def padded(attempts: Attempt, ids: Int[np.ndarray, "m"]) -> Attempt:
+    """The attempts with these ids, padded to as many rows as the controller takes."""
+    rows = np.concatenate([ids, np.repeat(ids[-1:], rows_for(len(ids)) - len(ids))])
+
+    def take(leaf):
+        if jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key):
+            data = jnp.asarray(np.asarray(jax.random.key_data(leaf))[rows])
+            return jax.random.wrap_key_data(data, impl=jax.random.key_impl(leaf))
+        return np.asarray(leaf)[rows]
+
+    return jax.tree.map(take, attempts)

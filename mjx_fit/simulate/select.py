@@ -1,0 +1,36 @@
+"""Choosing an engine by its name."""
+
+import jax
+
+from mjx_fit import granted
+from mjx_fit.config import Config
+from mjx_fit.errors import RequestError, shown
+from mjx_fit.simulate.interface import Engine
+
+ENGINES = ("auto", "mjx", "native")
+
+
+def resolve(name: str) -> str:
+    """The engine that a name stands for: ``auto`` is MJX on an accelerator and native on a CPU.
+
+    Raises:
+        RequestError: There is no such engine.
+    """
+    if name not in ENGINES:
+        raise RequestError(f"--engine: {shown(name)} is not allowed: choose from {', '.join(ENGINES)}")
+    if name != "auto":
+        return name
+    return "native" if jax.default_backend() == "cpu" else "mjx"
+
+
+def make_engine(name: str, config: Config) -> Engine:
+    """Makes an engine, compiled for the configuration's scene, with the CPUs that this process may use.
+
+    Raises:
+        RequestError: There is no such engine.
+    """
+    # Here, since to resolve a name neither engine is needed.
+    from mjx_fit.simulate.mjx import MjxEngine
+    from mjx_fit.simulate.native import NativeEngine
+
+    return (MjxEngine if resolve(name) == "mjx" else NativeEngine)(config, granted.cpus())
