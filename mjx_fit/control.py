@@ -23,10 +23,9 @@ from jaxtyping import Float
 from mjx_fit import spd
 from mjx_fit.kinematics import STRAIGHT_DOWN, jacobian, posture_towards, rotation_error
 from mjx_fit.lanes import column, times, total
+from mjx_fit.robot import PANDA, Robot
 from mjx_fit.settings import ControlConfig
 from mjx_fit.types import Array, pytree
-
-TORQUE_LIMIT_NM = np.array([87, 87, 87, 87, 12, 12, 12], np.float32)
 
 # Keeps the Cholesky factors finite at a singular posture; inertias are 1e-2 kg m2 and up, inverse inertias
 # 1e-1 1/kg and up, so the damping moves a torque by less than one part in a thousand.
@@ -49,14 +48,14 @@ class ArmState:
         joint_axis_world: Direction of each joint's axis.
     """
 
-    qpos: Float[Array, "7 *b"]
-    qvel: Float[Array, "7 *b"]
-    mass_matrix: Float[Array, "7 7 *b"]
-    bias: Float[Array, "7 *b"]
+    qpos: Float[Array, "joints *b"]
+    qvel: Float[Array, "joints *b"]
+    mass_matrix: Float[Array, "joints joints *b"]
+    bias: Float[Array, "joints *b"]
     tip_pos_world: Float[Array, "3 *b"]
     tip_frame_world: Float[Array, "3 3 *b"]
-    joint_anchor_world: Float[Array, "7 3 *b"]
-    joint_axis_world: Float[Array, "7 3 *b"]
+    joint_anchor_world: Float[Array, "joints 3 *b"]
+    joint_axis_world: Float[Array, "joints 3 *b"]
 
 
 def tip_velocity(arm: ArmState) -> Float[Array, "6 *b"]:
@@ -75,16 +74,19 @@ def tip_quaternion(arm: ArmState) -> Float[Array, "4 *b"]:
     return jnp.stack([wyz[0], x, wyz[1], wyz[2]])
 
 
-def torque(arm: ArmState, goal_pos_world: Float[Array, "3 *b"], gains: ControlConfig) -> Float[Array, "7 *b"]:
+def torque(
+    arm: ArmState, goal_pos_world: Float[Array, "3 *b"], gains: ControlConfig, robot: Robot = PANDA
+) -> Float[Array, "joints *b"]:
     """Joint torques that pull the tip to a goal, straight down.
 
     Args:
         arm: State of the arm.
         goal_pos_world: Where the tip should be, m.
         gains: Stiffnesses.
+        robot: Gives the posture in the null space, and the torque limits.
 
     Returns:
-        Torques within ``TORQUE_LIMIT_NM``, N·m.
+        Torques within the robot's limits, N·m.
     """
     jac = jacobian(arm.joint_anchor_world, arm.joint_axis_world, arm.tip_pos_world)
     error = jnp.concatenate(
@@ -95,7 +97,7 @@ def torque(arm: ArmState, goal_pos_world: Float[Array, "3 *b"], gains: ControlCo
     task_acc = stiffness * error - damping * times(jac, arm.qvel)
 
     # The posture turns with the first joint, so that it never pulls the arm to the middle of the workspace.
-    posture_error = posture_towards(arm.tip_pos_world) - arm.qpos
+    posture_error = posture_towards(arm.tip_pos_world, robot) - arm.qpos
     posture_acc = gains.kp_posture * posture_error - 2 * jnp.sqrt(gains.kp_posture) * arm.qvel
 
     # With M = L Lᵀ, J M⁻¹ Jᵀ = (L⁻¹ Jᵀ)ᵀ (L⁻¹ Jᵀ): half a solve, and symmetric by construction.
@@ -108,5 +110,5 @@ def torque(arm: ArmState, goal_pos_world: Float[Array, "3 *b"], gains: ControlCo
     apart = [spd.solve(of_position, task_acc[:3]), spd.solve(of_rotation, task_acc[3:])]
     force = jnp.concatenate(apart) - spd.solve(root, times(jac, posture_acc))
     unlimited = total(jac * force[:, None]) + times(arm.mass_matrix, posture_acc) + arm.bias
-    limit = column(TORQUE_LIMIT_NM, unlimited)
+    limit = column(np.array(robot.torque_limit_nm, np.float32), unlimited)
     return jnp.clip(unlimited, -limit, limit)

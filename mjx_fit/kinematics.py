@@ -14,12 +14,9 @@ from jaxtyping import Float
 
 from mjx_fit import spd
 from mjx_fit.lanes import column, cross, total
-from mjx_fit.scene import JOINTS
+from mjx_fit.robot import PANDA, Robot
 from mjx_fit.shapes import HANGING
-from mjx_fit.types import Array, pytree
-
-POSTURE = (0.0, 0.33, 0.0, -2.39, 0.0, 2.72, 0.0)
-"""Joint angles (rad): flange straight down near x = 0.5 m, the peg's sides along the world's axes."""
+from mjx_fit.types import Array, pytree, static
 
 _ITERATIONS = 20
 _DAMPING = 1e-6
@@ -32,17 +29,19 @@ class Chain:
     Attributes:
         offset: Position of each joint's frame in the frame before it, m; the last is the tip's.
         rotation: Orientation of the same, as rotation matrices.
+        robot: Whose arm it is.
     """
 
-    offset: Float[Array, "8 3"]
-    rotation: Float[Array, "8 3 3"]
+    offset: Float[Array, "frames 3"]
+    rotation: Float[Array, "frames 3 3"]
+    robot: Robot = static()
 
 
-def chain_of(model: mujoco.MjModel) -> Chain:
-    """Reads the chain from the base to the site ``tip`` off a model."""
+def chain_of(model: mujoco.MjModel, robot: Robot = PANDA) -> Chain:
+    """Reads the chain from the base to the robot's tool site off a model."""
     offset, rotation = [], []
     position, frame = np.zeros(3), np.eye(3)
-    for body in _bodies_from_base(model, model.site("tip").bodyid[0]):
+    for body in _bodies_from_base(model, model.site(robot.tool_site).bodyid[0]):
         matrix = np.empty(9)
         mujoco.mju_quat2Mat(matrix, model.body_quat[body])
         position = position + frame @ model.body_pos[body]
@@ -51,20 +50,21 @@ def chain_of(model: mujoco.MjModel) -> Chain:
             offset.append(position)
             rotation.append(frame)
             position, frame = np.zeros(3), np.eye(3)
-    offset.append(position + frame @ model.site("tip").pos)
+    offset.append(position + frame @ model.site(robot.tool_site).pos)
     rotation.append(frame)
-    return Chain(jnp.asarray(offset, jnp.float32), jnp.asarray(rotation, jnp.float32))
+    return Chain(jnp.asarray(offset, jnp.float32), jnp.asarray(rotation, jnp.float32), robot)
 
 
 def forward(
-    chain: Chain, qpos: Float[Array, "7"]
-) -> tuple[Float[Array, "3"], Float[Array, "3 3"], Float[Array, "6 7"]]:
+    chain: Chain, qpos: Float[Array, "joints"]
+) -> tuple[Float[Array, "3"], Float[Array, "3 3"], Float[Array, "6 joints"]]:
     """Position (m) and orientation of the tip in the world, and its Jacobian (linear over angular)."""
+    joints = len(chain.robot.joints)
     cos, sin, zero, one = jnp.cos(qpos), jnp.sin(qpos), jnp.zeros_like(qpos), jnp.ones_like(qpos)
-    turn = jnp.stack([cos, -sin, zero, sin, cos, zero, zero, zero, one], -1).reshape(len(JOINTS), 3, 3)
+    turn = jnp.stack([cos, -sin, zero, sin, cos, zero, zero, zero, one], -1).reshape(joints, 3, 3)
     position, frame = jnp.zeros(3), jnp.eye(3)
     anchors, axes = [], []
-    for i in range(len(JOINTS)):
+    for i in range(joints):
         position = position + frame @ chain.offset[i]
         frame = frame @ chain.rotation[i] @ turn[i]
         anchors.append(position)
@@ -75,10 +75,10 @@ def forward(
 
 
 def jacobian(
-    joint_anchor_world: Float[Array, "7 3 *b"],
-    joint_axis_world: Float[Array, "7 3 *b"],
+    joint_anchor_world: Float[Array, "joints 3 *b"],
+    joint_axis_world: Float[Array, "joints 3 *b"],
     point_world: Float[Array, "3 *b"],
-) -> Float[Array, "6 7 *b"]:
+) -> Float[Array, "6 joints *b"]:
     """Geometric Jacobian of a point of the last body: linear velocity over angular velocity."""
     axis, arm = joint_axis_world.swapaxes(0, 1), (point_world - joint_anchor_world).swapaxes(0, 1)
     return jnp.concatenate([cross(axis, arm), axis])
@@ -95,19 +95,20 @@ def rotation_error(
     return 0.5 * total(cross(frame_world, goal), 1)
 
 
-def posture_towards(tip_pos_world: Float[Array, "3 *b"]) -> Float[Array, "7 *b"]:
-    """``POSTURE`` (rad), turned about the base towards a point, the peg's sides still along the axes."""
+def posture_towards(tip_pos_world: Float[Array, "3 *b"], robot: Robot = PANDA) -> Float[Array, "joints *b"]:
+    """The robot's posture (rad), turned towards a point, with the peg's sides still along the axes."""
     bearing = jnp.arctan2(tip_pos_world[1], tip_pos_world[0])
-    turning = np.array([1.0, 0, 0, 0, 0, 0, 1], np.float32)
-    rows = jnp.broadcast_to(bearing, (len(JOINTS), *bearing.shape))
-    return column(np.asarray(POSTURE), rows) + column(turning, rows) * rows
+    turns = np.array(robot.turns, np.float32)
+    rows = jnp.broadcast_to(bearing, (len(turns), *bearing.shape))
+    return column(np.asarray(robot.posture_rad), rows) + column(turns, rows) * rows
 
 
-def inverse(chain: Chain, tip_pos_world: Float[Array, "3"]) -> Float[Array, "7"]:
+def inverse(chain: Chain, tip_pos_world: Float[Array, "3"]) -> Float[Array, "joints"]:
     """Joint angles (rad) that put the tip at a point, straight down, sides along the world's axes.
 
-    Gauss-Newton with damped least squares from ``POSTURE``, turned towards the point. The damping shrinks no
-    step near the solution, so the result is accurate to float32 over the workspace; tests bound it by 20 µm.
+    Gauss-Newton with damped least squares from the robot's posture, turned towards the point. The damping
+    shrinks no step near the solution, so the result is accurate to float32 over the workspace; tests bound it
+    by 20 µm.
     """
 
     def step(qpos, _):
@@ -115,7 +116,7 @@ def inverse(chain: Chain, tip_pos_world: Float[Array, "3"]) -> Float[Array, "7"]
         error = jnp.concatenate([tip_pos_world - position, rotation_error(frame, STRAIGHT_DOWN)])
         return qpos + jac.T @ spd.solve(spd.factor(jac @ jac.T, _DAMPING), error), None
 
-    return jax.lax.scan(step, posture_towards(tip_pos_world), length=_ITERATIONS)[0]
+    return jax.lax.scan(step, posture_towards(tip_pos_world, chain.robot), length=_ITERATIONS)[0]
 
 
 STRAIGHT_DOWN = np.diag(HANGING).astype(np.float32)

@@ -1,48 +1,143 @@
-"""Low-level policies: pure functions of (step, observation, key) that give the desired change of the tip.
+"""Low-level policies: pure functions that give the desired change of the tip, action by action.
 
-The randomness of step j comes from ``fold_in(key, j)``, so it depends on the attempt alone.
+A policy is a pair of functions, ``Policy(init, act)``, written in JAX: both engines compile it into their
+rollouts. It carries a state of its own from action to action, and sees what a robot can measure. The
+randomness of step j comes from ``fold_in(key, j)``, so it depends on the attempt alone.
 """
 
 from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Float, Int, Key
+from jaxtyping import Bool, Float, Int, Key
 
 from mjx_fit.config import Config
 from mjx_fit.settings import RandomConfig, SpiralConfig
-from mjx_fit.types import Array, Attempt
+from mjx_fit.types import Array, Attempt, pytree, static
 
-Policy = Callable[[Attempt, Int[Array, ""], int, Float[Array, "3"], Config], Float[Array, "3"]]
-"""What an engine asks for each action: see ``action``."""
+NAMES = ("spiral", "random")
+SPIRAL, RANDOM = range(len(NAMES))
 
-POLICIES = ("spiral", "random")
-SPIRAL, RANDOM = range(len(POLICIES))
+State = Any
+"""Whatever a policy carries from action to action: a pytree of arrays, the same in shape and type always."""
 
 
-def action(
-    attempt: Attempt, step: Int[Array, ""], horizon: int, tip_pos_world: Float[Array, "3"], config: Config
-) -> Float[Array, "3"]:
-    """The action of the policy that an attempt names.
+@pytree
+class PolicyStart:
+    """What a policy knows before its first action.
 
-    Args:
-        attempt: One attempt; its estimate is p, its key the source of the wiggle.
-        step: Number j of the action, from 0.
-        horizon: Number J of actions in the attempt.
-        tip_pos_world: Where the tip is, x, m.
-        config: Parameters of the policies.
-
-    Returns:
-        Desired change of the tip's position in the world frame, m.
+    Attributes:
+        peg_type: Index of the peg's shape.
+        estimate_world: Estimate p of the hole's centre, over which the attempt starts, m.
+        policy: The attempt's index into ``NAMES``, for a policy that chooses by it.
     """
-    key = jax.random.fold_in(attempt.key, step)
-    relative = tip_pos_world[:2] - attempt.estimate_world
-    searching = spiral(step, horizon, relative, key, config.spiral)
-    exploring = random(step, relative, key, attempt.key, config.random)
-    return jnp.where(attempt.policy == SPIRAL, searching, exploring)
+
+    peg_type: Int[Array, ""]
+    estimate_world: Float[Array, "2"]
+    policy: Int[Array, ""]
 
 
-def spiral(
+@pytree
+class PolicyInput:
+    """What a policy sees before each action: measurements, and the clock.
+
+    Attributes:
+        step: Number j of the action, from 0: time is j / 10 s.
+        horizon: Number J of actions to plan for; a Python int, known when the policy is compiled.
+        tip_pos_world: Where the tip is, x, m.
+        tip_quat_world: Its orientation, w x y z.
+        tip_linvel_world: Its linear velocity, m/s.
+        tip_angvel_world: Its angular velocity, rad/s.
+        wrench_sensor: What the wrist measured during the action before, 500 Hz, tared, with the sensor's
+            noise: force (N) and torque (N·m) that the arm exerts on the peg. Noise alone before the first.
+        contact: Whether it says that the peg touched something (``mjx_fit.wrist.in_contact``).
+    """
+
+    step: Int[Array, ""]
+    tip_pos_world: Float[Array, "3"]
+    tip_quat_world: Float[Array, "4"]
+    tip_linvel_world: Float[Array, "3"]
+    tip_angvel_world: Float[Array, "3"]
+    wrench_sensor: Float[Array, "50 6"]
+    contact: Bool[Array, ""]
+    horizon: int = static()
+
+
+class Policy(NamedTuple):
+    """A low-level policy, of one attempt in one world.
+
+    Attributes:
+        init: From the start and the attempt's key, the state before the first action.
+        act: From the state and what is seen, the state after the action, and the command: the desired change
+            of the tip's position in the world frame (3,), m.
+    """
+
+    init: Callable[[PolicyStart, Key[Array, ""]], State]
+    act: Callable[[State, PolicyInput], tuple[State, Float[Array, "3"]]]
+
+
+def start_of(attempt: Attempt) -> PolicyStart:
+    """The part of an attempt that a policy may know: nothing of the true hole."""
+    return PolicyStart(attempt.peg_type, attempt.estimate_world, attempt.policy)
+
+
+def shipped(config: Config) -> Policy:
+    """The policy that an attempt names: ``NAMES[attempt.policy]``."""
+    return by_name(spiral(config.spiral), random(config.random))
+
+
+def by_name(*members: Policy) -> Policy:
+    """A policy that acts as the member with the index ``PolicyStart.policy``."""
+
+    def init(start: PolicyStart, key: Key[Array, ""]) -> State:
+        return start.policy, tuple(member.init(start, key) for member in members)
+
+    def act(state: State, seen: PolicyInput) -> tuple[State, Float[Array, "3"]]:
+        index, states = state
+        acted = [member.act(own, seen) for member, own in zip(members, states, strict=True)]
+        command = acted[-1][1]
+        for i in reversed(range(len(members) - 1)):
+            command = jnp.where(index == i, acted[i][1], command)
+        return (index, tuple(own for own, _ in acted)), command
+
+    return Policy(init, act)
+
+
+def stateless(
+    command: Callable[[PolicyStart, Key[Array, ""], PolicyInput], Float[Array, "3"]],
+) -> Policy:
+    """A policy that only looks: its command follows from the start, the attempt's key and what is seen."""
+
+    def act(state: State, seen: PolicyInput) -> tuple[State, Float[Array, "3"]]:
+        start, key = state
+        return state, command(start, key, seen)
+
+    return Policy(lambda start, key: (start, key), act)
+
+
+def spiral(config: SpiralConfig) -> Policy:
+    """Algorithm 4 of the paper, around the estimate; see ``spiral_command``."""
+
+    def command(start: PolicyStart, key: Key[Array, ""], seen: PolicyInput) -> Float[Array, "3"]:
+        own = jax.random.fold_in(key, seen.step)
+        relative = seen.tip_pos_world[:2] - start.estimate_world
+        return spiral_command(seen.step, seen.horizon, relative, own, config)
+
+    return stateless(command)
+
+
+def random(config: RandomConfig) -> Policy:
+    """Sweeps around the estimate; see ``random_command``."""
+
+    def command(start: PolicyStart, key: Key[Array, ""], seen: PolicyInput) -> Float[Array, "3"]:
+        own = jax.random.fold_in(key, seen.step)
+        return random_command(seen.step, seen.tip_pos_world[:2] - start.estimate_world, own, key, config)
+
+    return stateless(command)
+
+
+def spiral_command(
     step: Int[Array, ""],
     horizon: int,
     tip_pos_estimate: Float[Array, "2"],
@@ -67,7 +162,7 @@ def spiral(
     return _pressed(ring - tip_pos_estimate, config.push_m) + _wiggle(key, config.wiggle_m)
 
 
-def random(
+def random_command(
     step: Int[Array, ""],
     tip_pos_estimate: Float[Array, "2"],
     key: Key[Array, ""],

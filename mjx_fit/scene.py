@@ -19,12 +19,9 @@ from jaxtyping import Float
 
 from mjx_fit import resources
 from mjx_fit.errors import RequestError
+from mjx_fit.robot import ROBOTS, Robot
 from mjx_fit.settings import N_TYPES, SceneConfig, Shape
 from mjx_fit.shapes import HANGING, Boxes, hole_boxes, peg_boxes, plate_top_m
-
-JOINTS = tuple(f"joint{i}" for i in range(1, 8))
-HOLE_WORKSPACE_M = ((0.35, 0.65), (-0.3, 0.3))
-"""Where hole centres lie: x and y, m."""
 
 _PEG_BIT, _HOLE_BIT = 1, 2
 _SPARE_HALF_M = 0.001
@@ -38,10 +35,12 @@ class Scene:
     Attributes:
         models: One model for each pair; ``models[peg_type * N_TYPES + hole_type]``.
         config: What they were made from.
+        robot: The arm in them.
     """
 
     models: tuple[mujoco.MjModel, ...]
     config: SceneConfig
+    robot: Robot
 
     @property
     def plate_top_m(self) -> float:
@@ -65,7 +64,7 @@ def simulation_scene(config: SceneConfig) -> Scene:
         _add_hole(spec, config, boxes, "hole", (0.5, 0.0), mocap=True)
         _strip_visual_geoms(spec)
         models.append(spec.compile())
-    return Scene(tuple(models), config)
+    return Scene(tuple(models), config, ROBOTS[config.robot])
 
 
 def picture_scene(
@@ -88,7 +87,7 @@ def picture_scene(
 def place_holes(rng: np.random.Generator, n_holes: int, config: SceneConfig) -> Float[np.ndarray, "n 2"]:
     """Random places for hole boxes in the workspace, no two of which overlap.
 
-    The workspace is the one of ``HOLE_WORKSPACE_M``, 10 cm wider on both sides in y for more than six boxes.
+    The workspace is the robot's, 10 cm wider on both sides in y for more than six boxes.
 
     Args:
         rng: Source of the draws.
@@ -101,7 +100,7 @@ def place_holes(rng: np.random.Generator, n_holes: int, config: SceneConfig) -> 
     Raises:
         RequestError: So many boxes of this size do not fit.
     """
-    (x0, x1), (y0, y1) = HOLE_WORKSPACE_M
+    (x0, x1), (y0, y1) = ROBOTS[config.robot].workspace_m
     wider = 0.1 if n_holes > 6 else 0.0
     low, high = np.array([x0, y0 - wider]), np.array([x1, y1 + wider])
     side = 2 * config.plate_half_width_m
@@ -120,8 +119,9 @@ def place_holes(rng: np.random.Generator, n_holes: int, config: SceneConfig) -> 
 
 
 def _arm_on_table(config: SceneConfig) -> mujoco.MjSpec:
-    spec = mujoco.MjSpec.from_file(str(resources.folder("models") / "table.xml"))
-    spec.body("peg").add_site(name="tip", pos=[0, 0, config.peg_length_m], group=4)
+    robot = ROBOTS[config.robot]
+    spec = mujoco.MjSpec.from_file(str(resources.folder("models") / robot.mjcf))
+    spec.body("peg").add_site(name=robot.tool_site, pos=[0, 0, config.peg_length_m], group=4)
     # MJX sizes its contact arrays by this and looks for it among the numerics.
     spec.add_numeric(name="max_contact_points", data=[config.max_contacts])
     return spec

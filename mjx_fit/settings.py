@@ -11,6 +11,7 @@ from pydantic import ConfigDict, Field, model_validator
 from pydantic.dataclasses import dataclass
 
 from mjx_fit.errors import shown
+from mjx_fit.robot import ROBOTS
 
 Probability = Annotated[float, Field(ge=1e-6, le=0.999999)]
 """As near to 0 and 1 as single precision can tell well."""
@@ -93,9 +94,10 @@ N_TYPES = len(SHAPES)
 
 @dataclass(frozen=True, config=STRICT)
 class SceneConfig:
-    """Geometry and contact.
+    """Robot, geometry and contact.
 
     Attributes:
+        robot: Name of the arm (``mjx_fit.robot``).
         shapes: Of pegs and holes; three of them, as many as there are types.
         clearance_m: Gap between peg and hole on each side.
         plate_half_width_m: Half the side of the square hole box. A detector error of 2.83 cm, a spiral of
@@ -109,6 +111,7 @@ class SceneConfig:
         max_contacts: Contact slots of one world in MJX.
     """
 
+    robot: Literal[tuple(ROBOTS)] = "panda"  # pyright: ignore[reportInvalidTypeForm]
     shapes: tuple[Shape, Shape, Shape] = SHAPES
     clearance_m: Annotated[float, Field(ge=0.0001, le=0.005)] = 0.001
     plate_half_width_m: Annotated[float, Field(ge=0.08, le=0.2)] = 0.08
@@ -220,19 +223,22 @@ class SequenceConfig:
 
 @dataclass(frozen=True, config=STRICT)
 class WristConfig:
-    """Noise of the force/torque sensor: Robotiq FT 300-S, 1 σ per sample.
+    """The force/torque sensor. Noise: Robotiq FT 300-S, 1 σ per sample.
 
     Attributes:
         force_noise_n: Fx, Fy, Fz.
         torque_xy_noise_nm: Tx, Ty.
         torque_z_noise_nm: Tz.
         tare_samples: Samples that are averaged when the sensor is tared; 100,000 take 200 s.
+        contact_force_n: The peg is in contact during an action if the root mean square of the measured force,
+            tared, exceeds this. Noise alone measures √3 σ.
     """
 
     force_noise_n: Annotated[float, Field(ge=0, le=30)] = 0.1
     torque_xy_noise_nm: Annotated[float, Field(ge=0, le=3)] = 0.005
     torque_z_noise_nm: Annotated[float, Field(ge=0, le=3)] = 0.003
     tare_samples: Annotated[int, Field(ge=1, le=100_000)] = 50
+    contact_force_n: Annotated[float, Field(ge=0.01, le=50)] = 1.0
 
 
 LEAST_STEP_M = 0.00001

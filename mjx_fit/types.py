@@ -5,8 +5,8 @@ time comes first: ``J`` actions of ``SUBSTEPS`` simulation steps each. Shape and
 ``scene.shapes``.
 """
 
-from dataclasses import dataclass
-from typing import TypeVar, dataclass_transform
+from dataclasses import dataclass, field
+from typing import Any, TypeVar, dataclass_transform
 
 import jax
 import numpy as np
@@ -24,9 +24,14 @@ ACTION_BYTES = 4 * (SUBSTEPS * 6 + 3 + 4 + 3 + 3 + 3) + 1
 """Size of one action's row of a ``Trace`` in memory."""
 
 
-@dataclass_transform(frozen_default=True)
+def static() -> Any:
+    """A field of a ``pytree`` that is no child of it: a Python value, known when JAX traces."""
+    return field(metadata={"static": True})
+
+
+@dataclass_transform(frozen_default=True, field_specifiers=(static,))
 def pytree(cls: type[T]) -> type[T]:
-    """A frozen dataclass whose fields are the children of a JAX pytree."""
+    """A frozen dataclass whose fields are the children of a JAX pytree, but for those that are ``static``."""
     return jax.tree_util.register_dataclass(dataclass(frozen=True)(cls))
 
 
@@ -39,7 +44,7 @@ class Attempt:
         hole_type: Index of the hole's shape.
         hole_pos_world: True centre of the hole on the table plane, m.
         estimate_world: Estimate of that centre, over which the attempt starts, m.
-        policy: Index into ``mjx_fit.policies.POLICIES``.
+        policy: Index into ``mjx_fit.policies.NAMES``.
         key: Source of the policy's randomness; it never depends on the batch.
     """
 
@@ -104,8 +109,8 @@ class Interaction:
     hole_pos_world: Float[Array, "*batch 2"]
     estimate_world: Float[Array, "*batch 2"]
     tare_sensor: Float[Array, "*batch 6"]
-    end_qpos: Float[Array, "*batch 7"]
-    end_qvel: Float[Array, "*batch 7"]
+    end_qpos: Float[Array, "*batch joints"]
+    end_qvel: Float[Array, "*batch joints"]
     valid: Bool[Array, "*batch"]
 
 

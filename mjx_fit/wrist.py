@@ -7,7 +7,7 @@ time and an evaluation once per attempt.
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Int, Key
+from jaxtyping import Bool, Float, Int, Key
 
 from mjx_fit.settings import SceneConfig, WristConfig
 from mjx_fit.shapes import plate_top_m
@@ -22,6 +22,51 @@ FACE_M = 0.04
 def wrench_noise_std(wrist: WristConfig) -> Float[Array, "6"]:
     """Standard deviation of one sample of (Fx, Fy, Fz, Tx, Ty, Tz), N and N·m."""
     return jnp.array([wrist.force_noise_n] * 3 + [wrist.torque_xy_noise_nm] * 2 + [wrist.torque_z_noise_nm])
+
+
+def measured_tare(
+    tare_sensor: Float[Array, "6"], key: Key[Array, ""], wrist: WristConfig
+) -> Float[Array, "6"]:
+    """The mean of n samples at rest, as noisy as any: tare + ε, ε ~ N(0, σ² / n).
+
+    Args:
+        tare_sensor: Clean reading at rest in free space, N and N·m.
+        key: Source of the noise.
+        wrist: σ and n.
+    """
+    std = wrench_noise_std(wrist).astype(tare_sensor.dtype) / jnp.sqrt(wrist.tare_samples)
+    return tare_sensor + std * jax.random.normal(key, std.shape, std.dtype)
+
+
+def measured(
+    wrench_sensor: Float[Array, "*batch 6"],
+    tare_sensor: Float[Array, "6"],
+    key: Key[Array, ""],
+    wrist: WristConfig,
+) -> Float[Array, "*batch 6"]:
+    """A tared wrench with the sensor's noise: clean - tare + ε, ε ~ N(0, σ²) per sample.
+
+    Args:
+        wrench_sensor: Clean, N and N·m.
+        tare_sensor: As it was measured.
+        key: Source of the noise.
+        wrist: σ.
+    """
+    dtype = wrench_sensor.dtype
+    noise = jax.random.normal(key, wrench_sensor.shape, dtype)
+    return wrench_sensor - tare_sensor + wrench_noise_std(wrist).astype(dtype) * noise
+
+
+def in_contact(wrench_sensor: Float[Array, "*batch samples 6"], wrist: WristConfig) -> Bool[Array, "*batch"]:
+    """Whether the peg touches something during an action: by the root mean square of the measured force.
+
+    Args:
+        wrench_sensor: Measured during the action, tared, N and N·m.
+        wrist: Gives the threshold, ``contact_force_n``.
+    """
+    force = wrench_sensor[..., :3]
+    mean_square = (force * force).sum(-1).mean(-1)
+    return mean_square > wrist.contact_force_n**2
 
 
 def centre_of_pressure(wrench_sensor: Float[Array, "*batch 6"], lever_m: float) -> Float[Array, "*batch 2"]:
@@ -61,8 +106,7 @@ def read(
 ) -> Reading:
     """Read ``count`` actions of one interaction, from ``start`` on, into ``rows`` rows; vmap for a batch.
 
-    wrench = clean - tare + ε - ε_tare, with ε ~ N(0, σ²) per sample and ε_tare ~ N(0, σ² / n) once per
-    reading: the sensor is tared by the mean of n samples that are as noisy as the others.
+    Noise of the tare is drawn once per reading.
 
     Args:
         interaction: One interaction, without batch axes.
@@ -88,12 +132,10 @@ def read(
         lambda x: jnp.where(mask.reshape(-1, *[1] * (x.ndim - 1)), x, jnp.zeros_like(x)), window
     )
 
-    sample_key, tare_key = jax.random.split(key)
     clean = window.wrench_sensor
-    std = wrench_noise_std(wrist).astype(clean.dtype)
-    tare_std = std / jnp.sqrt(wrist.tare_samples)
-    tare = interaction.tare_sensor + tare_std * jax.random.normal(tare_key, std.shape, clean.dtype)
-    noisy = clean - tare + std * jax.random.normal(sample_key, clean.shape, clean.dtype)
+    sample_key, tare_key = jax.random.split(key)
+    tare = measured_tare(interaction.tare_sensor, tare_key, wrist)
+    noisy = measured(clean, tare, sample_key, wrist)
     origin = jnp.append(interaction.estimate_world, jnp.asarray(plate_top_m(scene), clean.dtype))
     wrench = jnp.where(mask[:, None, None], noisy, 0)
     return Reading(

@@ -6,10 +6,12 @@ import pytest
 
 from mjx_fit import control
 from mjx_fit.bench import reference
-from mjx_fit.kinematics import POSTURE, STRAIGHT_DOWN, chain_of, inverse, rotation_error
+from mjx_fit.kinematics import STRAIGHT_DOWN, chain_of, inverse, rotation_error
+from mjx_fit.robot import PANDA
 from mjx_fit.settings import ControlConfig
 
 GAINS = ControlConfig()
+LIMIT_NM = np.array(PANDA.torque_limit_nm, np.float32)
 
 
 def random_states(model, n, seed=0):
@@ -17,7 +19,7 @@ def random_states(model, n, seed=0):
     rng = np.random.default_rng(seed)
     for _ in range(n):
         data = mujoco.MjData(model)
-        data.qpos[:] = np.asarray(POSTURE) + rng.normal(0, 0.15, 7)
+        data.qpos[:] = np.asarray(PANDA.posture_rad) + rng.normal(0, 0.15, 7)
         data.qvel[:] = rng.normal(0, 0.3, 7)
         mujoco.mj_forward(model, data)
         yield data
@@ -46,12 +48,12 @@ def textbook_torque(model, data, goal):
     of_rotation = np.linalg.inv(angular @ np.linalg.inv(mass) @ angular.T)
     wanted = kp * error - 2 * GAINS.damping_ratio * np.sqrt(kp) * (jac @ data.qvel)
     bearing = np.arctan2(data.site("tip").xpos[1], data.site("tip").xpos[0])
-    posture = np.asarray(POSTURE) + bearing * np.eye(7)[0] + bearing * np.eye(7)[6]
+    posture = np.asarray(PANDA.posture_rad) + bearing * np.eye(7)[0] + bearing * np.eye(7)[6]
     null = mass @ (GAINS.kp_posture * (posture - data.qpos) - 2 * np.sqrt(GAINS.kp_posture) * data.qvel)
     projector = np.eye(7) - jac.T @ task @ jac @ np.linalg.inv(mass)
     impedance = linear.T @ of_position @ wanted[:3] + angular.T @ of_rotation @ wanted[3:]
     unlimited = impedance + projector @ null + data.qfrc_bias
-    return np.clip(unlimited, -control.TORQUE_LIMIT_NM, control.TORQUE_LIMIT_NM)
+    return np.clip(unlimited, -LIMIT_NM, LIMIT_NM)
 
 
 def test_torque_is_the_textbooks(scene):
@@ -71,8 +73,8 @@ def test_torques_stay_within_limits(scene):
     data = next(random_states(model, 1))
     arm = reference.arm_state(model, data)
     got = np.asarray(control.torque(arm, jnp.array([3.0, -3.0, 3.0]), GAINS))
-    assert (np.abs(got) <= control.TORQUE_LIMIT_NM).all()
-    assert (np.abs(got) == control.TORQUE_LIMIT_NM).any()
+    assert (np.abs(got) <= LIMIT_NM).all()
+    assert (np.abs(got) == LIMIT_NM).any()
 
 
 def test_tip_velocity_and_quaternion_are_mujocos(scene):
@@ -118,7 +120,7 @@ def test_free_space_reach_settles_without_overshoot(scene):
     torque = jax.jit(lambda arm, goal: control.torque(arm, goal, GAINS))
     for axis in range(3):
         data = mujoco.MjData(model)
-        data.qpos[:] = POSTURE
+        data.qpos[:] = PANDA.posture_rad
         mujoco.mj_forward(model, data)
         start = data.site("tip").xpos.copy()
         goal = start + 0.01 * np.eye(3)[axis]

@@ -45,19 +45,40 @@ def test_mjx_computes_few_enough_rows_at_once_on_a_cpu(n):
 
 BROKEN, BROKEN_ACTION, MARK = 7, 2, 10
 LEFT, LEFT_MARK = 3, 20
+REMEMBERS_MARK = 30
+PER_CONTACT_M, PER_NEWTON_M, AHEAD_S = 1e-4, 1e-4, 0.02
 
 
-def breakable(attempt, step, horizon, tip_pos_world, config):
-    """The library's policies; for an attempt that is marked, NaN in one action, or 30 cm in x in all from it.
+def _breakable() -> policies.Policy:
+    """The library's policies; for an attempt that is marked, NaN in one action, or 30 cm in x in all from it,
+    or a policy that counts the actions in which it felt contact and yields to the last force.
 
     The poison is in the batch, not in the program: another program may round differently everywhere. So whole
     batches run in it too, and most of this file needs one compilation of MJX, a minute on a CPU.
     """
-    real = dataclasses.replace(attempt, policy=attempt.policy % MARK)
-    poison = (step == BROKEN_ACTION) & (attempt.policy // MARK == 1)
-    away = (step >= BROKEN_ACTION) & (attempt.policy // MARK == LEFT_MARK // MARK)
-    action = policies.action(real, step, horizon, tip_pos_world, config) + jnp.where(poison, jnp.nan, 0)
-    return action + jnp.where(away, 0.3, 0) * jnp.array([1.0, 0, 0])
+    real = policies.shipped(CONFIG)
+
+    def init(start, key):
+        own = real.init(dataclasses.replace(start, policy=start.policy % MARK), key)
+        return start.policy // MARK, jnp.int32(0), own
+
+    def act(state, seen):
+        mark, contacts, own = state
+        contacts = contacts + seen.contact
+        poison = (seen.step == BROKEN_ACTION) & (mark == 1)
+        away = (seen.step >= BROKEN_ACTION) & (mark == LEFT_MARK // MARK)
+        own, command = real.act(own, seen)
+        command = command + jnp.where(poison, jnp.nan, 0)
+        command += jnp.where(away, 0.3, 0) * jnp.array([1.0, 0, 0])
+        x = PER_CONTACT_M * contacts + AHEAD_S * seen.tip_linvel_world[0]
+        z = jnp.where(seen.step == 0, 0.0, -CONFIG.spiral.push_m)  # first it waits in the air
+        yielding = jnp.stack([x, PER_NEWTON_M * seen.wrench_sensor[:, 2].mean(), z])
+        return (mark, contacts, own), jnp.where(mark == REMEMBERS_MARK // MARK, yielding, command)
+
+    return policies.Policy(init, act)
+
+
+breakable = _breakable()
 
 
 @pytest.fixture(scope="module")
@@ -66,6 +87,27 @@ def rollouts():
     active = np.arange(12) != 4
     simulators = NativeEngine(CONFIG, 2, breakable), MjxEngine(CONFIG, 2, breakable)
     return attempts, [simulator.run(attempts, 4, active) for simulator in simulators], simulators, active
+
+
+def test_a_policy_remembers_and_sees_what_the_robot_measures(rollouts):
+    """Its commands, recomputed from the trace: contacts counted, force and velocity of the action before."""
+    attempts, _, simulators, _ = rollouts
+    asked = dataclasses.replace(attempts, policy=np.asarray(attempts.policy) + REMEMBERS_MARK)
+    for simulator in simulators:
+        trace, tare = (done := simulator.run(asked, 4)).trace, done.tare_sensor
+        force = (trace.wrench_sensor - tare[:, None, None])[..., :3]
+        touched = np.square(force).sum(-1).mean(-1) > CONFIG.wrist.contact_force_n**2
+        assert 0.5 < touched.mean() < 1
+        contacts = np.cumsum(touched, 1)
+        for step in range(4):
+            before, any_before = max(step - 1, 0), step > 0
+            x = PER_CONTACT_M * contacts[:, before] + AHEAD_S * trace.tip_linvel_world[:, before, 0]
+            y = PER_NEWTON_M * force[:, before, :, 2].mean(1)
+            z = np.full_like(x, -CONFIG.spiral.push_m)
+            want = np.stack([x, y, z], 1) * any_before
+            ran = np.asarray(done.length) > step
+            # A mean of 50 samples, and the tare, are each known to 0.014 N.
+            np.testing.assert_allclose(trace.action_world[ran, step], want[ran], atol=1e-5)
 
 
 def test_a_rollout_needs_no_lapack(rollouts):

@@ -4,12 +4,12 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjx_fit.kinematics import POSTURE, STRAIGHT_DOWN, chain_of, forward, inverse, rotation_error
-from mjx_fit.scene import HOLE_WORKSPACE_M
+from mjx_fit.kinematics import STRAIGHT_DOWN, chain_of, forward, inverse, rotation_error
+from mjx_fit.robot import PANDA
 
 
 def corners_and_inside(rng, n):
-    low, high = np.asarray(HOLE_WORKSPACE_M).T
+    low, high = np.asarray(PANDA.workspace_m).T
     planar = np.vstack([rng.uniform(low - 0.03, high + 0.03, (n, 2)), [low - 0.03, high + 0.03]])
     return np.column_stack([planar, rng.uniform(0.04, 0.12, len(planar))]).astype(np.float32)
 
@@ -18,7 +18,7 @@ def test_forward_and_jacobian_agree_with_mujoco(scene):
     model = scene.models[0]
     data = mujoco.MjData(model)
     chain = chain_of(model)
-    for qpos in np.asarray(POSTURE) + np.random.default_rng(0).normal(0, 0.3, (20, 7)):
+    for qpos in np.asarray(PANDA.posture_rad) + np.random.default_rng(0).normal(0, 0.3, (20, 7)):
         data.qpos[:] = qpos
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)

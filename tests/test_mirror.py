@@ -9,6 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from synthetic import make_interactions
 
+from mjx_fit import policies
 from mjx_fit.config import Config
 from mjx_fit.dataset.mirror import mirror_belief, mirror_place, mirror_reading
 from mjx_fit.settings import WristConfig
@@ -23,11 +24,11 @@ ACTIONS = 12
 def circle(side):
     """A pressed circle, run through to the one or to the other side; nothing of it is random."""
 
-    def policy(attempt, step, horizon, tip_pos_world, config):
-        angle = 0.5 * step
+    def command(start, key, seen):
+        angle = 0.5 * seen.step
         return jnp.array([0.003 * jnp.cos(angle), side * 0.003 * jnp.sin(angle), -0.004])
 
-    return policy
+    return policies.stateless(command)
 
 
 def attempts(side: float) -> Attempt:

@@ -139,4 +139,4 @@ def test_a_model_that_would_be_misread_is_refused(scene, change, needed):
     model = copy.copy(scene.models[0])
     change(model)
     with pytest.raises(ValueError, match=needed):
-        stacked_models(Scene((model,), scene.config))
+        stacked_models(Scene((model,), scene.config, scene.robot))

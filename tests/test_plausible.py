@@ -10,18 +10,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 from synthetic import make_episodes
 
-from mjx_fit import control, policies
+from mjx_fit import policies
 from mjx_fit.config import Config
 from mjx_fit.dataset import collect, store
 from mjx_fit.dataset.draws import draw_attempts
 from mjx_fit.dataset.episode import happened
 from mjx_fit.dataset.plan import Plan
+from mjx_fit.robot import PANDA
 from mjx_fit.simulate import broken, plausible
 from mjx_fit.simulate.native import NativeEngine
 from mjx_fit.training import baseline
 
 CONFIG = Config()
 SCENE = CONFIG.scene
+LIMIT_NM = np.array(PANDA.torque_limit_nm, np.float32)
 PUSHES = {
     "the peg left the plate": (0.05, 0, 0),
     "degrees (at most 45 are believed)": (0, 0, -1.0),
@@ -32,11 +34,8 @@ PUSHES = {
 def pushing(push):
     """An engine in which attempts of one policy are pushed by so much (m) in each action instead."""
 
-    def policy(attempt, step, horizon, tip_pos_world, config):
-        own = policies.action(attempt, step, horizon, tip_pos_world, config)
-        return jnp.where(attempt.policy == policies.RANDOM, jnp.asarray(push, jnp.float32), own)
-
-    return NativeEngine(CONFIG, 1, policy)
+    pushed = policies.stateless(lambda start, key, seen: jnp.asarray(push, jnp.float32))
+    return NativeEngine(CONFIG, 1, policies.by_name(policies.spiral(CONFIG.spiral), pushed))
 
 
 def half_pushed(n=8):
@@ -130,13 +129,13 @@ def test_only_actions_in_a_row_at_a_limit_count(throughout):
 
 
 def test_a_torque_is_at_its_limit_at_the_limit_of_any_joint():
-    inside = 0.999 * control.TORQUE_LIMIT_NM
-    assert not plausible.at_limit(inside)
+    inside = 0.999 * LIMIT_NM
+    assert not plausible.at_limit(inside, PANDA)
     for joint in range(7):
         for sign in (-1, 1):
             torque = inside.copy()
-            torque[joint] = sign * control.TORQUE_LIMIT_NM[joint]
-            assert plausible.at_limit(torque)
+            torque[joint] = sign * LIMIT_NM[joint]
+            assert plausible.at_limit(torque, PANDA)
 
 
 def test_many_are_counted_and_not_all_named(tmp_path, capsys):

@@ -12,12 +12,26 @@ from mjx_fit.types import Attempt
 QUIET = SpiralConfig(wiggle_m=0.0)
 
 
+def seen_at(step, tip):
+    """What a policy sees of a tip straight down that touches nothing."""
+    down, still = jnp.array([0.0, 1, 0, 0]), jnp.zeros(3)
+    wrench, contact = jnp.zeros((50, 6)), jnp.asarray(False)
+    return policies.PolicyInput(jnp.asarray(step), tip, down, still, still, wrench, contact, 100)
+
+
+def command(attempt, step, tip):
+    """The first command of the policy that the attempt names."""
+    policy = policies.shipped(Config())
+    state = policy.init(policies.start_of(attempt), attempt.key)
+    return policy.act(state, seen_at(step, tip))[1]
+
+
 def test_spiral_is_algorithm_4(key):
     x, p, J = np.array([0.51, -0.02]), np.array([0.5, -0.01]), 100
     for j in (0, 13, 50, 99):
         angle, radius = 2 * np.pi * j * 2 / J, j * 0.015 / J
         want = [radius * np.cos(angle) + p[0] - x[0], radius * np.sin(angle) + p[1] - x[1], -0.004]
-        assert policies.spiral(jnp.asarray(j), J, jnp.asarray(x - p), key, QUIET) == pytest.approx(
+        assert policies.spiral_command(jnp.asarray(j), J, jnp.asarray(x - p), key, QUIET) == pytest.approx(
             want, abs=1e-7
         )
 
@@ -25,7 +39,7 @@ def test_spiral_is_algorithm_4(key):
 def test_wiggle_has_sigma_and_lifts_only(key):
     keys = jax.random.split(key, 4000)
     zero = jnp.zeros(2)
-    actions = jax.vmap(lambda k: policies.spiral(jnp.asarray(0), 100, zero, k, SpiralConfig()))(keys)
+    actions = jax.vmap(lambda k: policies.spiral_command(jnp.asarray(0), 100, zero, k, SpiralConfig()))(keys)
     assert np.std(actions[:, :2], 0) == pytest.approx([0.00125] * 2, rel=0.05)
     lift = actions[:, 2] + 0.004
     assert lift.min() >= 0
@@ -37,7 +51,7 @@ def test_random_policy_covers_its_reach_and_keeps_pressing(key):
     steps = jnp.arange(200)
 
     def goals(attempt_key):
-        return jax.vmap(lambda j: policies.random(j, jnp.zeros(2), key, attempt_key, config))(steps)
+        return jax.vmap(lambda j: policies.random_command(j, jnp.zeros(2), key, attempt_key, config))(steps)
 
     actions = np.asarray(jax.vmap(goals)(jax.random.split(key, 64)))
     assert np.abs(actions[..., :2]).max() <= config.reach_m
@@ -53,12 +67,11 @@ def test_random_policy_covers_its_reach_and_keeps_pressing(key):
 def test_draws_depend_on_the_attempt_alone(key):
     """The same attempt in batches of other sizes and orders acts the same, to the bit."""
     keys = jax.vmap(jax.random.fold_in, (None, 0))(key, jnp.arange(9))
-    zeros, config = jnp.zeros(9, int), Config()
+    zeros = jnp.zeros(9, int)
     batch = Attempt(zeros, zeros, jnp.zeros((9, 2)), jnp.zeros((9, 2)), jnp.arange(9) % 2, keys)
 
     def act(attempts):
-        call = jax.vmap(lambda a: policies.action(a, jnp.asarray(7), 100, jnp.zeros(3), config))
-        return np.asarray(call(attempts))
+        return np.asarray(jax.vmap(lambda attempt: command(attempt, 7, jnp.zeros(3)))(attempts))
 
     whole = act(batch)
     picked = jax.tree.map(lambda leaf: leaf[np.array([5, 2])], batch)
@@ -86,13 +99,13 @@ def test_a_policy_goes_by_the_estimate_and_never_by_the_hole(key):
     def act(hole, tip, policy):
         zero = jnp.asarray(0)
         attempt = Attempt(zero, zero, jnp.asarray(hole), jnp.asarray(estimate), jnp.asarray(policy), key)
-        return np.asarray(policies.action(attempt, step, 100, jnp.asarray(tip), config))
+        return np.asarray(command(attempt, step, jnp.asarray(tip)))
 
     own = jax.random.fold_in(key, step)
     relative = jnp.asarray(here[:2] - estimate)
     for policy, want in (
-        (policies.SPIRAL, policies.spiral(step, 100, relative, own, config.spiral)),
-        (policies.RANDOM, policies.random(step, relative, own, key, config.random)),
+        (policies.SPIRAL, policies.spiral_command(step, 100, relative, own, config.spiral)),
+        (policies.RANDOM, policies.random_command(step, relative, own, key, config.random)),
     ):
         got = act(estimate, here, policy)
         np.testing.assert_allclose(got, want, atol=1e-7)
@@ -104,7 +117,8 @@ def test_a_policy_goes_by_the_estimate_and_never_by_the_hole(key):
 def test_sweeps_are_straight_lines_from_the_estimate_that_turn_at_their_last_action(key):
     config = RandomConfig(wiggle_m=0.0, actions_per_sweep=6)
     goals = np.asarray(
-        jax.vmap(lambda j: policies.random(j, jnp.zeros(2), key, key, config))(jnp.arange(24))[:, :2], float
+        jax.vmap(lambda j: policies.random_command(j, jnp.zeros(2), key, key, config))(jnp.arange(24))[:, :2],
+        float,
     )
     from_estimate = np.vstack([np.zeros(2), goals])  # before the first action
     bend = np.abs(np.diff(from_estimate, 2, axis=0)).max(1)  # at action j
@@ -120,7 +134,9 @@ def test_way_points_and_wiggles_are_independent(key):
     of_step = jax.vmap(jax.random.fold_in, (None, 0))
 
     def draws(attempt_key):
-        goal = jax.vmap(lambda j: policies.random(j, jnp.zeros(2), key, attempt_key, config)[:2])(steps)
+        goal = jax.vmap(lambda j: policies.random_command(j, jnp.zeros(2), key, attempt_key, config)[:2])(
+            steps
+        )
         wiggle = jax.vmap(lambda own: jax.random.normal(own, (3,)))(of_step(attempt_key, jnp.arange(7)))
         return jnp.concatenate([goal.ravel(), wiggle.ravel()])
 

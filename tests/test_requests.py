@@ -11,11 +11,12 @@ from fakes import FakeEngine
 from flax import nnx
 from synthetic import make_interactions
 
-from mjx_fit import wrist
+from mjx_fit import policies, wrist
 from mjx_fit.config import Config
 from mjx_fit.dataset.draws import draw_attempts
 from mjx_fit.errors import RequestError
 from mjx_fit.filters.belief import initial_belief
+from mjx_fit.robot import PANDA
 from mjx_fit.sensors.model import ContactSensor
 from mjx_fit.simulate import requests
 from mjx_fit.simulate.mjx import MjxEngine
@@ -124,7 +125,7 @@ def test_the_whole_workspace_and_what_a_detector_makes_of_it_is_accepted():
         for error in (-0.03, 0.03):
             asked = draw_attempts(jax.random.key(0), jnp.arange(1), "spiral", CONFIG.detector)
             asked = dataclasses.replace(asked, hole_pos_world=hole, estimate_world=hole + np.float32(error))
-            requests.require_attempts(asked, 1, None, None)
+            requests.require_attempts(asked, 1, None, None, PANDA)
 
 
 def test_mujoco_writes_no_log_into_the_working_folder(tmp_path, monkeypatch, attempts):
@@ -135,7 +136,7 @@ def test_mujoco_writes_no_log_into_the_working_folder(tmp_path, monkeypatch, att
     before = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(None)
     try:
-        wild = NativeEngine(CONFIG, 1, lambda *asked: jnp.full(3, jnp.nan))
+        wild = NativeEngine(CONFIG, 1, policies.stateless(lambda *seen: jnp.full(3, jnp.nan)))
         assert not wild.run(attempts, 2).valid.any()
         model = mujoco.MjModel.from_xml_string(
             "<mujoco><worldbody><body><freejoint/><geom size='1'/></body></worldbody></mujoco>"
@@ -317,5 +318,5 @@ def test_checks_cost_little():
             times.append(time.perf_counter() - began)
         return min(times)
 
-    assert best(lambda: requests.require_attempts(asked, 100, None, None)) < 0.01
+    assert best(lambda: requests.require_attempts(asked, 100, None, None, PANDA)) < 0.01
     assert best(lambda: require_update(beliefs, many, keys)) < 0.1  # 6 million numbers of wrenches

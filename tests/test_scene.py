@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mjx_fit.kinematics import chain_of, inverse
-from mjx_fit.scene import HOLE_WORKSPACE_M, pair_index, picture_scene, place_holes, simulation_scene
+from mjx_fit.robot import PANDA
+from mjx_fit.scene import pair_index, picture_scene, place_holes, simulation_scene
 from mjx_fit.settings import N_TYPES, SHAPES, SceneConfig, Shape
 from mjx_fit.shapes import hole_boxes, peg_boxes
 
@@ -24,6 +25,9 @@ def test_arm_has_the_published_masses_and_limits(scene):
         assert model.body(name).mass == pytest.approx(mass)
     assert model.joint("joint4").range == pytest.approx([-3.0718, -0.0698])
     assert model.actuator_ctrlrange[:, 1] == pytest.approx([87] * 4 + [12] * 3)
+    assert scene.robot == PANDA
+    assert PANDA.torque_limit_nm == tuple(model.actuator_ctrlrange[:, 1])
+    assert PANDA.joints == tuple(model.joint(i).name for i in range(model.njnt))
     assert model.opt.timestep == 0.002
 
 
@@ -80,7 +84,7 @@ def test_holes_never_overlap_and_stay_in_the_workspace(seed, n):
     centres = place_holes(np.random.default_rng(seed), n, config)
     apart = np.abs(centres[:, None] - centres).max(-1) + np.eye(n)
     assert apart.min() >= 2 * config.plate_half_width_m
-    (x0, x1), (y0, y1) = HOLE_WORKSPACE_M
+    (x0, x1), (y0, y1) = PANDA.workspace_m
     wider = 0.1 * (n > 6)
     assert ((centres >= [x0, y0 - wider]) & (centres <= [x1, y1 + wider])).all()
 

@@ -38,42 +38,40 @@ PUSH_M = Config().random.push_m
 def walk(sigma_m: float) -> policies.Policy:
     """Steps of N(0, σ²) in the plane from wherever the tip is, pressed on the plate."""
 
-    def action(attempt, step, horizon, tip_pos_world, config):
-        key = jax.random.fold_in(attempt.key, step)
-        return jnp.append(sigma_m * jax.random.normal(key, (2,)), -PUSH_M)
+    def command(start, key, seen):
+        own = jax.random.fold_in(key, seen.step)
+        return jnp.append(sigma_m * jax.random.normal(own, (2,)), -PUSH_M)
 
-    return action
+    return policies.stateless(command)
 
 
-def jumps(attempt, step, horizon, tip_pos_world, config):
+def jumps(start, key, seen):
     """A goal anywhere within the reach of the estimate, another one in every action."""
-    key = jax.random.fold_in(attempt.key, step)
-    goal = jax.random.uniform(key, (2,), minval=-AROUND_M, maxval=AROUND_M)
-    return jnp.append(goal + attempt.estimate_world - tip_pos_world[:2], -PUSH_M)
+    own = jax.random.fold_in(key, seen.step)
+    goal = jax.random.uniform(own, (2,), minval=-AROUND_M, maxval=AROUND_M)
+    return jnp.append(goal + start.estimate_world - seen.tip_pos_world[:2], -PUSH_M)
 
 
 def sweeps(actions: int, reach_m: float) -> policies.Policy:
     """The library's: straight sweeps between way-points."""
-
-    def action(attempt, step, horizon, tip_pos_world, config):
-        own = replace(config, random=replace(config.random, actions_per_sweep=actions, reach_m=reach_m))
-        return policies.action(attempt, step, horizon, tip_pos_world, own)
-
-    return action
+    return policies.random(replace(Config().random, actions_per_sweep=actions, reach_m=reach_m))
 
 
-def spiral(attempt, step, horizon, tip_pos_world, config):
+def spirals() -> policies.Policy:
     """Attempts as they are at test time, one after the other."""
-    length = config.task.attempt_actions
-    own = replace(attempt, policy=policies.SPIRAL)
-    return policies.action(own, step % length, length, tip_pos_world, config)
+    one, length = policies.spiral(Config().spiral), Config().task.attempt_actions
+
+    def act(state, seen):
+        return one.act(state, replace(seen, step=seen.step % length, horizon=length))
+
+    return policies.Policy(one.init, act)
 
 
 CANDIDATES: dict[str, policies.Policy] = {
-    "spirals, as in attempts": spiral,
+    "spirals, as in attempts": spirals(),
     "walk, sigma 1.25 mm": walk(0.00125),
     "walk, sigma 25 mm": walk(0.025),
-    "jumps within ±25 mm": jumps,
+    "jumps within ±25 mm": policies.stateless(jumps),
     "sweeps of 0.6 s, ±25 mm": sweeps(6, 0.025),
     "sweeps of 1.2 s, ±25 mm": sweeps(12, 0.025),
     "sweeps of 2.4 s, ±25 mm": sweeps(24, 0.025),

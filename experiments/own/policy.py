@@ -2,8 +2,8 @@
 
     python experiments/own/policy.py [TRIALS]
 
-A policy is a pure function of the attempt, the number of the action and where the tip is. It runs inside the
-engine's compiled controller, so it is written in JAX.
+A policy gives a command from what it knew at the start and what it sees now. It runs inside the engine's
+compiled controller, so it is written in JAX. One that remembers is a ``Policy(init, act)`` with a state.
 """
 
 import sys
@@ -21,20 +21,20 @@ from mjx_fit.simulate.native import NativeEngine
 LINES, REACH_M, PUSH_M = 5, 0.015, 0.004
 
 
-def raster(attempt, step, horizon, tip_pos_world, config):
+def raster(start, key, seen):
     """Sweeps to and fro along x, line by line in y, pressed on the plate."""
-    line, along = jnp.divmod(step / horizon * LINES, 1.0)
+    line, along = jnp.divmod(seen.step / seen.horizon * LINES, 1.0)
     x = REACH_M * (2 * along - 1) * jnp.where(line % 2 == 0, 1, -1)
     y = REACH_M * (2 * line / (LINES - 1) - 1)
-    goal = attempt.estimate_world + jnp.array([x, y])
-    return jnp.append(goal - tip_pos_world[:2], -PUSH_M)
+    goal = start.estimate_world + jnp.array([x, y])
+    return jnp.append(goal - seen.tip_pos_world[:2], -PUSH_M)
 
 
 def main(trials: int) -> None:
     """Matched attempts, the same holes and detections for both policies."""
     config = Config()
     drawn = draw_attempts(root_key(0, "own policy"), jnp.arange(2 * trials), "spiral", config.detector)
-    for name, policy in (("spiral", policies.action), ("raster", raster)):
+    for name, policy in (("spiral", None), ("raster", policies.stateless(raster))):
         engine = NativeEngine(config, granted.cpus(), policy)
         matched = np.asarray(drawn.peg_type == drawn.hole_type)
         done = engine.run(drawn, config.task.attempt_actions, matched)

@@ -30,7 +30,7 @@ def main() -> None:
     attempts = attempts_of(config, WORLDS)
     torque, start = _recorded(config)
     engine = NativeEngine(config, 1)
-    block = Block(engine.scene, Layout(engine.scene.models[0]), attempts, start, WORLDS)
+    block = Block(engine.scene, Layout(engine.scene), attempts, start, WORLDS)
     goal = np.asarray(block.tip_pos_world + np.array([0, 0, -0.004]), np.float32)
 
     def alone() -> None:

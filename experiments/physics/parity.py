@@ -23,7 +23,7 @@ from mujoco import mjx
 from mjx_fit.config import Config
 from mjx_fit.dataset.draws import MISMATCHED, draw_attempts
 from mjx_fit.evaluation.statistics import bootstrap_mean, bootstrap_means
-from mjx_fit.policies import POLICIES
+from mjx_fit.policies import NAMES
 from mjx_fit.report import style
 from mjx_fit.scene import Scene, pair_index, simulation_scene
 from mjx_fit.settings import N_TYPES
@@ -191,7 +191,7 @@ def attempts() -> None:
     low, high = rows["inserted"]["difference"][1:]
     results = {
         "attempts_per_engine": ATTEMPTS,
-        "policy": POLICIES[0],
+        "policy": NAMES[0],
         "seconds_with_compilation": seconds,
         "rows": rows,
         "holds": {

@@ -19,7 +19,8 @@ from mjx_fit import control
 from mjx_fit.bench.reference import arm_state, stiffness_acc, task_space
 from mjx_fit.config import Config
 from mjx_fit.kinematics import chain_of, inverse
-from mjx_fit.scene import HOLE_WORKSPACE_M, Scene, pair_index, simulation_scene
+from mjx_fit.robot import PANDA
+from mjx_fit.scene import Scene, pair_index, simulation_scene
 
 N = 60
 SECONDS = 3.0
@@ -63,7 +64,7 @@ def _press(scene: Scene, config: Config, chain, torque, rng: np.random.Generator
     """Presses one peg for some seconds and compares the last reading with the controller's force."""
     model = scene.models[pair_index(i % 3, (i // 3) % 3)]
     data = mujoco.MjData(model)
-    hole = rng.uniform(*np.array(HOLE_WORKSPACE_M).T)
+    hole = rng.uniform(*np.array(PANDA.workspace_m).T)
     angle = rng.uniform(0, 2 * np.pi)
     start = np.append(hole + OFFSET_M * np.array([np.cos(angle), np.sin(angle)]), scene.plate_top_m + 1e-4)
     push = rng.uniform(0.002, 0.005)

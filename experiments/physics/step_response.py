@@ -14,7 +14,8 @@ from mjx_fit.config import Config
 from mjx_fit.kinematics import chain_of, inverse
 from mjx_fit.policies import SPIRAL
 from mjx_fit.report import style
-from mjx_fit.scene import HOLE_WORKSPACE_M, simulation_scene
+from mjx_fit.robot import PANDA
+from mjx_fit.scene import simulation_scene
 from mjx_fit.simulate.block import Block, Layout
 from mjx_fit.types import SUBSTEPS, Attempt
 
@@ -36,7 +37,7 @@ DT_S = 0.002
 def main() -> None:
     """Steps in all directions from a grid of places."""
     config = Config()
-    axes = [np.linspace(low, high, GRID) for low, high in HOLE_WORKSPACE_M]
+    axes = [np.linspace(low, high, GRID) for low, high in PANDA.workspace_m]
     place = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 2)
     start = np.column_stack([place, np.full(len(place), HEIGHT_M)]).astype(np.float32)
     start = np.repeat(start, len(DIRECTIONS), 0)
@@ -48,7 +49,7 @@ def main() -> None:
     steady = np.linalg.norm(tip[-1] - start - STEP_M * unit, axis=1)
     # Between the tool's axis and straight down: the largest on the way.
     tilt = np.degrees(np.arccos(np.clip(-frame[..., 2, 2].max(0), -1, 1)))
-    used = np.abs(torque).max(0) / control.TORQUE_LIMIT_NM
+    used = np.abs(torque).max(0) / np.array(PANDA.torque_limit_nm)
     results = {
         "steps": len(start),
         "overshoot": shared.quantiles(overshoot, (0.5, 1)),
@@ -70,7 +71,7 @@ def main() -> None:
 def follow(config: Config, start: np.ndarray, goal: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Tips (T, n, 3), their frames (T, n, 3, 3) and torques (T, n, 7) after the goal jumps away."""
     scene = simulation_scene(config.scene)
-    layout, n = Layout(scene.models[0]), len(start)
+    layout, n = Layout(scene), len(start)
     far = np.tile(np.array([0, 5], np.float32), (n, 1))  # the hole box is out of the way
     kind = np.zeros(n, int)
     attempts = Attempt(kind, kind, far, far, np.full(n, SPIRAL), jax.random.split(jax.random.key(0), n))

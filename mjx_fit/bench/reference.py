@@ -10,8 +10,9 @@ from jaxtyping import Float
 from scipy.linalg import block_diag
 
 from mjx_fit.config import Config
-from mjx_fit.control import TORQUE_LIMIT_NM, ArmState
-from mjx_fit.kinematics import POSTURE, STRAIGHT_DOWN, chain_of
+from mjx_fit.control import ArmState
+from mjx_fit.kinematics import STRAIGHT_DOWN, chain_of
+from mjx_fit.robot import PANDA
 from mjx_fit.scene import pair_index, simulation_scene
 from mjx_fit.settings import ControlConfig
 from mjx_fit.simulate.attempt_rules import start_qpos
@@ -25,11 +26,12 @@ def torque(
     jac, mass, inertia, apart = task_space(model, data)
     damping = 2 * gains.damping_ratio * np.sqrt(np.repeat([gains.kp_position, gains.kp_orientation], 3))
     task_acc = stiffness_acc(data, goal_pos_world, gains) - damping * (jac @ data.qvel)
-    posture = np.array(POSTURE)
+    posture = np.array(PANDA.posture_rad)
     posture[[0, 6]] += np.arctan2(*data.site("tip").xpos[1::-1])
     posture_acc = gains.kp_posture * (posture - data.qpos) - 2 * np.sqrt(gains.kp_posture) * data.qvel
     force = apart @ task_acc - inertia @ jac @ posture_acc
-    return np.clip(jac.T @ force + mass @ posture_acc + data.qfrc_bias, -TORQUE_LIMIT_NM, TORQUE_LIMIT_NM)
+    limit = np.array(PANDA.torque_limit_nm)
+    return np.clip(jac.T @ force + mass @ posture_acc + data.qfrc_bias, -limit, limit)
 
 
 def stiffness_acc(

@@ -11,11 +11,11 @@ from jaxtyping import Float, Int, Key
 from mjx_fit import policies
 from mjx_fit.config import Config
 from mjx_fit.detector import detect
-from mjx_fit.scene import HOLE_WORKSPACE_M
+from mjx_fit.robot import PANDA, Robot
 from mjx_fit.settings import N_TYPES, DetectorConfig, SequenceConfig
 from mjx_fit.types import Array, Attempt
 
-POLICIES = (*policies.POLICIES, "mixed")
+POLICIES = (*policies.NAMES, "mixed")
 MISMATCHED = np.array(list(permutations(range(N_TYPES), 2)))
 
 
@@ -33,8 +33,8 @@ def policy_of(policy: str, sequences: Int[np.ndarray, "n"], number: int) -> Int[
     if policy == "mixed":
         turn = sequences // 2
         # The pairs of a turn come again after 3 and after 6 turns: a shift every 6 lets them alternate, too.
-        return (turn + turn // len(MISMATCHED) + number) % len(policies.POLICIES)
-    return np.full(len(sequences), policies.POLICIES.index(policy))
+        return (turn + turn // len(MISMATCHED) + number) % len(policies.NAMES)
+    return np.full(len(sequences), policies.NAMES.index(policy))
 
 
 def draw_attempts(
@@ -54,9 +54,9 @@ def draw_later_attempts(
     return _attempts(sequences, policy, number, hole_pos, estimate, wiggle), cov
 
 
-@partial(jax.jit, static_argnames="detector")
+@partial(jax.jit, static_argnames=("detector", "robot"))
 def draw_places(
-    root: Key[Array, ""], ids: Int[Array, "n"], detector: DetectorConfig
+    root: Key[Array, ""], ids: Int[Array, "n"], detector: DetectorConfig, robot: Robot = PANDA
 ) -> tuple[Float[Array, "n 2"], Float[Array, "n 2"], Key[Array, "n"], Key[Array, "n"]]:
     """Where the holes are, what the detector says, and keys.
 
@@ -64,6 +64,7 @@ def draw_places(
         root: Root key.
         ids: Each draw depends on the root key and its own id alone.
         detector: The detector.
+        robot: Gives the workspace.
 
     Returns:
         True places, uniform in the workspace, m; estimates, m; keys of the policies; keys of later attempts.
@@ -71,7 +72,7 @@ def draw_places(
 
     def draw(i):
         place, error, wiggle, later = jax.random.split(jax.random.fold_in(root, i), 4)
-        low, high = jnp.asarray(HOLE_WORKSPACE_M).T
+        low, high = jnp.asarray(robot.workspace_m).T
         hole_pos = jax.random.uniform(place, (2,), minval=low, maxval=high)
         return hole_pos, detect(error, hole_pos, detector), wiggle, later
 

@@ -13,7 +13,7 @@ class Episode:
         episode: Its id: sequence times attempts in a sequence, plus number.
         sequence: Id of the sequence.
         number: Which attempt of the sequence it is, from 0.
-        policy: Index into ``mjx_fit.policies.POLICIES``.
+        policy: Index into ``mjx_fit.policies.NAMES``.
         estimate_cov: Covariance that went with ``interaction.estimate_world`` before it, m².
         interaction: What happened. Of length 0 where nothing did, since the sequence had ended before.
     """

@@ -20,7 +20,7 @@ from mjx_fit.dataset.shard import FIELDS, flat
 from mjx_fit.dataset.store import load, read_shards
 from mjx_fit.dataset.windows import split
 from mjx_fit.errors import RequestError
-from mjx_fit.policies import POLICIES
+from mjx_fit.policies import NAMES
 from mjx_fit.progress import Progress
 from mjx_fit.shapes import plate_top_m
 from mjx_fit.simulate.attempt_rules import START_HEIGHT_M
@@ -127,7 +127,7 @@ def _add_demonstration(root: h5py.Group, episode: Episode, plate_top: float, nam
     demo.attrs["num_samples"] = n
     for name in ("peg_type", "hole_type"):
         demo.attrs[name] = names[int(getattr(interaction, name))]
-    demo.attrs["inserted"], demo.attrs["policy"] = bool(interaction.inserted), POLICIES[int(episode.policy)]
+    demo.attrs["inserted"], demo.attrs["policy"] = bool(interaction.inserted), NAMES[int(episode.policy)]
     for name in ("hole_pos_world", "estimate_world", "tare_sensor"):
         demo.attrs[name] = getattr(interaction, name)
     demo.attrs["sequence"], demo.attrs["number"] = int(episode.sequence), int(episode.number)

@@ -9,7 +9,7 @@ from pydantic import ConfigDict, Field, TypeAdapter
 from typing_extensions import TypedDict
 
 from mjx_fit import bounded_json
-from mjx_fit.policies import POLICIES
+from mjx_fit.policies import NAMES
 from mjx_fit.settings import N_TYPES
 
 MAX_EPISODES, MAX_ACTIONS, MAX_BATCH, MAX_SEQUENCE = 10**7, 1000, 65536, 30
@@ -44,7 +44,7 @@ class _Request(TypedDict):
 
     episodes: _Episodes
     steps: Annotated[int, Field(ge=1, le=MAX_ACTIONS)]
-    policy: Literal[(*POLICIES, "mixed")]  # pyright: ignore[reportInvalidTypeForm]
+    policy: Literal[(*NAMES, "mixed")]  # pyright: ignore[reportInvalidTypeForm]
     seed: Annotated[int, Field(ge=0, lt=2**32)]
     batch: Annotated[int, Field(ge=1, le=MAX_BATCH)]
     sequence: Annotated[int, Field(ge=1, le=MAX_SEQUENCE)]

@@ -16,7 +16,7 @@ from mjx_fit import config as config_
 from mjx_fit.dataset import shard_layout, shard_values
 from mjx_fit.dataset.episode import Episode
 from mjx_fit.dataset.manifest import FORMAT, Shard
-from mjx_fit.policies import POLICIES
+from mjx_fit.policies import NAMES
 from mjx_fit.types import Array, Interaction, Trace
 
 
@@ -104,7 +104,7 @@ def encode(episodes: Episode, request: dict[str, Any]) -> bytes:
     buffer = io.BytesIO()
     with h5py.File(buffer, "w", libver=_HDF5) as file:
         file.attrs["format"] = FORMAT
-        file.attrs["shapes"], file.attrs["policies"] = list(names), list(POLICIES)
+        file.attrs["shapes"], file.attrs["policies"] = list(names), list(NAMES)
         file.attrs["frames"], file.attrs["action_s"] = FRAMES, ACTION_S
         file.attrs["request"] = json.dumps(request)
         for name, field in FIELDS.items():

@@ -4,7 +4,7 @@ import jax
 import numpy as np
 
 from mjx_fit.dataset.episode import Episode, happened
-from mjx_fit.policies import POLICIES
+from mjx_fit.policies import NAMES
 from mjx_fit.settings import N_TYPES
 
 LARGEST = 1e12
@@ -31,7 +31,7 @@ def require(episodes: Episode, first_episode: int, sequence: int) -> None:
     ):
         _require(name, values, values == right, ids, "its ids must be those that the manifest says")
     for name, values, end in (
-        ("policy", episodes.policy, len(POLICIES)),
+        ("policy", episodes.policy, len(NAMES)),
         ("peg_type", data.peg_type, N_TYPES),
         ("hole_type", data.hole_type, N_TYPES),
         ("length", data.length, data.trace.contact.shape[1] + 1),

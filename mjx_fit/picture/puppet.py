@@ -17,7 +17,7 @@ from mjx_fit.evaluation.recording import Recording, Step
 from mjx_fit.filters.kalman import scale_tril
 from mjx_fit.kinematics import chain_of, inverse
 from mjx_fit.picture.motion import Moment
-from mjx_fit.scene import JOINTS, picture_scene
+from mjx_fit.scene import picture_scene
 from mjx_fit.settings import N_TYPES
 from mjx_fit.shapes import plate_top_m
 
@@ -72,11 +72,11 @@ class Puppet:
             for kind, geoms in zip(kinds, groups, strict=True):
                 self.model.geom_rgba[geoms, :3] = TYPE_RGB[kind]
 
-    def postures(self, tips: Float[np.ndarray, "f 3"]) -> Float[np.ndarray, "f 7"]:
+    def postures(self, tips: Float[np.ndarray, "f 3"]) -> Float[np.ndarray, "f joints"]:
         """Joint angles (rad) that hold the tip at each of these places."""
         return np.asarray(self._inverse(jnp.asarray(tips, jnp.float32)))
 
-    def pose(self, moment: Moment, step: Step, qpos: Float[np.ndarray, "7"]) -> None:
+    def pose(self, moment: Moment, step: Step, qpos: Float[np.ndarray, "joints"]) -> None:
         """Puts the arm into a posture, and shows the pegs that are there.
 
         Args:
@@ -85,7 +85,7 @@ class Puppet:
             qpos: Joint angles, rad.
         """
         peg_type = self._recording.peg_type[step.peg]
-        self.data.qpos[: len(JOINTS)] = qpos
+        self.data.qpos[: len(qpos)] = qpos
         for kind, geoms in enumerate(self._hand):
             self.model.geom_rgba[geoms, 3] = float(moment.holding and kind == peg_type)
         for filled, geoms in zip(moment.filled, self._placed, strict=True):

@@ -62,7 +62,7 @@ class Verdict:
         return self.inserted | ~self.valid
 
 
-def start_qpos(chain: Chain, attempts: Attempt, scene: SceneConfig) -> Float[Array, "n 7"]:
+def start_qpos(chain: Chain, attempts: Attempt, scene: SceneConfig) -> Float[Array, "n joints"]:
     """Joint angles (rad) at which attempts start: the tip over the estimate, straight down."""
     height = jnp.full_like(attempts.estimate_world[:, :1], plate_top_m(scene) + START_HEIGHT_M)
     return jax.vmap(inverse, (None, 0))(chain, jnp.concatenate([attempts.estimate_world, height], 1))
@@ -137,7 +137,7 @@ def is_inserted(
     return deep & (x**2 + y**2 < BESIDE_M**2)
 
 
-def nothing_done(attempts: Attempt, actions: int) -> Interaction:
+def nothing_done(attempts: Attempt, actions: int, joints: int) -> Interaction:
     """Interactions of length 0, as NumPy arrays to write into."""
     n = len(attempts.peg_type)
 
@@ -162,7 +162,7 @@ def nothing_done(attempts: Attempt, actions: int) -> Interaction:
         hole_pos_world=np.asarray(attempts.hole_pos_world),
         estimate_world=np.asarray(attempts.estimate_world),
         tare_sensor=zeros(6),
-        end_qpos=zeros(7),
-        end_qvel=zeros(7),
+        end_qpos=zeros(joints),
+        end_qvel=zeros(joints),
         valid=np.ones(n, bool),
     )

@@ -28,9 +28,16 @@ class Layout:
 
     _FIELDS = ("qpos", "qvel", "qfrc_bias", "M", "xanchor", "xaxis", "site_xpos", "site_xmat")
 
-    def __init__(self, model: mujoco.MjModel):
-        self.tip = model.site("tip").id
-        sizes = {"M": model.nM, "xanchor": 21, "xaxis": 21, "site_xpos": 3, "site_xmat": 9}
+    def __init__(self, scene: Scene):
+        model = scene.models[0]
+        self.tip = model.site(scene.robot.tool_site).id
+        sizes = {
+            "M": model.nM,
+            "xanchor": 3 * model.nv,
+            "xaxis": 3 * model.nv,
+            "site_xpos": 3,
+            "site_xmat": 9,
+        }
         ends = np.cumsum([sizes.get(name, model.nv) for name in self._FIELDS])
         self.width = int(ends[-1])
         self.slices = {
@@ -54,12 +61,14 @@ class Layout:
             bias=part["qfrc_bias"],
             tip_pos_world=part["site_xpos"],
             tip_frame_world=part["site_xmat"].reshape(3, 3, *worlds),
-            joint_anchor_world=part["xanchor"].reshape(7, 3, *worlds),
-            joint_axis_world=part["xaxis"].reshape(7, 3, *worlds),
+            joint_anchor_world=part["xanchor"].reshape(-1, 3, *worlds),
+            joint_axis_world=part["xaxis"].reshape(-1, 3, *worlds),
         )
 
 
-def batch_at_rest(scene: Scene, attempts: Attempt, qpos: Float[np.ndarray, "n 7"], threads: int) -> Batch:
+def batch_at_rest(
+    scene: Scene, attempts: Attempt, qpos: Float[np.ndarray, "n joints"], threads: int
+) -> Batch:
     """A persistent batch of C simulations at the start of these attempts, held at rest against gravity."""
     pair = np.asarray(pair_index(attempts.peg_type, attempts.hole_type))
     batch = Batch(scene.models[0], len(pair), threads, persistent=True)
@@ -78,13 +87,13 @@ class Block:
     Attributes:
         batch: The simulations.
         tare_sensor: What their sensors read at rest (m, 6), N and N·m.
-        qpos: Live view of the joint angles (m, 7), rad.
-        qvel: Live view of the joint velocities (m, 7), rad/s.
+        qpos: Live view of the joint angles (m, joints), rad.
+        qvel: Live view of the joint velocities (m, joints), rad/s.
         tip_pos_world: Live view of the tips (m, 3), m.
     """
 
     def __init__(
-        self, scene: Scene, layout: Layout, attempts: Attempt, qpos: Float[np.ndarray, "m 7"], rows: int
+        self, scene: Scene, layout: Layout, attempts: Attempt, qpos: Float[np.ndarray, "m joints"], rows: int
     ):
         """Makes the simulations.
 
@@ -95,6 +104,7 @@ class Block:
             qpos: Joint angles at which they start, rad.
             rows: Most rows that the controller is shown; those beyond m mean nothing.
         """
+        self._robot = scene.robot
         self.batch = batch = batch_at_rest(scene, attempts, qpos, threads=1)
         self.qpos, self.qvel, self._ctrl = (batch.bind(name) for name in ("qpos", "qvel", "ctrl"))
         self._sensordata, self._contact_force = batch.bind("sensordata"), batch.bind("qfrc_constraint")
@@ -113,7 +123,7 @@ class Block:
         batch.forward()
         self.tare_sensor = self._sensordata.astype(np.float32)
 
-    def move(self, qpos: Float[np.ndarray, "m 7"], qvel: Float[np.ndarray, "m 7"]) -> None:
+    def move(self, qpos: Float[np.ndarray, "m joints"], qvel: Float[np.ndarray, "m joints"]) -> None:
         """Puts the simulations into another state."""
         self.qpos[:], self.qvel[:] = qpos, qvel
         self.batch.forward(stage=_OBSERVED)
@@ -139,7 +149,7 @@ class Block:
             self._inputs[:, where] = field[self._shown]
         return self._rows
 
-    def step(self, torque: Float[np.ndarray, "rows 7"], substep: int) -> None:
+    def step(self, torque: Float[np.ndarray, "rows joints"], substep: int) -> None:
         """One step of the running simulations, under the torques (N·m) of those shown; notes what is felt."""
         self._ctrl[self._shown] = torque[: len(self._inputs)]
         self._applied[substep] = self._ctrl
@@ -157,7 +167,7 @@ class Block:
 
     def at_limit(self) -> Bool[np.ndarray, "m"]:
         """Whether some joint was at its torque limit (m,) as the last action ended."""
-        return np.asarray(plausible.at_limit(self._applied[-1]))
+        return np.asarray(plausible.at_limit(self._applied[-1], self._robot))
 
     def touched(self) -> Bool[np.ndarray, "m"]:
         """Whether a contact force acted (m,) at any step of the last action."""

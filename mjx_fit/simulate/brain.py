@@ -4,20 +4,25 @@ Every function is compiled for a few numbers of rows; a block is padded to the l
 """
 
 from functools import partial
+from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
-from mjx_fit import control, policies
+from mjx_fit import control
 from mjx_fit.config import Config
 from mjx_fit.kinematics import chain_of
+from mjx_fit.policies import Policy
 from mjx_fit.scene import Scene
-from mjx_fit.simulate import attempt_rules
+from mjx_fit.simulate import acting, attempt_rules
+from mjx_fit.simulate.acting import Memory
 from mjx_fit.simulate.attempt_rules import Tip
 from mjx_fit.simulate.block import Layout
-from mjx_fit.types import Array, Attempt
+from mjx_fit.types import Array
+
+T = TypeVar("T")
 
 CHUNK = 32
 """Rows that the controller computes at a time: larger intermediate results made a call several times slower.
@@ -36,36 +41,38 @@ class Brain:
     Attributes:
         config: The configuration.
         layout: How the inputs of the controller lie in a row of numbers.
-        start: From attempts (rows,), the joint angles (rows, 7) at which they start, rad.
-        command: From attempts, packed inputs, the number of the action and the horizon: the policy's command
-            and the goal that it gives the tip, (rows, 3) each, m.
-        torque: From packed inputs and goals, joint torques (rows, 7), N·m.
+        start: From attempts (rows,), the joint angles (rows, joints) at which they start, rad.
+        begin: From attempts and what their sensors read in free space (rows, 6), the policy's memory.
+        act: From that memory, packed inputs, the number of the action and the horizon: the memory, the
+            policy's command and the goal that it gives the tip, (rows, 3) each, m.
+        torque: From packed inputs and goals, joint torques (rows, joints), N·m.
         tip: From packed inputs, the tips.
     """
 
-    def __init__(self, scene: Scene, config: Config, policy: policies.Policy):
-        self.layout = Layout(scene.models[0])
-        self.config, self._policy = config, policy
-        chain = chain_of(scene.models[0])
+    def __init__(self, scene: Scene, config: Config, policy: Policy):
+        self.config, self.layout = config, Layout(scene)
+        self._policy, self._robot = policy, scene.robot
+        chain = chain_of(scene.models[0], scene.robot)
         self.start = jax.jit(partial(attempt_rules.start_qpos, chain, scene=config.scene))
+        self.begin = jax.jit(jax.vmap(partial(acting.begin, policy, config.wrist)))
+        self.act = jax.jit(jax.vmap(self._act, (0, 0, None, None)), static_argnums=3)
         self.torque = jax.jit(self._torque)
-        self.command = jax.jit(jax.vmap(self._command, (0, 0, None, None)), static_argnums=3)
         self.tip = jax.jit(jax.vmap(self._tip))
 
     def _torque(
         self, packed: Float[Array, "rows k"], goal_pos_world: Float[Array, "rows 3"]
-    ) -> Float[Array, "rows 7"]:
+    ) -> Float[Array, "rows joints"]:
         def chunk(part):
             rows, goal = part
-            return control.torque(self.layout.unpack(rows.T), goal.T, self.config.control).T
+            return control.torque(self.layout.unpack(rows.T), goal.T, self.config.control, self._robot).T
 
         chunks = (x.reshape(-1, CHUNK, x.shape[1]) for x in (packed, goal_pos_world))
-        return jax.lax.map(chunk, tuple(chunks)).reshape(-1, 7)
+        return jax.lax.map(chunk, tuple(chunks)).reshape(len(packed), -1)
 
-    def _command(self, attempt: Attempt, packed: Float[Array, "k"], step, horizon: int):
-        tip = self.layout.unpack(packed).tip_pos_world
-        action = self._policy(attempt, step, horizon, tip, self.config)
-        return action, tip + action
+    def _act(self, memory: Memory, packed: Float[Array, "k"], step, horizon: int):
+        tip = self._tip(packed)
+        memory, command = acting.act(self._policy, self.config.wrist, horizon, memory, tip, step)
+        return memory, command, tip.pos_world + command
 
     def _tip(self, packed: Float[Array, "k"]) -> Tip:
         return attempt_rules.tip_of(self.layout.unpack(packed))
@@ -76,8 +83,8 @@ def rows_for(n: int) -> int:
     return next(rows for rows in ROWS if rows >= n)
 
 
-def padded(attempts: Attempt, ids: Int[np.ndarray, "m"]) -> Attempt:
-    """The attempts with these ids, padded to as many rows as the controller takes."""
+def padded(tree: T, ids: Int[np.ndarray, "m"]) -> T:
+    """The rows of a pytree with these ids, padded to as many as the controller takes."""
     rows = np.concatenate([ids, np.repeat(ids[-1:], rows_for(len(ids)) - len(ids))])
 
     def take(leaf):
@@ -86,4 +93,4 @@ def padded(attempts: Attempt, ids: Int[np.ndarray, "m"]) -> Attempt:
             return jax.random.wrap_key_data(data, impl=jax.random.key_impl(leaf))
         return np.asarray(leaf)[rows]
 
-    return jax.tree.map(take, attempts)
+    return jax.tree.map(take, tree)

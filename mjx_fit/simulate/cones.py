@@ -40,7 +40,7 @@ class Cones(NamedTuple):
     mu: Float[Array, "b"]
     weight: Float[Array, "c b"]
     scale: Float[Array, "3 b"]
-    jac: Float[Array, "c 3 7 b"]
+    jac: Float[Array, "c 3 joints b"]
     reference: Float[Array, "c 3 b"]
 
 
@@ -58,7 +58,7 @@ class ConeHessian(NamedTuple):
 
 
 def from_rows(
-    jac: Float[Array, "c 3 7 b"],
+    jac: Float[Array, "c 3 joints b"],
     reference_acc: Float[Array, "c 3 b"],
     weight: Float[Array, "c b"],
     friction: Float[Array, "b"],
@@ -70,7 +70,7 @@ def from_rows(
     return Cones(mu, weight / mu**2, scale, jac * scale[:, None], reference_acc * scale)
 
 
-def residual(cones: Cones, acc: Float[Array, "7 b"]) -> Float[Array, "c 3 b"]:
+def residual(cones: Cones, acc: Float[Array, "joints b"]) -> Float[Array, "c 3 b"]:
     """The contacts' u under joint accelerations (rad/s²)."""
     return total(cones.jac * acc, 2) - cones.reference
 
@@ -120,7 +120,7 @@ def curvature(hessian_u: ConeHessian, v: Float[Array, "c 3 b"]) -> Float[Array, 
     )
 
 
-def hessian(cones: Cones, hessian_u: ConeHessian) -> Float[Array, "7 7 b"]:
+def hessian(cones: Cones, hessian_u: ConeHessian) -> Float[Array, "joints joints b"]:
     """Second derivatives of all contacts' cost in the joint accelerations."""
     along, across = _in_plane(hessian_u.direction[:, :, None], cones.jac[:, 1], cones.jac[:, 2])
     normal = cones.jac[:, 0]

@@ -45,11 +45,11 @@ class Problem(NamedTuple):
         contacts: The contacts.
     """
 
-    mass_matrix: Float[Array, "7 7 b"]
-    torque: Float[Array, "7 b"]
-    limit_side: Float[Array, "7 b"]
-    limit_acc: Float[Array, "7 b"]
-    limit_weight: Float[Array, "7 b"]
+    mass_matrix: Float[Array, "joints joints b"]
+    torque: Float[Array, "joints b"]
+    limit_side: Float[Array, "joints b"]
+    limit_acc: Float[Array, "joints b"]
+    limit_weight: Float[Array, "joints b"]
     contacts: Cones
 
 
@@ -64,22 +64,22 @@ class Solution(NamedTuple):
         contact_force: Forces of the contacts along their axes, N.
     """
 
-    acc: Float[Array, "7 b"]
-    smooth_acc: Float[Array, "7 b"]
-    torque: Float[Array, "7 b"]
-    limit_force: Float[Array, "7 b"]
+    acc: Float[Array, "joints b"]
+    smooth_acc: Float[Array, "joints b"]
+    torque: Float[Array, "joints b"]
+    limit_force: Float[Array, "joints b"]
     contact_force: Float[Array, "c 3 b"]
 
 
 class _Local(NamedTuple):
     """The cost's gradient and Hessian, and whether the gradient is yet to vanish."""
 
-    gradient: Float[Array, "7 b"]
-    hessian: Float[Array, "7 7 b"]
+    gradient: Float[Array, "joints b"]
+    hessian: Float[Array, "joints joints b"]
     unsolved: Bool[Array, "b"]
 
 
-def solve(problem: Problem, guess: Float[Array, "7 b"]) -> Solution:
+def solve(problem: Problem, guess: Float[Array, "joints b"]) -> Solution:
     """Solves every world's problem.
 
     Args:
@@ -107,7 +107,7 @@ def solve(problem: Problem, guess: Float[Array, "7 b"]) -> Solution:
     return Solution(acc, smooth_acc, torque, limit_force, -problem.contacts.scale * gradient_u)
 
 
-def _cost(problem: Problem, acc: Float[Array, "7 b"]) -> Float[Array, "b"]:
+def _cost(problem: Problem, acc: Float[Array, "joints b"]) -> Float[Array, "b"]:
     """What is minimised."""
     inertial = total(acc * (0.5 * times(problem.mass_matrix, acc) - problem.torque))
     limit = jnp.minimum(problem.limit_side * acc - problem.limit_acc, 0)
@@ -115,7 +115,7 @@ def _cost(problem: Problem, acc: Float[Array, "7 b"]) -> Float[Array, "b"]:
     return inertial + 0.5 * total(problem.limit_weight * limit**2) + contact
 
 
-def _local(problem: Problem, acc: Float[Array, "7 b"]) -> _Local:
+def _local(problem: Problem, acc: Float[Array, "joints b"]) -> _Local:
     inertial = times(problem.mass_matrix, acc) - problem.torque
     limit = problem.limit_side * acc - problem.limit_acc
     gradient_u, hessian_u = cones.derivatives(problem.contacts, cones.residual(problem.contacts, acc))
@@ -129,7 +129,10 @@ def _local(problem: Problem, acc: Float[Array, "7 b"]) -> _Local:
 
 
 def _line_search(
-    problem: Problem, acc: Float[Array, "7 b"], direction: Float[Array, "7 b"], wanted: Bool[Array, "b"]
+    problem: Problem,
+    acc: Float[Array, "joints b"],
+    direction: Float[Array, "joints b"],
+    wanted: Bool[Array, "b"],
 ) -> Float[Array, "b"]:
     """Length of the step along a direction, where it is wanted; zero where the cost does not fall along it.
 
@@ -158,7 +161,7 @@ def _line_search(
     return jax.lax.while_loop(goes_on, closer, start)[2]
 
 
-def _along(problem: Problem, acc: Float[Array, "7 b"], direction: Float[Array, "7 b"]):
+def _along(problem: Problem, acc: Float[Array, "joints b"], direction: Float[Array, "joints b"]):
     """The cost's slope and curvature as a function of how far one goes from a point along a direction."""
     inertia = times(problem.mass_matrix, direction)
     square, linear = total(direction * inertia), total(acc * inertia) - total(direction * problem.torque)
@@ -177,11 +180,11 @@ def _along(problem: Problem, acc: Float[Array, "7 b"], direction: Float[Array, "
     return slope_at
 
 
-def _limit_slope(problem: Problem, limit: Float[Array, "7 b"]) -> Float[Array, "7 b"]:
+def _limit_slope(problem: Problem, limit: Float[Array, "joints b"]) -> Float[Array, "joints b"]:
     return problem.limit_weight * jnp.minimum(limit, 0)
 
 
-def _joint_torque(contacts: Cones, gradient_u: Float[Array, "c 3 b"]) -> Float[Array, "7 b"]:
+def _joint_torque(contacts: Cones, gradient_u: Float[Array, "c 3 b"]) -> Float[Array, "joints b"]:
     return total(total(contacts.jac * gradient_u[:, :, None]))
 
 

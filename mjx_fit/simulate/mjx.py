@@ -3,6 +3,7 @@
 # MuJoCo's extension module has no stubs.
 # pyright: reportAttributeAccessIssue=false
 
+from dataclasses import dataclass, replace
 from functools import cache, partial
 
 import jax
@@ -15,10 +16,11 @@ from mjx_fit import control, interrupts, numerics, policies
 from mjx_fit.config import Config
 from mjx_fit.kinematics import chain_of
 from mjx_fit.lanes import worlds_last
+from mjx_fit.policies import Policy
 from mjx_fit.scene import Scene, pair_index, simulation_scene
-from mjx_fit.simulate import attempt_rules
+from mjx_fit.simulate import acting, attempt_rules
 from mjx_fit.simulate.plausible import at_limit
-from mjx_fit.simulate.requests import MOST_THREADS, require_attempts, require_count
+from mjx_fit.simulate.requests import ANY_POLICY, MOST_THREADS, require_attempts, require_count
 from mjx_fit.simulate.stages import accelerate, advance, models_of, placed, stacked_models
 from mjx_fit.simulate.threads import on_threads, silence_mujoco
 from mjx_fit.types import SUBSTEPS, Array, Attempt, Interaction
@@ -59,13 +61,13 @@ class MjxEngine:
 
     name = "mjx"
 
-    def __init__(self, config: Config, threads: int, policy: policies.Policy = policies.action):
+    def __init__(self, config: Config, threads: int, policy: Policy | None = None):
         """Compiles the scene.
 
         Args:
             config: The configuration.
             threads: Host threads, where the device is the CPU.
-            policy: Gives the actions; the library's are those that an attempt names.
+            policy: Gives the commands; None: the one that an attempt names.
 
         Raises:
             RequestError: The number of threads is not allowed.
@@ -75,8 +77,9 @@ class MjxEngine:
         silence_mujoco()
         self.scene = simulation_scene(config.scene)
         self._models, self._axes = stacked_models(self.scene)
-        self._chain = chain_of(self.scene.models[0])
-        self._config, self._policy = config, policy
+        self._chain = chain_of(self.scene.models[0], self.scene.robot)
+        self._world = World(config, self.scene, policy or policies.shipped(config))
+        self._policies = len(policies.NAMES) if policy is None else ANY_POLICY
         self._threads = threads if jax.default_backend() == "cpu" else 1
         static = ("actions", "horizon")
         self._jitted = jax.jit(self._rollout, static_argnames=static, compiler_options=compiler_options())
@@ -91,7 +94,9 @@ class MjxEngine:
     ) -> Interaction:
         """See ``Engine.run``."""
         numerics.require()
-        actions, horizon, active = require_attempts(attempts, actions, horizon, active, self._policy)
+        actions, horizon, active = require_attempts(
+            attempts, actions, horizon, active, self.scene.robot, self._policies
+        )
         n = len(attempts.peg_type)
         rows = self._rows(n)
         rollout = self._executable(attempts, rows, actions, horizon)
@@ -131,87 +136,93 @@ class MjxEngine:
         pair = pair_index(attempts.peg_type, attempts.hole_type)
         models = models_of(self._models, pair)
         qpos = attempt_rules.start_qpos(self._chain, attempts, self.scene.config)
-        world = partial(
-            rollout_world,
-            config=self._config,
-            scene=self.scene,
-            policy=self._policy,
-            actions=actions,
-            horizon=horizon,
-        )
+        world = partial(self._world.rollout, actions=actions, horizon=horizon)
         # Matrix products of lower precision (TF32 on some accelerators) ruin the constraint solver.
         with jax.default_matmul_precision("highest"):
             return jax.vmap(world, (self._axes, 0, 0, 0))(models, qpos, attempts, active)
 
 
-def rollout_world(
-    model: mjx.Model,
-    qpos: Float[Array, "7"],
-    attempt: Attempt,
-    active: Bool[Array, ""],
-    config: Config,
-    scene: Scene,
-    policy: policies.Policy,
-    actions: int,
-    horizon: int,
-) -> Interaction:
-    """One attempt in one world, from a posture; a world that is not active stands still."""
-    data = placed(model, qpos, attempt.hole_pos_world, scene.plate_top_m)
-    tare = _free_reading(model, data)
+@dataclass(frozen=True)
+class World:
+    """One world in MJX.
 
-    def act(carry, step):
-        data, running, limited = carry
-        arm = arm_state(model, data, scene)
-        action = policy(attempt, step, horizon, arm.tip_pos_world, config)
-        after, (wrench, touched) = hold(model, data, arm.tip_pos_world + action, config, scene)
-        tip = attempt_rules.tip_of(arm_state(model, after, scene))
-        row = attempt_rules.trace_row(tip, wrench, jnp.any(touched), action)
-        finite = jnp.isfinite(after.qpos).all() & jnp.isfinite(after.qvel).all()
-        # Asked of the state after the action: one more output of a step, and XLA rounds all of it otherwise.
-        verdict = attempt_rules.judge(
-            tip, attempt.hole_pos_world, finite, at_limit(after.ctrl), limited, config
-        )
-        data = jax.tree.map(partial(jnp.where, running & verdict.valid), after, data)
-        row = jax.tree.map(lambda leaf: jnp.where(running, leaf, jnp.zeros_like(leaf)), row)
-        carry = data, running & ~verdict.over, verdict.limited
-        return carry, (row, running, running & verdict.inserted, running & ~verdict.valid)
-
-    carry = data, active, jnp.int32(0)
-    (end, *_), (trace, ran, inserted, broke) = jax.lax.scan(act, carry, jnp.arange(actions))
-    return Interaction(
-        trace=trace,
-        length=ran.sum(),
-        inserted=inserted.any(),
-        peg_type=attempt.peg_type,
-        hole_type=attempt.hole_type,
-        hole_pos_world=attempt.hole_pos_world,
-        estimate_world=attempt.estimate_world,
-        tare_sensor=jnp.where(active, tare, 0),
-        end_qpos=jnp.where(active, end.qpos, 0),
-        end_qvel=jnp.where(active, end.qvel, 0),
-        valid=~broke.any(),
-    )
-
-
-def hold(
-    model: mjx.Model, data: mjx.Data, goal_pos_world: Float[Array, "3"], config: Config, scene: Scene
-) -> tuple[mjx.Data, tuple[Float[Array, "50 6"], Bool[Array, "50"]]]:
-    """Pulls the tip to a goal for one action: 50 steps of control and physics.
-
-    Needs and leaves data whose position and velocity stages are current. Returns the wrench (N, N·m) and
-    whether a contact force acted, step by step.
+    Attributes:
+        config: The configuration.
+        scene: Its scene.
+        policy: Gives the commands.
     """
-    torque = worlds_last(partial(control.torque, gains=config.control))
 
-    def substep(data, _):
-        return advance(model, data, torque(arm_state(model, data, scene), goal_pos_world))
+    config: Config
+    scene: Scene
+    policy: Policy
 
-    return jax.lax.scan(substep, data, length=SUBSTEPS)
+    def rollout(
+        self,
+        model: mjx.Model,
+        qpos: Float[Array, "joints"],
+        attempt: Attempt,
+        active: Bool[Array, ""],
+        actions: int,
+        horizon: int,
+    ) -> Interaction:
+        """One attempt, from a posture; a world that is not active stands still."""
+        data = placed(model, qpos, attempt.hole_pos_world, self.scene.plate_top_m)
+        tare = _free_reading(model, data)
+
+        def act(carry, step):
+            data, running, limited, memory = carry
+            arm = arm_state(model, data, self.scene)
+            tip = attempt_rules.tip_of(arm)
+            memory, command = acting.act(self.policy, self.config.wrist, horizon, memory, tip, step)
+            after, (wrench, touched) = self.hold(model, data, arm.tip_pos_world + command)
+            tip = attempt_rules.tip_of(arm_state(model, after, self.scene))
+            row = attempt_rules.trace_row(tip, wrench, jnp.any(touched), command)
+            finite = jnp.isfinite(after.qpos).all() & jnp.isfinite(after.qvel).all()
+            # Asked of the state after the action: one more output of a step, and XLA rounds all of it
+            # otherwise.
+            limit = at_limit(after.ctrl, self.scene.robot)
+            verdict = attempt_rules.judge(tip, attempt.hole_pos_world, finite, limit, limited, self.config)
+            data = jax.tree.map(partial(jnp.where, running & verdict.valid), after, data)
+            row = jax.tree.map(lambda leaf: jnp.where(running, leaf, jnp.zeros_like(leaf)), row)
+            memory = replace(memory, wrench_sensor=wrench)
+            carry = data, running & ~verdict.over, verdict.limited, memory
+            return carry, (row, running, running & verdict.inserted, running & ~verdict.valid)
+
+        carry = data, active, jnp.int32(0), acting.begin(self.policy, self.config.wrist, attempt, tare)
+        (end, *_), (trace, ran, inserted, broke) = jax.lax.scan(act, carry, jnp.arange(actions))
+        return Interaction(
+            trace=trace,
+            length=ran.sum(),
+            inserted=inserted.any(),
+            peg_type=attempt.peg_type,
+            hole_type=attempt.hole_type,
+            hole_pos_world=attempt.hole_pos_world,
+            estimate_world=attempt.estimate_world,
+            tare_sensor=jnp.where(active, tare, 0),
+            end_qpos=jnp.where(active, end.qpos, 0),
+            end_qvel=jnp.where(active, end.qvel, 0),
+            valid=~broke.any(),
+        )
+
+    def hold(
+        self, model: mjx.Model, data: mjx.Data, goal_pos_world: Float[Array, "3"]
+    ) -> tuple[mjx.Data, tuple[Float[Array, "50 6"], Bool[Array, "50"]]]:
+        """Pulls the tip to a goal for one action: 50 steps of control and physics.
+
+        Needs and leaves data whose position and velocity stages are current. Returns the wrench (N, N·m) and
+        whether a contact force acted, step by step.
+        """
+        torque = worlds_last(partial(control.torque, gains=self.config.control, robot=self.scene.robot))
+
+        def substep(data, _):
+            return advance(model, data, torque(arm_state(model, data, self.scene), goal_pos_world))
+
+        return jax.lax.scan(substep, data, length=SUBSTEPS)
 
 
 def arm_state(model: mjx.Model, data: mjx.Data, scene: Scene) -> control.ArmState:
     """What the controller needs, from data whose position and velocity stages are current."""
-    tip = scene.models[0].site("tip").id
+    tip = scene.models[0].site(scene.robot.tool_site).id
     return control.ArmState(
         qpos=data.qpos,
         qvel=data.qvel,

@@ -6,7 +6,7 @@ others are run beside it, nor on how many.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import jax
 import numpy as np
@@ -15,12 +15,14 @@ from mujoco.batch import Batch
 
 from mjx_fit import interrupts, numerics, policies
 from mjx_fit.config import Config
+from mjx_fit.policies import Policy
 from mjx_fit.scene import simulation_scene
 from mjx_fit.simulate import attempt_rules
+from mjx_fit.simulate.acting import Memory
 from mjx_fit.simulate.attempt_rules import Verdict
 from mjx_fit.simulate.block import Block, batch_at_rest
 from mjx_fit.simulate.brain import ROWS, Brain, padded, rows_for
-from mjx_fit.simulate.requests import MOST_THREADS, require_attempts, require_count
+from mjx_fit.simulate.requests import ANY_POLICY, MOST_THREADS, require_attempts, require_count
 from mjx_fit.simulate.threads import on_threads, parts_of, silence_mujoco
 from mjx_fit.types import SUBSTEPS, Attempt, Interaction
 
@@ -36,7 +38,7 @@ class NativeEngine:
         self,
         config: Config,
         threads: int,
-        policy: policies.Policy = policies.action,
+        policy: Policy | None = None,
         on_step: OnStep | None = None,
     ):
         """Compiles the scene.
@@ -44,7 +46,7 @@ class NativeEngine:
         Args:
             config: The configuration.
             threads: Host threads that step the worlds.
-            policy: Gives the actions; the library's are those that an attempt names.
+            policy: Gives the commands; None: the one that an attempt names.
             on_step: Told, after every step of a block, which worlds it holds and their batch; from several
                 threads at once. For benchmarks and experiments.
 
@@ -55,8 +57,9 @@ class NativeEngine:
         threads = require_count("threads", threads, 1, MOST_THREADS)
         silence_mujoco()
         self.scene = simulation_scene(config.scene)
-        self._threads, self._policy, self._on_step = threads, policy, on_step
-        self._brain = Brain(self.scene, config, policy)
+        self._threads, self._on_step = threads, on_step
+        self._policies = len(policies.NAMES) if policy is None else ANY_POLICY
+        self._brain = Brain(self.scene, config, policy or policies.shipped(config))
 
     def run(
         self,
@@ -67,16 +70,18 @@ class NativeEngine:
     ) -> Interaction:
         """See ``Engine.run``."""
         numerics.require()
-        actions, horizon, active = require_attempts(attempts, actions, horizon, active, self._policy)
-        done = attempt_rules.nothing_done(attempts, actions)
+        actions, horizon, active = require_attempts(
+            attempts, actions, horizon, active, self.scene.robot, self._policies
+        )
+        done = attempt_rules.nothing_done(attempts, actions, len(self.scene.robot.joints))
         wanted = np.flatnonzero(active)
         parts = [wanted[part] for part in parts_of(len(wanted), self._threads, ROWS[-1])]
 
         def run_part(ids: Int[np.ndarray, "m"]) -> None:
-            part = self._part(attempts, ids, horizon, done)
+            part = self._part(attempts, ids, done)
             for step in range(actions):
                 interrupts.check()
-                if not part.act(step):
+                if not part.act(step, horizon):
                     return
 
         on_threads(self._threads, run_part, parts)
@@ -85,12 +90,14 @@ class NativeEngine:
     def act(
         self,
         attempts: Attempt,
-        qpos: Float[np.ndarray, "m 7"],
-        qvel: Float[np.ndarray, "m 7"],
+        qpos: Float[np.ndarray, "m joints"],
+        qvel: Float[np.ndarray, "m joints"],
         step: int,
         horizon: int,
     ) -> Interaction:
         """One action of a few attempts, up to 512, from any state: only its row is filled.
+
+        The policy acts as from the state in which it begins, with nothing measured before.
 
         Args:
             attempts: A batch (m,).
@@ -99,10 +106,10 @@ class NativeEngine:
             step: Number j of the action.
             horizon: Actions that the policy plans for: as many rows come back.
         """
-        done = attempt_rules.nothing_done(attempts, horizon)
-        part = self._part(attempts, np.arange(len(qpos)), horizon, done)
+        done = attempt_rules.nothing_done(attempts, horizon, len(self.scene.robot.joints))
+        part = self._part(attempts, np.arange(len(qpos)), done)
         part.block.move(qpos, qvel)
-        part.act(step)
+        part.act(step, horizon)
         return done
 
     def batch_at_rest(self, attempts: Attempt) -> Batch:
@@ -113,14 +120,15 @@ class NativeEngine:
         qpos = np.concatenate([start[: len(part)] for start, part in zip(starts, parts, strict=True)])
         return batch_at_rest(self.scene, attempts, qpos, self._threads)
 
-    def _part(self, attempts: Attempt, ids: Int[np.ndarray, "m"], horizon: int, done: Interaction) -> "_Part":
+    def _part(self, attempts: Attempt, ids: Int[np.ndarray, "m"], done: Interaction) -> "_Part":
         """The attempts with these ids at their start; what comes of them is written into ``done``."""
         rows = padded(attempts, ids)
         start = np.asarray(self._brain.start(attempts=rows))[: len(ids)]
         own = jax.tree.map(lambda leaf: leaf[: len(ids)], rows)
         block = Block(self.scene, self._brain.layout, own, start, len(rows.peg_type))
         done.tare_sensor[ids] = block.tare_sensor
-        return _Part(self._brain, block, rows, ids, horizon, done, self._on_step)
+        memory = self._brain.begin(rows, padded(block.tare_sensor, np.arange(len(ids))))
+        return _Part(self._brain, block, memory, np.asarray(own.hole_pos_world), ids, done, self._on_step)
 
 
 @dataclass
@@ -130,52 +138,57 @@ class _Part:
     Attributes:
         brain: Control and policy.
         block: Their simulations.
-        rows: The attempts of the simulations that ``brain`` is shown, padded.
+        memory: The policy's, of the simulations that ``brain`` is shown, padded.
+        hole_pos_world: True centres of their holes, m.
         ids: Which attempts of the batch they are.
-        horizon: Actions that the policy plans for.
         done: What comes of them: arrays over the whole batch.
         on_step: See ``NativeEngine``.
     """
 
     brain: Brain
     block: Block
-    rows: Attempt
+    memory: Memory
+    hole_pos_world: Float[np.ndarray, "m 2"]
     ids: Int[np.ndarray, "m"]
-    horizon: int
     done: Interaction
     on_step: OnStep | None
 
     def __post_init__(self) -> None:
-        self._hole = np.asarray(self.rows.hole_pos_world)[: len(self.ids)]
-        self._attempts = jax.tree.map(lambda leaf: leaf[: len(self.ids)], self.rows)
         self._limited = np.zeros(len(self.ids), np.int32)
         # Those shown are the running ones and finished ones, as long as no smaller number of rows would do.
         self._running = self._shown = np.arange(len(self.ids))
 
-    def act(self, step: int) -> bool:
-        """One action of the running attempts, and what it comes to; whether any is left running."""
+    def act(self, step: int, horizon: int) -> bool:
+        """One action of the running attempts, and what it comes to; whether any is left running.
+
+        Args:
+            step: Number j of the action.
+            horizon: Actions that the policy plans for.
+        """
         before = self.block.qpos.copy(), self.block.qvel.copy()
-        action, goal = self.brain.command(self.rows, self.block.packed(), step, self.horizon)
+        memory, command, goal = self.brain.act(self.memory, self.block.packed(), step, horizon)
         for substep in range(SUBSTEPS):
             self.block.step(np.asarray(self.brain.torque(self.block.packed(), goal)), substep)
             if self.on_step is not None:
                 self.on_step(self.ids, self.block.batch)
-        over = np.asarray(self._recorded(step, np.asarray(action), before).over)
+        felt = padded(self.block.wrench.swapaxes(0, 1), self._shown)
+        self.memory = replace(memory, wrench_sensor=felt)
+        over = np.asarray(self._recorded(step, np.asarray(command), before).over)
         self._leave_out(over)
         return not bool(over.all())
 
-    def _recorded(self, step: int, action: np.ndarray, before: tuple[np.ndarray, np.ndarray]) -> Verdict:
+    def _recorded(self, step: int, command: np.ndarray, before: tuple[np.ndarray, np.ndarray]) -> Verdict:
         """The verdict on the running attempts, once what happened is written."""
         block, done, running = self.block, self.done, self._running
         place, ids = np.searchsorted(self._shown, running), self.ids[running]
         tip = jax.tree.map(lambda leaf: np.asarray(leaf)[place], self.brain.tip(block.packed()))
         wrench, contact = block.wrench.swapaxes(0, 1)[running], block.touched()[running]
-        row = attempt_rules.trace_row(tip, wrench, contact, action[place])
+        row = attempt_rules.trace_row(tip, wrench, contact, command[place])
         for stored, now in zip(jax.tree.leaves(done.trace), jax.tree.leaves(row), strict=True):
             stored[ids, step] = now
         at_limit, limited = block.at_limit()[running], self._limited[running]
         verdict = attempt_rules.judge(
-            tip, self._hole[running], block.finite()[running], at_limit, limited, self.brain.config
+            tip, self.hole_pos_world[running], block.finite()[running], at_limit, limited, self.brain.config
         )
         self._limited[running] = verdict.limited
         done.length[ids] = step + 1
@@ -192,7 +205,8 @@ class _Part:
             return
         self._running = self._running[~over]
         self.block.run_only(self._running)
-        if rows_for(len(self._running)) < len(self.rows.peg_type):
+        rows = rows_for(len(self._running))
+        if rows < len(self.memory.noise):
+            self.memory = padded(self.memory, np.searchsorted(self._shown, self._running))
             self._shown = self._running
-            self.rows = padded(self._attempts, self._shown)
-            self.block.show(self._shown, len(self.rows.peg_type))
+            self.block.show(self._shown, rows)

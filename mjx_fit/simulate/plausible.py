@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from mjx_fit.control import TORQUE_LIMIT_NM
+from mjx_fit.robot import Robot
 from mjx_fit.settings import SceneConfig
 from mjx_fit.shapes import plate_top_m
 from mjx_fit.types import Array, Interaction
@@ -52,9 +52,9 @@ def is_lost(
     return tilted | _has_left(tip_pos_world, hole_pos_world, scene)
 
 
-def at_limit(torque: Float[Array, "*n 7"]) -> Bool[Array, "*n"]:
+def at_limit(torque: Float[Array, "*n joints"], robot: Robot) -> Bool[Array, "*n"]:
     """Whether some joint is given the largest torque (N·m) that it has."""
-    limited: Any = abs(torque) >= TORQUE_LIMIT_NM
+    limited: Any = abs(torque) >= np.array(robot.torque_limit_nm, np.float32)
     return limited.any(-1)
 
 

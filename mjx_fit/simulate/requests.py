@@ -11,24 +11,19 @@ from jaxtyping import Bool
 
 from mjx_fit import memory
 from mjx_fit.errors import RequestError
-from mjx_fit.policies import POLICIES, Policy, action
+from mjx_fit.policies import NAMES
+from mjx_fit.robot import Robot
 from mjx_fit.settings import N_TYPES
 from mjx_fit.types import ACTION_BYTES, Attempt
 
 MOST_ACTIONS = 10_000
 """Actions in one attempt, and those that a policy plans for, at most."""
 
-HOLE_REACH_M = 0.3, 0.82
-"""Least and largest distance of a hole from the arm's base: there the tip can be held straight down."""
-
-ESTIMATE_REACH_M = 0.2, 0.95
-"""The same for an estimate, which may be wrong: an attempt that starts off its plate is stopped instead."""
-
 MOST_THREADS = 4096
 
 _KEYS = "threefry2x32"
-_ANY = 2**31
-_PLACES = {"hole_pos_world": HOLE_REACH_M, "estimate_world": ESTIMATE_REACH_M}
+ANY_POLICY = 2**31
+"""What ``attempts.policy`` means to a policy of one's own is its own affair."""
 
 
 def require_attempts(
@@ -36,7 +31,8 @@ def require_attempts(
     actions: int,
     horizon: int | None,
     active: Bool[np.ndarray, "n"] | None,
-    policy: Policy = action,
+    robot: Robot,
+    policies: int = len(NAMES),
 ) -> tuple[int, int, Bool[np.ndarray, "n"]]:
     """Makes sure that an engine can run these attempts.
 
@@ -45,7 +41,8 @@ def require_attempts(
         actions: Most actions in one attempt.
         horizon: Actions that a policy plans for; None: as many.
         active: Which of them to run; None: all.
-        policy: The engine's. What ``attempts.policy`` may be is known of the library's own alone.
+        robot: Says where it can reach.
+        policies: How many there are to choose from by ``attempts.policy``.
 
     Returns:
         The actions, the horizon, and which are to be run.
@@ -60,10 +57,10 @@ def require_attempts(
     active = np.ones(n, bool) if active is None else np.asarray(active)
     if active.dtype != bool or active.shape != (n,):
         _refuse("active", f"{active.dtype} {active.shape}", f"it must be bool ({n},), one for each attempt")
-    kinds = len(POLICIES) if policy is action else _ANY
-    for name, count in (("peg_type", N_TYPES), ("hole_type", N_TYPES), ("policy", kinds)):
+    for name, count in (("peg_type", N_TYPES), ("hole_type", N_TYPES), ("policy", policies)):
         _require_indices(name, _leaf(attempts, name, n, (), jnp.integer, "integers"), active, count)
-    for name, reach in _PLACES.items():
+    places = {"hole_pos_world": robot.hole_reach_m, "estimate_world": robot.estimate_reach_m}
+    for name, reach in places.items():
         _require_places(name, _leaf(attempts, name, n, (2,), jnp.floating, "floats"), active, reach)
     _require_keys(attempts.key, n)
     return actions, horizon, active

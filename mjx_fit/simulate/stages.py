@@ -19,7 +19,7 @@ from mjx_fit.types import Array
 
 
 def placed(
-    model: mjx.Model, qpos: Float[Array, "7"], hole_pos_world: Float[Array, "2"], plate_top_m: float
+    model: mjx.Model, qpos: Float[Array, "joints"], hole_pos_world: Float[Array, "2"], plate_top_m: float
 ) -> mjx.Data:
     """One world at rest: the arm in a posture (rad), the box with its hole at a place (m)."""
     mocap = jnp.append(hole_pos_world, plate_top_m)[None]
@@ -27,7 +27,7 @@ def placed(
 
 
 def advance(
-    model: mjx.Model, data: mjx.Data, torque: Float[Array, "7"]
+    model: mjx.Model, data: mjx.Data, torque: Float[Array, "joints"]
 ) -> tuple[mjx.Data, tuple[Float[Array, "6"], Bool[Array, ""]]]:
     """One step under joint torques (N·m).
 
