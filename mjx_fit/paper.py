@@ -20,6 +20,7 @@ from mjx_fit.evaluation.calibrate import calibrate
 from mjx_fit.evaluation.insertion import insertion
 from mjx_fit.evaluation.position import position
 from mjx_fit.evaluation.request import Request
+from mjx_fit.evaluation.results import Result
 from mjx_fit.filesystem import inside
 from mjx_fit.randomness import require_seed, root_key
 from mjx_fit.report.build import build
@@ -67,6 +68,8 @@ SIZES = {
     "full": Size("paper", 120000, 3, 10000, 30000, 10000, 1000, 1500, 5, 1000, 10000),
 }
 
+POSITION = "full,frame_by_frame,oracle"
+INSERTION = "full,no_update,sample,frame_by_frame,oracle"
 ASSEMBLY = "failure_only,failure_position,full,perfect_match,perfect_sensor,oracle"
 ATTEMPTS_EACH, ATTEMPTS_FULL = 167, 11
 """Attempts that one assembly takes under all methods together, and under ``full``, as they were seen."""
@@ -158,14 +161,14 @@ def _stages(base: Request, size: Size) -> dict[str, Callable[[], object]]:
     by_covariance = replace(config, task=replace(config.task, outcome_model="covariance"))
 
     def measure(
-        experiment: Callable[[Request], object], name: str, trials: int, config: Config = config, **more
+        experiment: Callable[[Request], object], name: str, config: Config, trials: int, methods: str
     ) -> Callable[[], object]:
-        request = replace(base, config=config, out=out / f"{name}.json", trials=trials, **more)
-        return lambda: experiment(_with_sensors(request, run) if request.methods else request)
+        request = replace(base, config=config, out=out / f"{name}.json", trials=trials, methods=methods)
+        return lambda: experiment(_with_sensors(request, run) if methods else request)
 
-    chosen = {"methods": "full,frame_by_frame,oracle"}
-    inserting = {"methods": "full,no_update,sample,frame_by_frame,oracle", "seeds": size.seeds}
-    whole, full = {"methods": ASSEMBLY}, {"methods": "full"}
+    def inserted(request: Request) -> Result:
+        return insertion(replace(request, seeds=size.seeds))
+
     attempt, assembly = experiments.attempt, experiments.assembly
     return {
         f"{size.episodes:,} interactions to train on": lambda: collect(config, data, plan, engine),
@@ -173,18 +176,18 @@ def _stages(base: Request, size: Size) -> dict[str, Callable[[], object]]:
         "train": lambda: train_from(data, config, run, seed),
         "calibration": lambda: calibrate(config, out / "calibration.json", run, test, seed),
         "calibration by attempt": lambda: _by_attempt(replace(base, seed=seed + OWN), run, size.own),
-        "single attempts": measure(attempt, "attempt", size.attempts),
-        "single attempts, detector disc": measure(attempt, "attempt_disc", size.attempts, disc),
-        "position": measure(position, "position", size.positions, **chosen),
-        "position, detector disc": measure(position, "position_disc", size.positions, disc, **chosen),
-        "insertion": measure(insertion, "insertion", size.insertions, **inserting),
-        "insertion, detector disc": measure(insertion, "insertion_disc", size.insertions, disc, **inserting),
-        "assembly": measure(assembly, "assembly", size.assemblies, **whole),
+        "single attempts": measure(attempt, "attempt", config, size.attempts, ""),
+        "single attempts, detector disc": measure(attempt, "attempt_disc", disc, size.attempts, ""),
+        "position": measure(position, "position", config, size.positions, POSITION),
+        "position, detector disc": measure(position, "position_disc", disc, size.positions, POSITION),
+        "insertion": measure(inserted, "insertion", config, size.insertions, INSERTION),
+        "insertion, detector disc": measure(inserted, "insertion_disc", disc, size.insertions, INSERTION),
+        "assembly": measure(assembly, "assembly", config, size.assemblies, ASSEMBLY),
         "assembly, by covariance": measure(
-            assembly, "assembly_covariance", size.assemblies, by_covariance, **whole
+            assembly, "assembly_covariance", by_covariance, size.assemblies, ASSEMBLY
         ),
         "assembly, many trials of full, by covariance": measure(
-            assembly, "assembly_full", size.many, by_covariance, **full
+            assembly, "assembly_full", by_covariance, size.many, "full"
         ),
     }
 

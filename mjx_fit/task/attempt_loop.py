@@ -66,10 +66,10 @@ def attempt_rounds(
 
 
 def spirals_at(
-    peg_type: Int[np.ndarray, "R"],
-    hole_type: Int[np.ndarray, "R"],
-    hole_pos_world: Float[np.ndarray, "R 2"],
-    estimate_world: Float[np.ndarray, "R 2"],
+    peg_type: Int[Array, "R"],
+    hole_type: Int[Array, "R"],
+    hole_pos_world: Float[Array, "R 2"],
+    estimate_world: Float[Array, "R 2"],
     keys: Key[Array, "R"],
 ) -> Attempt:
     """Attempts (R,) by the paper's spiral.
