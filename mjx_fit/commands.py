@@ -12,10 +12,11 @@ from mjx_fit.errors import RequestError, WorkError, require
 from mjx_fit.settings import MAX_EPOCHS
 
 if TYPE_CHECKING:
-    from collections.abc import Generator
+    from collections.abc import Callable, Generator
 
     from mjx_fit.evaluation.recording import Recording
     from mjx_fit.evaluation.request import Request
+    from mjx_fit.evaluation.results import Result
 
 # Each command imports what it needs: `mjx-fit --help` answers at once.
 
@@ -117,54 +118,41 @@ def train(args: argparse.Namespace) -> None:
 
 
 def evaluate_attempt(args: argparse.Namespace) -> None:
-    from mjx_fit.evaluation import experiments
-    from mjx_fit.report.terminal import print_summary
+    from mjx_fit.evaluation.experiments import attempt
 
-    print_summary(experiments.attempt(_request(args)))
+    _evaluate(attempt, args)
 
 
 def evaluate_position(args: argparse.Namespace) -> None:
     from mjx_fit.evaluation.position import position
-    from mjx_fit.report.terminal import print_summary
 
-    print_summary(position(_with_baseline(_with_sensor(_request(args), args), args)))
+    _evaluate(position, args)
 
 
 def evaluate_insertion(args: argparse.Namespace) -> None:
     from mjx_fit.evaluation.insertion import insertion
-    from mjx_fit.report.terminal import print_summary
 
-    request = replace(_request(args), seeds=args.seeds)
-    print_summary(insertion(_with_baseline(_with_sensor(request, args), args)))
+    _evaluate(insertion, args)
 
 
 def evaluate_assembly(args: argparse.Namespace) -> None:
-    from mjx_fit.evaluation import experiments
-    from mjx_fit.report.terminal import print_summary
+    from mjx_fit.evaluation.experiments import assembly
 
-    print_summary(experiments.assembly(_with_sensor(_request(args), args)))
+    _evaluate(assembly, args)
 
 
-def _request(args: argparse.Namespace) -> "Request":
+def _evaluate(experiment: "Callable[[Request], Result]", args: argparse.Namespace) -> None:
+    """Runs an experiment, with a sensor where it has a --run, and prints what it came to."""
     from mjx_fit.evaluation.request import Request
+    from mjx_fit.report.terminal import print_summary
     from mjx_fit.simulate.select import make_engine
 
     config = _config(args)
-    engine = make_engine(args.engine, config)
-    return Request(config, args.out, engine, args.trials, args.seed)
-
-
-def _with_sensor(request: "Request", args: argparse.Namespace) -> "Request":
-    """The request with the methods that are compared, and the sensor for those that read traces."""
-    from mjx_fit.training.trained_sensor import load_trained_sensor
-
-    return replace(request, methods=args.methods, sensor=load_trained_sensor(_run(args)))
-
-
-def _with_baseline(request: "Request", args: argparse.Namespace) -> "Request":
-    from mjx_fit.training.trained_sensor import load_baseline
-
-    return replace(request, baseline=load_baseline(_run(args)))
+    request = Request(config, args.out, make_engine(args.engine, config), args.trials, args.seed)
+    if hasattr(args, "run"):
+        request = replace(request, methods=args.methods, seeds=getattr(args, "seeds", 1))
+        request = request.with_sensors_of(_run(args))
+    print_summary(experiment(request))
 
 
 def evaluate_calibration(args: argparse.Namespace) -> None:

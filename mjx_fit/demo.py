@@ -1,6 +1,6 @@
 """What it is about, in minutes: assemblies with the weights that come with it, or a small training first."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from rich.console import Console
@@ -19,7 +19,6 @@ from mjx_fit.report.terminal import print_summary
 from mjx_fit.simulate.interface import Engine
 from mjx_fit.simulate.select import make_engine
 from mjx_fit.training.baseline import train_from
-from mjx_fit.training.trained_sensor import load_trained_sensor
 
 METHODS = "failure_only,full,oracle"
 POLICY = "spiral"
@@ -85,7 +84,7 @@ def _stages(config: Config, out: Path, size: Size, train: bool) -> None:
     console.rule(f"{size.assemblies} assemblies of {config.task.n_holes} pegs, each under {METHODS}")
     result = out / "assembly.json"
     request = Request(config, result, engine, size.assemblies, methods=METHODS)
-    print_summary(experiments.assembly(replace(request, sensor=load_trained_sensor(run))))
+    print_summary(experiments.assembly(request.with_sensors_of(run)))
 
     console.rule("a video of one of them")
     if not (out / VIDEO).exists():

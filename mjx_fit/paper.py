@@ -28,7 +28,7 @@ from mjx_fit.simulate.interface import Engine
 from mjx_fit.simulate.select import make_engine
 from mjx_fit.task.learning import filter_update
 from mjx_fit.training.baseline import train_from
-from mjx_fit.training.trained_sensor import load_baseline, load_trained_sensor
+from mjx_fit.training.trained_sensor import load_trained_sensor
 
 
 @dataclass(frozen=True)
@@ -164,7 +164,7 @@ def _stages(base: Request, size: Size) -> dict[str, Callable[[], object]]:
         experiment: Callable[[Request], object], name: str, config: Config, trials: int, methods: str
     ) -> Callable[[], object]:
         request = replace(base, config=config, out=out / f"{name}.json", trials=trials, methods=methods)
-        return lambda: experiment(_with_sensors(request, run) if methods else request)
+        return lambda: experiment(request.with_sensors_of(run) if methods else request)
 
     def inserted(request: Request) -> Result:
         return insertion(replace(request, seeds=size.seeds))
@@ -190,11 +190,6 @@ def _stages(base: Request, size: Size) -> dict[str, Callable[[], object]]:
             assembly, "assembly_full", by_covariance, size.many, "full"
         ),
     }
-
-
-def _with_sensors(request: Request, run: Path) -> Request:
-    """The request with what was trained in the meantime."""
-    return replace(request, sensor=load_trained_sensor(run), baseline=load_baseline(run))
 
 
 def _by_attempt(base: Request, run: Path, episodes: int) -> None:

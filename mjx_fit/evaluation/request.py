@@ -1,11 +1,12 @@
 """What an experiment is asked for."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mjx_fit.config import Config
 from mjx_fit.simulate.interface import Engine
-from mjx_fit.training.trained_sensor import TrainedSensor
+from mjx_fit.training.checkpoint import FRAME_BY_FRAME
+from mjx_fit.training.trained_sensor import TrainedSensor, load_baseline, load_trained_sensor
 
 
 @dataclass(frozen=True)
@@ -33,3 +34,13 @@ class Request:
     seeds: int = 1
     sensor: TrainedSensor | None = None
     baseline: TrainedSensor | None = None
+
+    def with_sensors_of(self, run: Path) -> "Request":
+        """The request with the sensor of a training run, and its baseline where one of the methods needs it.
+
+        Raises:
+            RequestError: They cannot be read.
+        """
+        needs_baseline = FRAME_BY_FRAME in self.methods.split(",")
+        baseline = load_baseline(run) if needs_baseline else None
+        return replace(self, sensor=load_trained_sensor(run), baseline=baseline)
