@@ -2,7 +2,6 @@
 
 import argparse
 import json
-import sys
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,10 +12,11 @@ from mjx_fit.errors import RequestError, WorkError, require
 from mjx_fit.settings import MAX_EPOCHS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Generator
 
     from mjx_fit.evaluation.recording import Recording
-    from mjx_fit.task.learning import Update
+    from mjx_fit.evaluation.request import Request
+    from mjx_fit.evaluation.results import Result
 
 # Each command imports what it needs: `mjx-fit --help` answers at once.
 
@@ -31,26 +31,20 @@ def demo(args: argparse.Namespace) -> None:
 def collect(args: argparse.Namespace) -> None:
     from mjx_fit.dataset.collect import collect, invalid_in
     from mjx_fit.dataset.plan import Plan
+    from mjx_fit.simulate.select import make_engine
+    from mjx_fit.task.learning import filter_update
+    from mjx_fit.training.trained_sensor import load_trained_sensor
 
     config = _config(args)
     asked = {field.name: getattr(args, field.name) for field in fields(Plan) if field.name != "sensor"}
-    update, sensor = (None, "") if args.run is None else _update(config, args.run)
-    plan = Plan(**asked, sensor=sensor)
-    collect(config, args.out, plan, update)
+    plan, update = Plan(**asked), None
+    if args.run is not None:
+        sensor = load_trained_sensor(args.run)
+        sensor.say_if_away(config, "collect")
+        plan, update = replace(plan, sensor=sensor.fingerprint), filter_update(config, sensor.network)
+    collect(config, args.out, plan, make_engine(plan.engine, config), update)
     part = f" (part {plan.shard_index} of {plan.num_shards})" if plan.num_shards > 1 else ""
     print(f"{args.out}: complete{part}{invalid_in(args.out)}")
-
-
-def _update(config: Config, run: Path) -> "tuple[Update, str]":
-    """What the sensor of a run makes of attempts, and its fingerprint."""
-    from mjx_fit.task.learning import filter_update
-    from mjx_fit.training.checkpoint import fingerprint_of, load_sensor
-    from mjx_fit.training.kinship import away_from_training
-
-    sensor, trained = load_sensor(run)
-    if note := away_from_training(config_.differences(trained, config)):
-        print(f"collect: {note}", file=sys.stderr)
-    return filter_update(config, sensor), fingerprint_of(sensor)
 
 
 def data_info(args: argparse.Namespace) -> None:
@@ -124,37 +118,41 @@ def train(args: argparse.Namespace) -> None:
 
 
 def evaluate_attempt(args: argparse.Namespace) -> None:
-    from mjx_fit.evaluation import experiments
-    from mjx_fit.report.terminal import print_summary
+    from mjx_fit.evaluation.experiments import attempt
 
-    print_summary(experiments.attempt(_config(args), args.out, args.trials, args.seed, args.engine))
+    _evaluate(attempt, args)
 
 
 def evaluate_position(args: argparse.Namespace) -> None:
     from mjx_fit.evaluation.position import position
-    from mjx_fit.report.terminal import print_summary
 
-    asked = (args.out, _run(args), args.methods, args.trials, args.seed, args.engine)
-    print_summary(position(_config(args), *asked))
+    _evaluate(position, args)
 
 
 def evaluate_insertion(args: argparse.Namespace) -> None:
     from mjx_fit.evaluation.insertion import insertion
-    from mjx_fit.report.terminal import print_summary
 
-    asked = (args.out, _run(args), args.methods, args.trials, args.seeds, args.seed, args.engine)
-    print_summary(insertion(_config(args), *asked))
+    _evaluate(insertion, args)
 
 
 def evaluate_assembly(args: argparse.Namespace) -> None:
-    from mjx_fit.evaluation import experiments
+    from mjx_fit.evaluation.experiments import assembly
+
+    _evaluate(assembly, args)
+
+
+def _evaluate(experiment: "Callable[[Request], Result]", args: argparse.Namespace) -> None:
+    """Runs an experiment, with a sensor where it has a --run, and prints what it came to."""
+    from mjx_fit.evaluation.request import Request
     from mjx_fit.report.terminal import print_summary
+    from mjx_fit.simulate.select import make_engine
 
     config = _config(args)
-    result = experiments.assembly(
-        config, args.out, _run(args), args.methods, args.trials, args.seed, args.engine
-    )
-    print_summary(result)
+    request = Request(config, args.out, make_engine(args.engine, config), args.trials, args.seed)
+    if hasattr(args, "run"):
+        request = replace(request, methods=args.methods, seeds=getattr(args, "seeds", 1))
+        request = request.with_sensors_of(_run(args))
+    print_summary(experiment(request))
 
 
 def evaluate_calibration(args: argparse.Namespace) -> None:
@@ -181,8 +179,7 @@ def render(args: argparse.Namespace) -> None:
     from mjx_fit.picture.render import render, require
 
     require(args.out, args.fps, args.speed)
-    _require_one_source(args)
-    recording = _recording(args)
+    *_, recording = _played(args)
     recording = recording if args.attempt is None else recording.only(args.attempt)
     print(render(recording, args.out, args.fps, args.speed))
 
@@ -190,26 +187,28 @@ def render(args: argparse.Namespace) -> None:
 def view(args: argparse.Namespace) -> None:
     from mjx_fit.picture.view import view
 
-    _require_one_source(args)
-    view(lambda watch: _recording(args, watch), args.attempt, args.speed, args.browser, args.port, args.host)
+    view(_played(args), args.attempt, args.speed, args.browser, args.port, args.host)
 
 
-def _require_one_source(args: argparse.Namespace) -> None:
+def _played(args: argparse.Namespace) -> "Generator[Recording]":
+    """What is asked for to be looked at: it is played as it is taken."""
+    from mjx_fit.evaluation import playback, results
+    from mjx_fit.simulate.select import make_engine
+    from mjx_fit.training.trained_sensor import load_trained_sensor
+
     asked = args.config or args.set or args.seed or args.engine != "auto"
     if args.result is not None and asked:
         raise RequestError(
             "--config, --set, --seed, --engine: none is allowed beside a result: it brings its own"
         )
-
-
-def _recording(args: argparse.Namespace, watch: "Callable[[Recording], None] | None" = None) -> "Recording":
-    """What is asked for to be looked at, played."""
-    from mjx_fit.evaluation import recording, results
-
-    asked = _run(args), args.method, args.trial
+    pick = playback.Pick(args.method, args.trial, args.attempt)
     if args.result is None:
-        return recording.record(_config(args), *asked, args.seed, args.engine, watch, args.attempt)
-    return recording.replay(results.read(args.result), *asked, watch, args.attempt)
+        config = _config(args)
+        engine, sensor = make_engine(args.engine, config), load_trained_sensor(_run(args))
+        return playback.record(config, pick, args.seed, engine, sensor)
+    result = results.read(args.result)
+    engine = make_engine(result.engine, config_.from_tree(result.config))
+    return playback.replay(result, pick, engine, load_trained_sensor(_run(args)))
 
 
 def bench(args: argparse.Namespace) -> None:

@@ -11,10 +11,13 @@ from mjx_fit.dataset.collect import collect
 from mjx_fit.dataset.plan import Plan
 from mjx_fit.errors import RequestError
 from mjx_fit.evaluation import experiments
+from mjx_fit.evaluation.request import Request
 from mjx_fit.filesystem import inside
 from mjx_fit.report.build import build
 from mjx_fit.report.run_figures import read_metrics
 from mjx_fit.report.terminal import print_summary
+from mjx_fit.simulate.interface import Engine
+from mjx_fit.simulate.select import make_engine
 from mjx_fit.training.baseline import train_from
 
 METHODS = "failure_only,full,oracle"
@@ -72,14 +75,16 @@ def demo(config: Config, out: Path, size: Size, train: bool) -> None:
 
 def _stages(config: Config, out: Path, size: Size, train: bool) -> None:
     console = Console(highlight=False)
-    run = resources.folder("weights")
+    run, engine = resources.folder("weights"), make_engine("auto", config)
     if train:
         run = inside(out, "train")
-        _train(config, inside(out, "data"), run, size, console)
+        _collect(config, inside(out, "data"), size, engine, console)
+        _train(config, inside(out, "data"), run, console)
 
     console.rule(f"{size.assemblies} assemblies of {config.task.n_holes} pegs, each under {METHODS}")
     result = out / "assembly.json"
-    print_summary(experiments.assembly(config, result, run, METHODS, size.assemblies, 0, "auto"))
+    request = Request(config, result, engine, size.assemblies, methods=METHODS)
+    print_summary(experiments.assembly(request.with_sensors_of(run)))
 
     console.rule("a video of one of them")
     if not (out / VIDEO).exists():
@@ -89,9 +94,12 @@ def _stages(config: Config, out: Path, size: Size, train: bool) -> None:
     console.print(str(build([out], out)), soft_wrap=True)
 
 
-def _train(config: Config, data: Path, run: Path, size: Size, console: Console) -> None:
+def _collect(config: Config, data: Path, size: Size, engine: Engine, console: Console) -> None:
     console.rule(f"{size.episodes} interactions of up to {size.steps} actions")
-    collect(config, data, Plan(size.episodes, size.steps, POLICY))
+    collect(config, data, Plan(size.episodes, size.steps, POLICY), engine)
+
+
+def _train(config: Config, data: Path, run: Path, console: Console) -> None:
     console.rule("train sensors and filters on them")
     train_from(data, config, run, seed=0)
     best = min(read_metrics(run / "metrics.jsonl"), key=lambda row: row["val_nll"])

@@ -19,13 +19,16 @@ from mjx_fit.evaluation import experiments
 from mjx_fit.evaluation.calibrate import calibrate
 from mjx_fit.evaluation.insertion import insertion
 from mjx_fit.evaluation.position import position
+from mjx_fit.evaluation.request import Request
+from mjx_fit.evaluation.results import Result
 from mjx_fit.filesystem import inside
 from mjx_fit.randomness import require_seed, root_key
 from mjx_fit.report.build import build
+from mjx_fit.simulate.interface import Engine
 from mjx_fit.simulate.select import make_engine
 from mjx_fit.task.learning import filter_update
 from mjx_fit.training.baseline import train_from
-from mjx_fit.training.checkpoint import fingerprint_of, load_sensor
+from mjx_fit.training.trained_sensor import load_trained_sensor
 
 
 @dataclass(frozen=True)
@@ -65,6 +68,8 @@ SIZES = {
     "full": Size("paper", 120000, 3, 10000, 30000, 10000, 1000, 1500, 5, 1000, 10000),
 }
 
+POSITION = "full,frame_by_frame,oracle"
+INSERTION = "full,no_update,sample,frame_by_frame,oracle"
 ASSEMBLY = "failure_only,failure_position,full,perfect_match,perfect_sensor,oracle"
 ATTEMPTS_EACH, ATTEMPTS_FULL = 167, 11
 """Attempts that one assembly takes under all methods together, and under ``full``, as they were seen."""
@@ -118,8 +123,9 @@ def paper(config: Config, out: Path, size: Size, seed: int) -> None:
 
 def _run(config: Config, out: Path, size: Size, seed: int) -> None:
     console = Console(highlight=False)
-    stages = _stages(config, out, size, seed)
-    console.print(_forecast(config, size))
+    engine = make_engine("auto", config)  # for all stages: detector and outcome model are no part of it
+    stages = _stages(Request(config, out, engine, trials=0, seed=seed), size)
+    console.print(_forecast(config, size, engine))
     for number, (title, work) in enumerate(stages.items(), 1):
         console.rule(f"{number}/{len(stages)}  {title}")
         began = time.monotonic()
@@ -145,67 +151,58 @@ def _check(config: Config, out: Path, seed: int) -> None:
         raise RequestError(f"--out: {out} is not allowed: it holds other files ({foreign[0]})")
 
 
-def _stages(config: Config, out: Path, size: Size, seed: int) -> dict[str, Callable[[], object]]:
+def _stages(base: Request, size: Size) -> dict[str, Callable[[], object]]:
+    """What is done, by title; ``base`` is what all requests share, with the folder in the place of a file."""
+    config, out, engine, seed = base.config, base.out, base.engine, base.seed
     data, test, run = (inside(out, name) for name in ("data", "held_out", "run"))
     plan = Plan(size.episodes, config.task.attempt_actions, "spiral", seed=seed, sequence=size.sequence)
     test_plan = Plan(size.held_out, config.task.attempt_actions, "spiral", seed=seed + HELD_OUT)
     disc = replace(config, detector=replace(config.detector, kind="disc"))
     by_covariance = replace(config, task=replace(config.task, outcome_model="covariance"))
-    chosen = "full,frame_by_frame,oracle"
-    inserting = "full,no_update,sample,frame_by_frame,oracle"
 
-    def assemble(name: str, config: Config, methods: str, trials: int) -> Callable[[], object]:
-        return lambda: experiments.assembly(config, out / name, run, methods, trials, seed, "auto")
+    def measure(
+        experiment: Callable[[Request], object], name: str, config: Config, trials: int, methods: str
+    ) -> Callable[[], object]:
+        request = replace(base, config=config, out=out / f"{name}.json", trials=trials, methods=methods)
+        return lambda: experiment(request.with_sensors_of(run) if methods else request)
 
+    def inserted(request: Request) -> Result:
+        return insertion(replace(request, seeds=size.seeds))
+
+    attempt, assembly = experiments.attempt, experiments.assembly
     return {
-        f"{size.episodes:,} interactions to train on": lambda: collect(config, data, plan),
-        f"{size.held_out:,} to calibrate on": lambda: collect(config, test, test_plan),
+        f"{size.episodes:,} interactions to train on": lambda: collect(config, data, plan, engine),
+        f"{size.held_out:,} to calibrate on": lambda: collect(config, test, test_plan, engine),
         "train": lambda: train_from(data, config, run, seed),
         "calibration": lambda: calibrate(config, out / "calibration.json", run, test, seed),
-        "calibration by attempt": lambda: _by_attempt(config, out, run, size.own, seed + OWN),
-        "single attempts": lambda: experiments.attempt(
-            config, out / "attempt.json", size.attempts, seed, "auto"
+        "calibration by attempt": lambda: _by_attempt(replace(base, seed=seed + OWN), run, size.own),
+        "single attempts": measure(attempt, "attempt", config, size.attempts, ""),
+        "single attempts, detector disc": measure(attempt, "attempt_disc", disc, size.attempts, ""),
+        "position": measure(position, "position", config, size.positions, POSITION),
+        "position, detector disc": measure(position, "position_disc", disc, size.positions, POSITION),
+        "insertion": measure(inserted, "insertion", config, size.insertions, INSERTION),
+        "insertion, detector disc": measure(inserted, "insertion_disc", disc, size.insertions, INSERTION),
+        "assembly": measure(assembly, "assembly", config, size.assemblies, ASSEMBLY),
+        "assembly, by covariance": measure(
+            assembly, "assembly_covariance", by_covariance, size.assemblies, ASSEMBLY
         ),
-        "single attempts, detector disc": lambda: experiments.attempt(
-            disc, out / "attempt_disc.json", size.attempts, seed, "auto"
-        ),
-        "position": lambda: position(
-            config, out / "position.json", run, chosen, size.positions, seed, "auto"
-        ),
-        "position, detector disc": lambda: position(
-            disc, out / "position_disc.json", run, chosen, size.positions, seed, "auto"
-        ),
-        "insertion": lambda: insertion(
-            config, out / "insertion.json", run, inserting, size.insertions, size.seeds, seed, "auto"
-        ),
-        "insertion, detector disc": lambda: insertion(
-            disc, out / "insertion_disc.json", run, inserting, size.insertions, size.seeds, seed, "auto"
-        ),
-        "assembly": assemble("assembly.json", config, ASSEMBLY, size.assemblies),
-        "assembly, by covariance": assemble(
-            "assembly_covariance.json", by_covariance, ASSEMBLY, size.assemblies
-        ),
-        "assembly, many trials of full, by covariance": assemble(
-            "assembly_full.json", by_covariance, "full", size.many
+        "assembly, many trials of full, by covariance": measure(
+            assembly, "assembly_full", by_covariance, size.many, "full"
         ),
     }
 
 
-def _by_attempt(config: Config, out: Path, run: Path, episodes: int, seed: int) -> None:
-    sensor, _ = load_sensor(run)
-    plan = Plan(
-        episodes,
-        config.task.attempt_actions,
-        "spiral",
-        seed=seed,
-        sequence=5,
-        sensor=fingerprint_of(sensor),
-    )
-    collect(config, inside(out, "own"), plan, filter_update(config, sensor))
-    calibrate(config, out / "calibration_by_attempt.json", run, out / "own", seed)
+def _by_attempt(base: Request, run: Path, episodes: int) -> None:
+    """Calibration on attempts in a row, from what the sensor believes by then."""
+    config, out = base.config, base.out
+    sensor = load_trained_sensor(run)
+    actions = config.task.attempt_actions
+    plan = Plan(episodes, actions, "spiral", seed=base.seed, sequence=5, sensor=sensor.fingerprint)
+    collect(config, inside(out, "own"), plan, base.engine, filter_update(config, sensor.network))
+    calibrate(config, out / "calibration_by_attempt.json", run, out / "own", base.seed)
 
 
-def _forecast(config: Config, size: Size) -> str:
+def _forecast(config: Config, size: Size, engine: Engine) -> str:
     """How long it will take, from a few simulated actions: rough, and said so."""
     actions = config.task.attempt_actions
     windows = (1 + config.train.baseline_share) * config.train.epochs * size.episodes
@@ -219,7 +216,7 @@ def _forecast(config: Config, size: Size) -> str:
         + 2 * ATTEMPTS_EACH * size.assemblies
         + ATTEMPTS_FULL * size.many
     )
-    speed = _actions_per_s(config)
+    speed = _actions_per_s(config, engine)
     minutes = (attempts * actions + WINDOW_IN_ACTIONS * windows) / speed / 60
     return (
         f"About {attempts:,} attempts and {windows:,.0f} windows of training: roughly {minutes:,.0f} minutes "
@@ -227,8 +224,7 @@ def _forecast(config: Config, size: Size) -> str:
     )
 
 
-def _actions_per_s(config: Config) -> float:
-    engine = make_engine("auto", config)
+def _actions_per_s(config: Config, engine: Engine) -> float:
     attempts = draw_attempts(root_key(0, "forecast"), jnp.arange(PROBE), "spiral", config.detector)
     seconds = []
     for _ in range(2):  # the first compiles

@@ -7,29 +7,25 @@ from pathlib import Path
 from typing import Any
 
 from mjx_fit.config import Config
-from mjx_fit.dataset import collect as collect_
+from mjx_fit.dataset.collect import collect
 from mjx_fit.dataset.plan import Plan
 from mjx_fit.files import LOCK
+from mjx_fit.simulate.interface import Engine
 from mjx_fit.task.learning import Update
 
 PLAN = Plan(episodes=10, steps=3, policy="mixed", engine="native", seed=5, batch=5)
 
 
 class Collector:
-    """Collects without compiling anew."""
+    """Collects with one engine, compiled once."""
 
-    def __init__(self, native):
+    def __init__(self, native: Engine):
         self._native = native
 
     def __call__(
         self, out: Path, config: Config | None = None, update: Update | None = None, **changes: Any
     ) -> Path:
-        make_engine = collect_.make_engine
-        collect_.make_engine = lambda *_: self._native
-        try:
-            collect_.collect(config or Config(), out, replace(PLAN, **changes), update)
-        finally:
-            collect_.make_engine = make_engine
+        collect(config or Config(), out, replace(PLAN, **changes), self._native, update)
         return out
 
 

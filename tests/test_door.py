@@ -11,7 +11,7 @@ from fakes import PathEngine
 from test_view import CONFIG
 
 from mjx_fit.errors import RequestError
-from mjx_fit.evaluation import recording
+from mjx_fit.evaluation import playback
 from mjx_fit.picture import view
 from mjx_fit.picture.motion import moments
 from mjx_fit.picture.panel import Panel
@@ -47,9 +47,7 @@ def own_address() -> str:
 @pytest.fixture(scope="module")
 def shown():
     """A puppet, and a way to let a screen show something that it did not show before."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(recording, "make_engine", lambda name, config: PathEngine())
-        played = recording.record(CONFIG, None, "failure_only", 1, 5)
+    *_, played = playback.record(CONFIG, playback.Pick("failure_only", 1), 5, PathEngine())
     puppet, moment = Puppet(played), moments(played, 4, 1.0)[0]
     panel, counter = Panel(played, 460, 720).draw(moment), itertools.count()
 
@@ -269,8 +267,9 @@ def test_an_address_of_another_machine_is_one_line():
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "localhost"])
 def test_a_port_in_use_is_one_line_before_anything_is_played(host, capfd):
-    def play(watch):
+    def playing():
         raise AssertionError
+        yield
 
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
@@ -279,17 +278,18 @@ def test_a_port_in_use_is_one_line_before_anything_is_played(host, capfd):
         with pytest.raises(
             RequestError, match=rf"^--port: {port} is not allowed: it is in use; choose another$"
         ):
-            view.view(play, None, 1.0, True, port, host)
+            view.view(playing(), None, 1.0, True, port, host)
 
 
 def test_letting_others_look_is_said(monkeypatch, capfd):
-    def play(watch):
+    def playing():
         raise KeyboardInterrupt
+        yield
 
     for host, said in (("127.0.0.1", False), ("0.0.0.0", True), ("::1", False)):
         if host == "::1" and not socket.has_ipv6:
             continue
-        view.view(play, None, 1.0, True, free_port(), host)
+        view.view(playing(), None, 1.0, True, free_port(), host)
         assert ("anybody who reaches port" in capfd.readouterr().err) == said
 
 

@@ -134,11 +134,11 @@ def test_engines_give_the_same_trace(rollouts):
     assert np.median(first) < 1e-3
 
 
-def test_both_engines_store_the_same_schema(rollouts, monkeypatch, tmp_path):
+def test_both_engines_store_the_same_schema(rollouts, tmp_path):
     files = {}
     for simulator in rollouts[2]:
-        monkeypatch.setattr(collect, "make_engine", lambda name, config, own=simulator: own)
-        collect.collect(CONFIG, tmp_path / simulator.name, Plan(12, 4, "random", simulator.name, batch=12))
+        plan = Plan(12, 4, "random", simulator.name, batch=12)
+        collect.collect(CONFIG, tmp_path / simulator.name, plan, simulator)
         assert store.describe(tmp_path / simulator.name)["engine"] == simulator.name
         files[simulator.name] = h5py.File(tmp_path / simulator.name / "shard-00000000.h5")
     with files["native"] as c, files["mjx"] as mjx:

@@ -3,6 +3,7 @@
 import shutil
 from contextlib import suppress
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -15,8 +16,10 @@ from faults import Faults, Killed
 from mjx_fit import resources
 from mjx_fit.config import Config, load
 from mjx_fit.evaluation import insertion, outcome, parts, position
+from mjx_fit.evaluation.request import Request
 from mjx_fit.filters.belief import initial_belief
 from mjx_fit.task import hole, learning, methods
+from mjx_fit.training.trained_sensor import load_baseline, load_trained_sensor
 from mjx_fit.types import Attempt, Observation
 
 CONFIG = Config()
@@ -44,7 +47,14 @@ def make_holes(seed: int = 0) -> hole.Holes:
 
 
 def play(picked, holes, engine, max_attempts=5):
-    return hole.run(CONFIG, picked, holes, max_attempts, engine, {"full": halving}, lambda done: None)
+    return tried(picked, holes, max_attempts, engine, {"full": halving})
+
+
+def tried(picked, holes, max_attempts, engine, updates):
+    table = hole.HoleTable(CONFIG, picked, holes, max_attempts)
+    for _ in hole.rounds(table, engine, hole.update_of_rows(picked, updates)):
+        pass
+    return table.outcomes()
 
 
 def test_it_goes_on_until_the_peg_is_in_and_the_belief_stays_from_there_on():
@@ -93,22 +103,22 @@ def test_a_trials_outcome_does_not_depend_on_its_batch():
     assert np.array_equal(whole.inserted_at[some], part.inserted_at)
 
 
-def asked(tmp_path, **changes) -> outcome.Asked:
-    return outcome.Asked(tmp_path / "r.json", "position", CONFIG, 0, {"trials": 5} | changes, "native")
+def asked(tmp_path, **changes) -> tuple[Path, outcome.Header]:
+    return tmp_path / "r.json", outcome.header("position", CONFIG, 0, "native", {"trials": 5} | changes)
 
 
 def test_parts_that_are_killed_at_any_file_operation_go_on(tmp_path, monkeypatch):
     """From the first temporary file on, to the same result file and nothing else."""
 
     def evaluate(out):
-        done = replace(asked(tmp_path), out=out)
+        _, here = asked(tmp_path)
 
         def work():
-            rows = parts.in_parts(done, range(2), lambda part: [{"trial": part}], lambda rows: None)
+            rows = parts.in_parts(out, here, range(2), lambda part: [{"trial": part}], lambda rows: None)
             assert rows == [{"trial": 0}, {"trial": 1}]
-            return outcome.write(done, [], [])
+            return outcome.write(out, here, [], [])
 
-        outcome.once(done, work)
+        outcome.once(out, here, work)
         parts.finish(out)
         return {path.name: path.read_bytes() for path in out.parent.iterdir()}
 
@@ -138,24 +148,24 @@ def test_work_that_is_killed_goes_on_with_the_part_that_it_was_in(tmp_path):
         return [{"trial": part, "value": 2 * part}]
 
     with pytest.raises(KeyboardInterrupt):
-        parts.in_parts(asked(tmp_path), range(4), lambda part: work(part, kill_at=2), lambda rows: None)
+        parts.in_parts(*asked(tmp_path), range(4), lambda part: work(part, kill_at=2), lambda rows: None)
     seen = []
-    rows = parts.in_parts(asked(tmp_path), range(4), work, lambda rows: seen.append(len(rows)))
+    rows = parts.in_parts(*asked(tmp_path), range(4), work, lambda rows: seen.append(len(rows)))
     assert worked == [0, 1, 2, 3]
     assert [row["value"] for row in rows] == [0, 2, 4, 6]
     assert seen == [1, 2, 3, 4]
     damaged = tmp_path / "r.parts" / "part-00001.json"
     damaged.write_text(damaged.read_text()[:-3])
-    assert parts.in_parts(asked(tmp_path), range(4), work, lambda rows: None) == rows
+    assert parts.in_parts(*asked(tmp_path), range(4), work, lambda rows: None) == rows
     assert worked == [0, 1, 2, 3, 1]
     with pytest.raises(outcome.RequestError, match="its request differs"):
-        parts.in_parts(asked(tmp_path, trials=6), range(4), work, lambda rows: None)
+        parts.in_parts(*asked(tmp_path, trials=6), range(4), work, lambda rows: None)
     parts.finish(tmp_path / "r.json")
     assert list(tmp_path.iterdir()) == []
     (tmp_path / "r.parts").mkdir()
     (tmp_path / "r.parts" / "mine.txt").write_text("keep")
     with pytest.raises(outcome.RequestError, match="it holds other files"):
-        parts.in_parts(asked(tmp_path), range(4), work, lambda rows: None)
+        parts.in_parts(*asked(tmp_path), range(4), work, lambda rows: None)
 
 
 @pytest.mark.parametrize(("n", "methods_", "sizes"), [(100, 3, [100]), (750, 5, [188] * 4)])
@@ -204,17 +214,12 @@ def test_frame_by_frame_takes_what_was_seen_from_where_the_attempt_started(monke
     np.testing.assert_array_equal(after.type_logp, beliefs.type_logp)
 
 
-def test_trials_of_position_and_insertion_are_what_they_are_said_to_be(tmp_path, monkeypatch):
+def test_trials_of_position_and_insertion_are_what_they_are_said_to_be(tmp_path):
     """Pairs in turn, an oracle that knows, seeds of a draw that share hole and estimate, refusals."""
-    seen = {}
-
-    def make_engine(name, config):
-        seen["engine"] = FakeEngine()
-        return seen["engine"]
-
-    monkeypatch.setattr("mjx_fit.evaluation.hole_study.make_engine", make_engine)
-    run = resources.folder("weights")
-    found = position.position(CONFIG, tmp_path / "p.json", run, "oracle", 12, 3, "native")
+    run, engine = resources.folder("weights"), FakeEngine()
+    sensor, baseline = load_trained_sensor(run), load_baseline(run)
+    base = Request(CONFIG, tmp_path / "p.json", engine, 12, 3, sensor=sensor, baseline=baseline)
+    found = position.position(replace(base, methods="oracle"))
     pairs = [tuple(trial["pair"]) for trial in found.trials]
     assert len({pair for pair in pairs[:12] if pair[0] != pair[1]}) == 6
     assert all(peg == hole for peg, hole in pairs[12:])
@@ -222,9 +227,11 @@ def test_trials_of_position_and_insertion_are_what_they_are_said_to_be(tmp_path,
     assert {trial["inserted_at"] for trial in found.trials[12:]} == {1}
     assert {trial["inserted_at"] for trial in found.trials[:12]} == {None}
 
-    found = insertion.insertion(CONFIG, tmp_path / "i.json", run, "no_update,sample", 9, 4, 3, "native")
+    engine = FakeEngine()
+    asked_for = replace(base, out=tmp_path / "i.json", engine=engine, trials=9, methods="no_update,sample")
+    found = insertion.insertion(replace(asked_for, seeds=4))
     assert len(found.trials) == 2 * 9 * 4
-    starts = seen["engine"].starts[0].reshape(2, 9, 4, 2)
+    starts = engine.starts[0].reshape(2, 9, 4, 2)
     assert (starts[0] == starts[0][:, :1]).all()
     assert len(np.unique(starts[1].reshape(-1, 2), axis=0)) == 36
     first = {trial["trial"]: trial["success"] for trial in found.trials if trial["method"] == "no_update"}
@@ -235,13 +242,19 @@ def test_trials_of_position_and_insertion_are_what_they_are_said_to_be(tmp_path,
             error[trial["trial"]] = trial["shape"]
     assert [error[draw] for draw in range(9)] == ["cross", "rectangle", "square"] * 3
     with pytest.raises(outcome.RequestError, match="it holds another result"):
-        insertion.insertion(CONFIG, tmp_path / "i.json", run, "no_update,sample", 9, 5, 3, "native")
+        insertion.insertion(replace(asked_for, seeds=5))
+    seen = len(engine.seen)
+    assert insertion.insertion(replace(asked_for, seeds=4)).trials == found.trials
+    assert len(engine.seen) == seen  # it is recognised, and nothing is simulated
     bare = tmp_path / "bare"
     shutil.copytree(run, bare, ignore=shutil.ignore_patterns("frame_by_frame"))
+    without = replace(base, out=tmp_path / "q.json", trials=2, baseline=load_baseline(bare))
     with pytest.raises(outcome.RequestError, match="frame_by_frame needs its frame_by_frame"):
-        position.position(CONFIG, tmp_path / "q.json", bare, "full,frame_by_frame", 2, 0, "native")
+        position.position(replace(without, methods="full,frame_by_frame"))
+    with pytest.raises(outcome.RequestError, match="--run: none is not allowed: full needs"):
+        position.position(replace(without, methods="full", sensor=None))
     wide = load(None, ["scene.clearance_m=0.002"])
-    found = position.position(wide, tmp_path / "w.json", run, "oracle", 2, 0, "native")
+    found = position.position(replace(base, config=wide, out=tmp_path / "w.json", trials=2, methods="oracle"))
     assert found.request["differs_from_training"] == []
 
 
@@ -338,7 +351,7 @@ def test_no_method_learns_from_a_broken_world(monkeypatch):
         "frame_by_frame": learning.frame_update(CONFIG, sensor),
     }
     holes = make_holes()
-    found = hole.run(CONFIG, picked, holes, 2, Breaking(), updates, lambda done: None)
+    found = tried(picked, holes, 2, Breaking(), updates)
     for done in found.values():
         moved = np.abs(np.diff(done.mean_world, axis=1)).max(-1) > 1e-5
         assert moved[:, 0].tolist() == [False, True] * (T // 2)

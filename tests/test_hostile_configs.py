@@ -11,6 +11,7 @@ from pathlib import Path
 import hostile
 import numpy as np
 import pytest
+from fakes import FakeEngine
 
 from mjx_fit import cli, config, resources
 from mjx_fit.arguments import parser
@@ -206,7 +207,7 @@ def test_sweeps_that_tilt_a_peg_are_refused_where_they_are_used(sets, tmp_path):
     with pytest.raises(
         RequestError, match=r"^config: random\.reach_m: .* is not allowed: it must be between"
     ):
-        collect(asked, tmp_path / "d", Plan(episodes=2, steps=1))
+        collect(asked, tmp_path / "d", Plan(episodes=2, steps=1), FakeEngine())
     assert not (tmp_path / "d").exists()
 
 

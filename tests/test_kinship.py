@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -9,10 +10,10 @@ from mjx_fit import provenance
 from mjx_fit.config import Config, load
 from mjx_fit.dataset import manifest, store
 from mjx_fit.errors import RequestError
-from mjx_fit.evaluation import outcome
 from mjx_fit.settings import SHAPES, Shape
 from mjx_fit.training import kinship
 from mjx_fit.training.baseline import train_from
+from mjx_fit.training.trained_sensor import TrainedSensor
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +70,8 @@ def test_data_of_other_shapes_are_refused(collect, tmp_path):
 def test_a_sensor_of_other_shapes_is_refused_wherever_it_is_used():
     bar = Shape("bar", SHAPES[0].rectangles)
     config = replace(Config(), scene=replace(Config().scene, shapes=(bar, *SHAPES[1:])))
+    network: Any = object()
     with pytest.raises(
         RequestError, match=r"--run: .*\(bar, rectangle, square\).*\(cross, rectangle, square\)"
     ):
-        outcome.with_network_of(Config(), config)
+        TrainedSensor(network, Config(), "f").adapt(config)

@@ -13,7 +13,7 @@ from test_package import ROOT
 from test_view import CONFIG
 
 from mjx_fit.errors import WorkError
-from mjx_fit.evaluation import recording
+from mjx_fit.evaluation import playback
 from mjx_fit.picture import render
 
 NOTICE = " ".join((ROOT / "NOTICE").read_text().split())
@@ -60,10 +60,9 @@ def test_an_ffmpeg_of_ones_own_that_does_not_do_is_one_line_and_leaves_nothing(t
         finally:
             closed.append(True)
 
-    monkeypatch.setattr(recording, "make_engine", lambda name, config: PathEngine())
     monkeypatch.setattr(render, "_drawn", drawn)
     monkeypatch.setenv("IMAGEIO_FFMPEG_EXE", "/bin/false")
-    played = recording.record(CONFIG, None, "failure_only", 1, 5)
+    *_, played = playback.record(CONFIG, playback.Pick("failure_only", 1), 5, PathEngine())
     with pytest.raises(WorkError, match=r"has /bin/false \(IMAGEIO_FFMPEG_EXE\) libx264\?$") as caught:
         render.render(played, tmp_path / "a.mp4", 10, 8.0, (640, 480))
     assert "\n" not in str(caught.value)

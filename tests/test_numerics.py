@@ -17,7 +17,7 @@ from mjx_fit.dataset import manifest
 from mjx_fit.errors import RequestError
 from mjx_fit.evaluation import parts
 from mjx_fit.simulate.select import make_engine
-from mjx_fit.task.learning import learner
+from mjx_fit.task.learning import filter_update
 from mjx_fit.training import checkpoint, run_folder
 
 OTHERS = {
@@ -78,7 +78,7 @@ def test_every_way_into_the_library_looks():
         lambda: make_engine("native", settings),
         lambda: make_engine("mjx", settings),
         lambda: checkpoint.load_sensor(Path("nowhere")),
-        lambda: learner(settings, None),
+        lambda: filter_update(settings, None),
         lambda: randomness.root_key(0, "test"),
     )
     with jax.enable_x64(True):  # of this thread alone

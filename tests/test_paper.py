@@ -8,7 +8,7 @@ import pytest
 from mjx_fit import config, resources
 from mjx_fit import paper as paper_
 from mjx_fit.errors import RequestError
-from mjx_fit.evaluation import results
+from mjx_fit.evaluation import request, results
 from mjx_fit.paper import RESULTS, SIZES, Size, paper, size_of
 
 TINY = [
@@ -40,10 +40,12 @@ def asked(monkeypatch):
         instead(paper_, name)
     for name in ("attempt", "assembly"):
         instead(paper_.experiments, name)
-    monkeypatch.setattr(paper_, "load_sensor", lambda run: (run, None))
-    monkeypatch.setattr(paper_, "fingerprint_of", lambda sensor: "the sensor's")
+    trained = SimpleNamespace(network=None, config=None, fingerprint="the sensor's")
+    for place in (paper_, request):
+        monkeypatch.setattr(place, "load_trained_sensor", lambda run: trained)
+    monkeypatch.setattr(request, "load_baseline", lambda run: "its baseline")
     monkeypatch.setattr(paper_, "filter_update", lambda config, sensor: "its update")
-    monkeypatch.setattr(paper_, "_actions_per_s", lambda config: 1000.0)
+    monkeypatch.setattr(paper_, "_actions_per_s", lambda config, engine: 1000.0)
     return calls
 
 
@@ -59,15 +61,19 @@ def test_what_each_stage_is_asked(tmp_path, asked):
     assert (own.plan.sequence, own.plan.sensor, own.update) == (5, "the sensor's", "its update")
     assert stages[2].folder == train.out
     assert [stage.data for name, stage in asked if name == "calibrate"] == [test.out, own.out]
-    measured = {
-        stage.out.stem: stage for name, stage in asked if name not in ("collect", "train_from", "build")
-    }
+    measuring = [stage for name, stage in asked if name not in ("collect", "train_from", "build")]
+    wanted = [getattr(stage, "request", stage) for stage in measuring]  # calibrate's are loose
+    measured = {one.out.stem: one for one in wanted}
     assert list(measured) == list(RESULTS)
     for name, stage in measured.items():
         assert stage.config.detector.kind == ("disc" if name.endswith("_disc") else "square")
         by_covariance = name in ("assembly_covariance", "assembly_full")
         assert stage.config.task.outcome_model == ("covariance" if by_covariance else "constant")
         assert stage.seed == (12 if name == "calibration_by_attempt" else 10)
+    assert {one.engine for one in measured.values() if hasattr(one, "engine")} == {train.engine}
+    for name, baseline in (("position", True), ("insertion", True), ("assembly", False)):
+        sensors = measured[name].sensor.fingerprint, measured[name].baseline
+        assert sensors == ("the sensor's", "its baseline" if baseline else None)
     assert measured["assembly_full"].methods == "full"
     assert measured["assembly_full"].trials == SIZE.many
     assert measured["assembly"].methods == measured["assembly_covariance"].methods

@@ -14,7 +14,9 @@ from PIL import Image
 from mjx_fit import files
 from mjx_fit.config import Config
 from mjx_fit.errors import RequestError, WorkError
-from mjx_fit.evaluation import experiments, parts, recording, results
+from mjx_fit.evaluation import experiments, parts, playback, results
+from mjx_fit.evaluation.playback import Pick
+from mjx_fit.evaluation.request import Request
 from mjx_fit.picture import gl, render
 from mjx_fit.picture.motion import HOME_M, moments
 from mjx_fit.picture.panel import Panel
@@ -25,25 +27,33 @@ TASK = dataclasses.replace(Config().task, n_holes=3, max_attempts=4)
 CONFIG = dataclasses.replace(Config(), task=TASK)
 
 
+def record(config, method, trial, seed, engine=None, attempt=None):
+    """Plays all that is asked for."""
+    *_, recording = playback.record(config, Pick(method, trial, attempt), seed, engine or PathEngine())
+    return recording
+
+
+def replay(result, method, trial, attempt=None):
+    *_, recording = playback.replay(result, Pick(method, trial, attempt), PathEngine())
+    return recording
+
+
 @pytest.fixture
-def played(monkeypatch):
-    monkeypatch.setattr(recording, "make_engine", lambda name, config: PathEngine())
-    return recording.record(CONFIG, None, "failure_only", trial=1, seed=5)
+def played():
+    return record(CONFIG, "failure_only", trial=1, seed=5)
 
 
 @pytest.fixture
 def result(monkeypatch, tmp_path):
-    for module in (recording, experiments):
-        monkeypatch.setattr(module, "make_engine", lambda name, config: PathEngine())
     monkeypatch.setattr(parts, "ROWS", 4)  # two trials to a part: the third is in a part of its own
-    out = tmp_path / "assembly.json"
-    return experiments.assembly(CONFIG, out, None, "failure_only,oracle", 3, 5, "native")
+    methods = "failure_only,oracle"
+    return experiments.assembly(Request(CONFIG, tmp_path / "assembly.json", PathEngine(), 3, 5, methods))
 
 
 @pytest.mark.parametrize(("method", "trial"), [("failure_only", 2), ("oracle", 0), ("oracle", 2)])
-def test_a_recording_is_the_experiments_trial(result, tmp_path, method, trial):
+def test_a_recording_is_the_experiments_trial(result, method, trial):
     row = next(row for row in result.trials if (row["method"], row["trial"]) == (method, trial))
-    again = recording.replay(result, tmp_path, method, trial)
+    again = replay(result, method, trial)
     assert [step.hole for step in again.steps] == [hole for holes in row["tried"] for hole in holes]
     assert [NAMES[kind] for kind in again.peg_type] == row["pegs"]
     assert [NAMES[kind] for kind in again.hole_type] == row["holes"]
@@ -57,38 +67,38 @@ def test_a_recording_is_the_experiments_trial(result, tmp_path, method, trial):
     assert matches == [match for peg in row["match_probability"] for match in peg]
 
 
-def test_what_cannot_be_played_is_refused(result, tmp_path):
+def test_what_cannot_be_played_is_refused(result):
     with pytest.raises(RequestError, match="--method, --trial: full, 0"):
-        recording.replay(result, tmp_path, "full", 0)
+        replay(result, "full", 0)
     with pytest.raises(RequestError, match="trials 0 to 2"):
-        recording.replay(result, tmp_path, "oracle", 3)
+        replay(result, "oracle", 3)
     with pytest.raises(RequestError, match="'attempt' is not allowed"):
-        recording.replay(dataclasses.replace(result, experiment="attempt"), tmp_path, "oracle", 0)
+        replay(dataclasses.replace(result, experiment="attempt"), "oracle", 0)
     for request in ({}, {"trials": "3"}, {"trials": 2}):
         with pytest.raises(RequestError, match=r"request\.trials"):
-            recording.replay(dataclasses.replace(result, request=request), tmp_path, "oracle", 0)
+            replay(dataclasses.replace(result, request=request), "oracle", 0)
     for attempt in (0, 99):
         with pytest.raises(
             RequestError, match=rf"--attempt: {attempt} is not allowed: .* between 1 and \d+$"
         ):
-            recording.replay(result, tmp_path, "oracle", 0, attempt=attempt)
+            replay(result, "oracle", 0, attempt=attempt)
         with pytest.raises(RequestError, match=f"--attempt: {attempt} is not allowed: .* between 1 and 12$"):
-            recording.record(CONFIG, None, "oracle", 0, 0, attempt=attempt)
+            record(CONFIG, "oracle", 0, 0, attempt=attempt)
     with pytest.raises(RequestError, match="nothing to play"):
-        recording.replay(dataclasses.replace(result, trials=[]), tmp_path, "oracle", 0)
+        replay(dataclasses.replace(result, trials=[]), "oracle", 0)
     with pytest.raises(RequestError, match="--method: 'oracle,full' is not allowed"):
-        recording.record(CONFIG, None, "oracle,full", 0, 0)
+        record(CONFIG, "oracle,full", 0, 0)
     result.trials[0]["tried"][0][0] += 1
     with pytest.raises(RequestError, match="does not come out as in the result"):
-        recording.replay(result, tmp_path, "failure_only", 0)
+        replay(result, "failure_only", 0)
 
 
-def test_what_comes_after_the_attempt_in_question_is_not_played(result, tmp_path):
+def test_what_comes_after_the_attempt_in_question_is_not_played(result):
     row = next(row for row in result.trials if row["method"] == "failure_only" and sum(row["attempts"]) > 3)
-    again = recording.replay(result, tmp_path, "failure_only", row["trial"], attempt=2)
+    again = replay(result, "failure_only", row["trial"], attempt=2)
     tried = [hole for holes in row["tried"] for hole in holes]
     assert [step.hole for step in again.steps] == tried[:2]
-    assert len(recording.record(CONFIG, None, "failure_only", 1, 5, attempt=3).steps) == 3
+    assert len(record(CONFIG, "failure_only", 1, 5, attempt=3).steps) == 3
 
 
 def test_a_single_attempt_of_a_recording(played):
@@ -160,10 +170,9 @@ def test_colours_of_beliefs_go_from_pale_to_the_types_own():
 
 
 @pytest.mark.parametrize("n", [1, 8])
-def test_the_panel_has_room_for_any_number_of_holes(monkeypatch, n):
-    monkeypatch.setattr(recording, "make_engine", lambda name, config: PathEngine())
+def test_the_panel_has_room_for_any_number_of_holes(n):
     config = dataclasses.replace(CONFIG, task=dataclasses.replace(TASK, n_holes=n, max_attempts=1))
-    played = recording.record(config, None, "failure_only", 0, 0)
+    played = record(config, "failure_only", 0, 0)
     panel, shown = Panel(played, 460, 720), moments(played, 4, 1.0)
     image = panel.draw(shown[0])
     assert image.shape == (720, 460, 3)
@@ -175,11 +184,10 @@ def test_the_panel_has_room_for_any_number_of_holes(monkeypatch, n):
     assert [what for what, _ in panel.words(shown[-1])][2:] == [f"hole {k + 1}" for k in range(n)]
 
 
-def test_a_peg_whose_name_begins_anothers_is_the_one_that_is_shown(monkeypatch):
-    monkeypatch.setattr(recording, "make_engine", lambda name, config: PathEngine())
+def test_a_peg_whose_name_begins_anothers_is_the_one_that_is_shown():
     shapes = tuple(dataclasses.replace(s, name=n) for s, n in zip(SHAPES, ("ell_0", "ell", "o"), strict=True))
     config = dataclasses.replace(CONFIG, scene=dataclasses.replace(CONFIG.scene, shapes=shapes))
-    played = recording.record(config, None, "failure_only", 1, 5)
+    played = record(config, "failure_only", 1, 5)
     puppet, shown = Puppet(played), moments(played, 4, 1.0)
     for moment in shown:
         step = played.steps[moment.step]
@@ -200,9 +208,8 @@ class BreakingEngine(PathEngine):
         return dataclasses.replace(done, valid=none, inserted=none)
 
 
-def test_a_world_that_broke_is_shown_as_far_as_it_went(monkeypatch):
-    monkeypatch.setattr(recording, "make_engine", lambda name, config: BreakingEngine())
-    played = recording.record(CONFIG, None, "failure_only", 0, 0)
+def test_a_world_that_broke_is_shown_as_far_as_it_went():
+    played = record(CONFIG, "failure_only", 0, 0, BreakingEngine())
     shown = moments(played, 4, 1.0)
     assert all(np.isfinite(moment.tip_pos_world).all() for moment in shown)
     panel = Panel(played, 460, 720)

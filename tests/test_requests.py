@@ -22,7 +22,7 @@ from mjx_fit.simulate import requests
 from mjx_fit.simulate.mjx import MjxEngine
 from mjx_fit.simulate.native import NativeEngine
 from mjx_fit.task.entrance import require_update
-from mjx_fit.task.learning import filter_update, frame_update, learner, readings
+from mjx_fit.task.learning import filter_update, frame_update, readings
 
 CONFIG = Config()
 N = 4
@@ -229,11 +229,9 @@ def sensor():
 @pytest.mark.parametrize("what", UNREADABLE)
 def test_traces_that_cannot_be_read_are_refused_wherever_they_enter(what, sensor):
     wrong = UNREADABLE[what](sound())
-    yes = np.ones(N, bool)
     for enter in (
         lambda: readings(wrong, KEYS, CONFIG),
-        lambda: learner(CONFIG, sensor)(BELIEF, wrong, KEYS, yes, yes),
-        lambda: learner(CONFIG, None)(BELIEF, wrong, KEYS, yes, yes),
+        lambda: filter_update(CONFIG, None)(BELIEF, wrong, KEYS),
         lambda: filter_update(CONFIG, sensor)(BELIEF, wrong, KEYS),
         lambda: frame_update(CONFIG, sensor)(BELIEF, wrong, KEYS),
     ):

@@ -1,4 +1,5 @@
 import dataclasses
+from typing import Any, cast
 
 import jax
 import jax.numpy as jnp
@@ -15,6 +16,7 @@ from mjx_fit.filters.belief import initial_belief
 from mjx_fit.filters.success import success_probability
 from mjx_fit.task import assembly, learning, methods, pomdp
 from mjx_fit.task import trials as trials_
+from mjx_fit.task.table import Table
 from mjx_fit.types import Attempt, Observation
 
 COLUMNS = ("tried", "match_probability", "error_cm", "match_after", "error_after_cm", "peak_force_n")
@@ -66,14 +68,13 @@ def test_trials_are_fair():
     assert np.array_equal(fewer.estimate_world, trials.estimate_world[:5])
 
 
-def play(names, n_trials=6, seed=0, config=CONFIG, learn=None):
+def play(names, n_trials=6, seed=0, config=CONFIG, update=None):
     trials = trials_.draw_trials(config, seed, np.arange(n_trials))
     engine = FakeEngine()
-    learn = learn or learning.learner(config, None)
-    rows = assembly.run(
-        config, methods.chosen(names, methods.ASSEMBLY), trials, seed, engine, learn, lambda done, text: None
-    )
-    return trials, engine, rows
+    table = Table(config, methods.chosen(names, methods.ASSEMBLY), trials, seed)
+    for _ in assembly.rounds(table, engine, update or learning.filter_update(config, None)):
+        pass
+    return trials, engine, table.rows()
 
 
 def test_oracle_needs_one_attempt_for_each_peg():
@@ -118,13 +119,13 @@ def test_failure_only_agrees_with_a_plain_loop():
 def test_learning_the_position_ends_failures_at_the_right_hole():
     """A perfect sensor by decree: after one failure the position is known, so no peg needs a human."""
 
-    def learn(beliefs, interactions, keys, learns_position, learns_type):
+    def update(beliefs, interactions, keys):
         known = dataclasses.replace(beliefs, pos_mean_world=np.asarray(interactions.hole_pos_world))
-        updated = learning.learner(CONFIG, None)(known, interactions, keys, learns_position, learns_type)
+        updated = learning.filter_update(CONFIG, None)(known, interactions, keys)
         return jax.tree.map(np.asarray, updated)
 
     config = dataclasses.replace(CONFIG, task=dataclasses.replace(CONFIG.task, max_attempts=30))
-    _, _, rows = play("failure_position", config=config, learn=learn)
+    _, _, rows = play("failure_position", config=config, update=update)
     assert not any(any(row["human"]) for row in rows)
     assert max(max(row["attempts"]) for row in rows) <= 9
 
@@ -234,8 +235,9 @@ def test_each_method_learns_what_it_may_and_no_more(hard):
     done = dataclasses.replace(done, inserted=np.arange(n) >= 3, valid=np.ones(n, bool))
     position, kind = np.array([0, 1, 1] * 2, bool), np.array([0, 0, 1] * 2, bool)
     config = dataclasses.replace(CONFIG, task=dataclasses.replace(CONFIG.task, hard_match=hard))
-    learn = learning.learner(config, StubSensor())  # pyright: ignore[reportArgumentType]
-    after = learn(before, done, jax.random.split(jax.random.key(0), n), position, kind)
+    sensor: Any = StubSensor()
+    update = learning.filter_update(config, sensor, position, kind)
+    after = update(before, done, jax.random.split(jax.random.key(0), n))
     moved = np.asarray(after.pos_mean_world - before.pos_mean_world)
     assert moved == pytest.approx(np.array([[0, 0], [0.003, 0], [0.003, 0], *[[0, 0]] * 3]), abs=1e-6)
     assert np.asarray(after.pos_cov)[:, 0, 0] == pytest.approx([1e-4, 5e-5, 5e-5, 1e-4, 1e-4, 1e-4], rel=1e-4)
@@ -257,7 +259,7 @@ def test_success_and_broken_worlds_leave_beliefs_alone():
         interaction, inserted=np.array([True, False, False]), valid=np.array([True, False, True])
     )
     keys = jax.random.split(jax.random.key(0), 3)
-    after = learning.learner(config, None)(beliefs, interaction, keys, np.zeros(3, bool), np.zeros(3, bool))
+    after = learning.filter_update(config, None)(beliefs, interaction, keys)
     assert np.array_equal(after.type_logp[:2], beliefs.type_logp[:2])
     a = config.task.success_probability[0]
     want = np.array([1 - a, 1, 1]) / (3 - a)
@@ -302,7 +304,7 @@ def test_success_by_covariance_is_the_mean_over_the_belief():
 
 def test_failing_with_a_good_estimate_says_more_about_the_type():
     config = dataclasses.replace(CONFIG, task=dataclasses.replace(CONFIG.task, outcome_model="covariance"))
-    learn = learning.learner(config, None)
+    update = learning.filter_update(config, None)
     beliefs = initial_belief(jnp.zeros((2, 2)), 0.01, 3)
     beliefs = dataclasses.replace(beliefs, pos_cov=beliefs.pos_cov * jnp.array([1.0, 0.01])[:, None, None])
     zero, away = jnp.zeros(2, int), jnp.full((2, 2), 0.01)
@@ -310,7 +312,7 @@ def test_failing_with_a_good_estimate_says_more_about_the_type():
     attempts = Attempt(zero, zero, away, jnp.zeros((2, 2)), zero, keys)
     done = FakeEngine().run(attempts, 2)
     failed = dataclasses.replace(done, inserted=np.zeros(2, bool))
-    after = learn(beliefs, failed, attempts.key, np.zeros(2, bool), np.zeros(2, bool))
+    after = update(beliefs, failed, attempts.key)
     wide, narrow = np.exp(np.asarray(after.type_logp))[:, 0]
     assert narrow < 0.1
     assert 0.28 < wide < 1 / 3
@@ -327,11 +329,8 @@ def test_a_human_finds_an_empty_hole_where_another_peg_sits_in_the_right_one():
 
     for seed in range(6):
         trials = trials_.draw_trials(CONFIG, seed, np.arange(3))
-        seen = []
-        assembly.run(
-            CONFIG, methods.chosen("failure_only", methods.ASSEMBLY), trials, seed, Loose(),
-            learning.learner(CONFIG, None), lambda done, text: None, seen.append,
-        )  # fmt: skip
+        table = Table(CONFIG, methods.chosen("failure_only", methods.ASSEMBLY), trials, seed)
+        seen = list(assembly.rounds(table, Loose(), learning.filter_update(CONFIG, None)))
         for before, after in ((one.before.filled.sum(1), one.after.filled.sum(1)) for one in seen):
             assert (after >= before).all()
         assert seen[-1].after.filled.all()
@@ -348,9 +347,9 @@ class Breaking(FakeEngine):
 
 def test_a_broken_world_counts_as_an_attempt_and_teaches_nothing():
     """No method, not even one that a failure tells the truth; and beliefs are distributions all the way."""
-    trials, seen = trials_.draw_trials(CONFIG, 0, np.arange(6)), []
-    learn = learning.learner(CONFIG, StubSensor())  # pyright: ignore[reportArgumentType]
-    assembly.run(CONFIG, methods.ASSEMBLY, trials, 0, Breaking(), learn, lambda done, text: None, seen.append)
+    trials, sensor = trials_.draw_trials(CONFIG, 0, np.arange(6)), cast(Any, StubSensor())
+    update = assembly.update_of_rows(CONFIG, methods.ASSEMBLY, 6, sensor)
+    seen = list(assembly.rounds(Table(CONFIG, methods.ASSEMBLY, trials, 0), Breaking(), update))
     first, second, *_ = seen
     jax.tree.map(np.testing.assert_array_equal, first.learned.beliefs, first.before.beliefs)
     assert not first.after.filled.any()
@@ -376,11 +375,9 @@ def test_no_draw_of_an_assembly_comes_twice():
 
 def test_among_equals_the_tries_of_the_peg_in_hand_count_and_not_those_of_earlier_pegs():
     """A try in a broken world leaves a hole as good as it was, and only the tries tell it from its equals."""
-    trials, seen = trials_.draw_trials(CONFIG, 0, np.arange(6)), []
-    assembly.run(
-        CONFIG, methods.chosen("failure_only", methods.ASSEMBLY), trials, 0, Breaking(),
-        learning.learner(CONFIG, None), lambda done, text: None, seen.append,
-    )  # fmt: skip
+    trials = trials_.draw_trials(CONFIG, 0, np.arange(6))
+    table = Table(CONFIG, methods.chosen("failure_only", methods.ASSEMBLY), trials, 0)
+    seen = list(assembly.rounds(table, Breaking(), learning.filter_update(CONFIG, None)))
     for row in range(6):
         peg, tries = -1, np.zeros(4, int)
         for one in (one for one in seen if one.before.active[row]):

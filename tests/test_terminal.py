@@ -1,18 +1,20 @@
 """What is said beside numbers that were made away from where the sensor was trained."""
 
-from pathlib import Path
+from typing import Any
 
 import pytest
+from fakes import FakeEngine
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjx_fit import commands
+from mjx_fit import cli
 from mjx_fit.config import Config, differences, load
-from mjx_fit.evaluation import recording
+from mjx_fit.evaluation import playback
 from mjx_fit.evaluation.results import Result
 from mjx_fit.evaluation.statistics import Row
 from mjx_fit.report import terminal
 from mjx_fit.training.kinship import away_from_training
+from mjx_fit.training.trained_sensor import TrainedSensor
 
 EXPERIMENTS = ("position", "insertion", "assembly", "calibration")
 
@@ -68,15 +70,18 @@ def test_settings_of_the_network_are_the_runs_own(change, is_said):
 
 def test_collecting_and_playing_away_from_the_training_say_so(capsys, monkeypatch):
     """Where no result is printed: the beliefs that attempts start from, and what is looked at."""
-    away = load(None, ["scene.friction=0.6"])
-    monkeypatch.setattr("mjx_fit.training.checkpoint.load_sensor", lambda run: (object(), Config()))
-    monkeypatch.setattr("mjx_fit.training.checkpoint.fingerprint_of", lambda sensor: "f")
+    network: Any = object()
+    sensor, collecting = TrainedSensor(network, Config(), "f"), ["collect", "--run", "run", "--out", "d"]
+    monkeypatch.setattr("mjx_fit.training.trained_sensor.load_trained_sensor", lambda run: sensor)
     monkeypatch.setattr("mjx_fit.task.learning.filter_update", lambda config, sensor: None)
-    monkeypatch.setattr(recording, "draw_trials", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
-    monkeypatch.setattr(recording, "make_engine", lambda name, config: None)
-    for config, is_away in ((away, True), (Config(), False)):
-        commands._update(config, Path("run"))
+    monkeypatch.setattr("mjx_fit.dataset.collect.collect", lambda *_: None)
+    monkeypatch.setattr("mjx_fit.dataset.collect.invalid_in", lambda *_: "")
+    monkeypatch.setattr(playback, "draw_trials", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+    away = ["--set", "scene.friction=0.6"]
+    for options, is_away in ((away, True), ([], False)):
+        assert cli.main([*collecting, *options]) == 0
+        config = load(None, options[1:])
         with pytest.raises(KeyboardInterrupt):
-            recording.record(config, Path("run"), "full", 0, 0)
+            playback.record(config, playback.Pick("full", 0), 0, FakeEngine(), sensor)
         line = "settings differ from the sensor's training: scene.friction is 0.3 there and 0.6 here"
         assert capsys.readouterr().err.splitlines() == [f"collect: {line}", f"playing: {line}"] * is_away

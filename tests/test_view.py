@@ -11,7 +11,7 @@ from fakes import PathEngine
 
 from mjx_fit.config import Config
 from mjx_fit.errors import RequestError
-from mjx_fit.evaluation import recording
+from mjx_fit.evaluation import playback
 from mjx_fit.picture import view
 from mjx_fit.picture.motion import moments
 from mjx_fit.picture.panel import Panel
@@ -23,12 +23,13 @@ CONFIG = dataclasses.replace(
 )
 
 
-@pytest.fixture
-def play(monkeypatch):
-    monkeypatch.setattr(recording, "make_engine", lambda name, config: PathEngine())
-    return lambda watch, attempt=None: recording.record(
-        CONFIG, None, "failure_only", 1, 5, watch=watch, attempt=attempt
-    )
+def play(attempt=None):
+    return playback.record(CONFIG, playback.Pick("failure_only", 1, attempt), 5, PathEngine())
+
+
+def whole():
+    *_, recording = play()
+    return recording
 
 
 class Screen:
@@ -63,10 +64,10 @@ def screens(monkeypatch):
     return opens
 
 
-def test_every_attempt_is_shown_in_order_until_it_is_closed(play, screens):
-    steps = play(None).steps
+def test_every_attempt_is_shown_in_order_until_it_is_closed(screens):
+    steps = whole().steps
     opened = screens()
-    view.view(play, None, 100.0, False, 8080)
+    view.view(play(), None, 100.0, False, 8080)
     (screen,) = opened
     order = [step for step, _, _ in screen.shown]
     assert order == sorted(order)
@@ -78,57 +79,53 @@ def test_every_attempt_is_shown_in_order_until_it_is_closed(play, screens):
     assert max(screen.off_m) < 1e-4
 
 
-def test_one_attempt_is_shown_alone_and_what_comes_later_is_not_played(play, screens):
+def test_one_attempt_is_shown_alone_and_what_comes_later_is_not_played(screens):
     opened, played = screens(), []
-    view.view(
-        lambda watch: play(lambda so_far: played.append(so_far) or watch(so_far), 2), 2, 100.0, False, 8080
-    )
+    view.view((played.append(so_far) or so_far for so_far in play(2)), 2, 100.0, False, 8080)
     assert {step for step, _, _ in opened[0].shown} == {1}
     assert len(played) == 2
 
 
-def test_it_is_looked_at_once_the_playing_is_over(play, screens):
+def test_it_is_looked_at_once_the_playing_is_over(screens):
     """Playing has a watchdog, which takes whoever looks for long for work that stands still."""
     opened, looked = screens(), []
 
-    def playing(watch):
-        try:
-            return play(watch, 2)
-        finally:
-            looked.append(opened[0].idle)
+    def playing():
+        yield from play(2)
+        looked.append(opened[0].idle)
 
-    view.view(playing, 2, 100.0, False, 8080)
-    assert looked == [1]  # asked once, behind the last picture
+    view.view(playing(), 2, 100.0, False, 8080)
+    assert looked == [1]  # asked once, after the last picture
     assert opened[0].idle == 6
 
 
 @pytest.mark.parametrize(
     ("browser", "why"), [(True, "--browser needs"), (False, "without a display it needs")]
 )
-def test_no_browser_is_one_line_that_says_what_to_install(play, monkeypatch, browser, why):
+def test_no_browser_is_one_line_that_says_what_to_install(monkeypatch, browser, why):
     monkeypatch.setitem(sys.modules, "viser", None)
     monkeypatch.delitem(sys.modules, "mjx_fit.picture.browser", raising=False)
     monkeypatch.setattr(view, "_has_display", lambda: False)
     with pytest.raises(RequestError, match=rf"view: {why} viser, .*pip install 'mjx-fit\[view\]'$"):
-        view.view(play, None, 1.0, browser, 8080)
+        view.view(play(), None, 1.0, browser, 8080)
 
 
-def test_a_closed_screen_ends_the_show(play, screens):
+def test_a_closed_screen_ends_the_show(screens):
     opened = screens(pictures=3)
-    view.view(play, None, 100.0, False, 8080)
+    view.view(play(), None, 100.0, False, 8080)
     assert len(opened[0].shown) == 3
 
 
-def test_an_attempt_that_there_is_not_is_refused(play, screens):
+def test_an_attempt_that_there_is_not_is_refused(screens):
     screens()
     with pytest.raises(RequestError, match="--attempt: 99 is not allowed"):
-        view.view(play, 99, 100.0, False, 8080)
+        view.view(play(), 99, 100.0, False, 8080)
 
 
 @pytest.mark.parametrize(("speed", "port", "word"), [(0.0, 8080, "--speed: 0.0"), (1.0, 0, "--port: 0")])
-def test_values_that_show_nothing(play, speed, port, word):
+def test_values_that_show_nothing(speed, port, word):
     with pytest.raises(RequestError, match=f"{word} is not allowed"):
-        view.view(play, None, speed, True, port)
+        view.view(play(), None, speed, True, port)
 
 
 class Viewer:
@@ -155,8 +152,8 @@ class Viewer:
         return True
 
 
-def test_the_window_poses_under_the_viewers_lock(play, monkeypatch):
-    played = play(None)
+def test_the_window_poses_under_the_viewers_lock(monkeypatch):
+    played = whole()
     puppet, shown = Puppet(played), moments(played, 4, 1.0)
     viewer = Viewer(puppet.model)
     monkeypatch.setattr(mujoco, "viewer", SimpleNamespace(launch_passive=lambda *_, **__: viewer))
@@ -169,12 +166,12 @@ def test_the_window_poses_under_the_viewers_lock(play, monkeypatch):
     assert viewer.synced == 2
 
 
-def test_the_browser_shows_the_arm_and_the_marks_where_they_are(play):
+def test_the_browser_shows_the_arm_and_the_marks_where_they_are():
     pytest.importorskip("viser")
     from mjx_fit.picture.browser import Browser
     from mjx_fit.picture.door import Door
 
-    played = play(None)
+    played = whole()
     puppet, shown = Puppet(played), moments(played, 4, 1.0)
     browser, panel = Browser(puppet, Door("127.0.0.1", 8123)), Panel(played, 460, 720)
     try:

@@ -22,6 +22,7 @@ from mjx_fit.dataset.plan import Plan
 from mjx_fit.evaluation.calibrate import calibrate
 from mjx_fit.evaluation.results import Result
 from mjx_fit.report import script
+from mjx_fit.simulate.select import make_engine
 from mjx_fit.training.loop import train
 from mjx_fit.training.sides import usable_sides
 
@@ -101,7 +102,7 @@ def _trained_and_judged(folder: Path, name: str, row: Row, test: Path, seed: int
 
 def _collected(folder: Path, plan: Plan) -> Path:
     data = folder / "data" / f"{plan.policy}-{plan.episodes}-{plan.sequence}-{plan.seed}"
-    collect(Config(), data, plan)
+    collect(Config(), data, plan, make_engine("auto", Config()))
     return data
 
 

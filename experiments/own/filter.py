@@ -48,10 +48,10 @@ def main(trials: int) -> None:
     sensor, config = load_sensor(resources.folder("weights"))
     updates = {"Kalman": learning.filter_update(config, sensor), "particles": particle_filter(config, sensor)}
     holes, methods = draw_holes(config, np.arange(trials), 1, 0), tuple(map(HoleMethod, updates))
-    done = hole.run(
-        config, methods, holes, ATTEMPTS, make_engine("auto", config), updates, lambda attempts: None
-    )
-    for name, outcome in done.items():
+    table = hole.HoleTable(config, methods, holes, ATTEMPTS)
+    for _ in hole.rounds(table, make_engine("auto", config), hole.update_of_rows(methods, updates)):
+        pass
+    for name, outcome in table.outcomes().items():
         mean, low, high = bootstrap_mean(outcome.attempts, range(trials))
         print(f"{name}: {mean:.2f} attempts ({low:.2f} to {high:.2f}), n = {trials}")
 

@@ -16,6 +16,7 @@ from mjx_fit.dataset.collect import collect
 from mjx_fit.dataset.plan import Plan
 from mjx_fit.dataset.store import describe
 from mjx_fit.settings import SHAPES, Shape
+from mjx_fit.simulate.select import make_engine
 
 # Each rectangle from its lower to its upper corner, x, y, x, y in m from the tool's axis.
 ELL = Shape("ell", ((-0.020, -0.020, 0.000, 0.020), (0.000, -0.020, 0.020, 0.000)))
@@ -25,7 +26,7 @@ def main(folder: Path, episodes: int = 240, steps: int = 100) -> None:
     """Collects interactions of the L with itself and with two of ours."""
     default = Config()
     config = replace(default, scene=replace(default.scene, shapes=(ELL, *SHAPES[1:])))
-    collect(config, folder, Plan(episodes, steps, "spiral"))
+    collect(config, folder, Plan(episodes, steps, "spiral"), make_engine("auto", config))
     for pair, row in describe(folder)["pairs"].items():
         print(f"{pair}: {row['inserted']} of {row['episodes']} inserted")
 

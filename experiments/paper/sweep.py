@@ -16,9 +16,12 @@ from matplotlib.ticker import PercentFormatter
 from mjx_fit import config as config_
 from mjx_fit import resources, runtime
 from mjx_fit.evaluation import experiments
+from mjx_fit.evaluation.request import Request
 from mjx_fit.evaluation.results import Result
 from mjx_fit.evaluation.statistics import Row
 from mjx_fit.report import script, style
+from mjx_fit.simulate.select import make_engine
+from mjx_fit.training.trained_sensor import load_trained_sensor
 
 HERE = Path(__file__).parent
 METHODS = "full,oracle"
@@ -46,7 +49,9 @@ def _assembled(folder: Path, key: str, value: float, trials: int) -> Result:
     same = config == config_.load(None, ["task.outcome_model=covariance"])
     name = "default" if same else f"{key}-{value:g}"
     out = folder / f"{name}.json"
-    return experiments.assembly(config, out, resources.folder("weights"), METHODS, trials, 0, "auto")
+    sensor = load_trained_sensor(resources.folder("weights"))
+    request = Request(config, out, make_engine("auto", config), trials, methods=METHODS, sensor=sensor)
+    return experiments.assembly(request)
 
 
 def _figure(rows: list[tuple[str, float, Row]]) -> Figure:

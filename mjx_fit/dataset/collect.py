@@ -12,10 +12,11 @@ from mjx_fit.dataset import shard as shard_
 from mjx_fit.dataset.plan import Plan, check
 from mjx_fit.dataset.sequences import Sequences
 from mjx_fit.dataset.writer import Writer, is_finished, new_manifest, new_shard
+from mjx_fit.errors import RequestError
 from mjx_fit.filesystem import inside
 from mjx_fit.progress import COMPILING, Progress
 from mjx_fit.simulate.broken import kept_in
-from mjx_fit.simulate.select import make_engine
+from mjx_fit.simulate.interface import Engine
 from mjx_fit.task.learning import Update
 from mjx_fit.types import ACTION_BYTES, SUBSTEPS
 
@@ -23,7 +24,7 @@ _BROKEN = "broken"
 """Folder, in that of the data set, of what can be replayed."""
 
 
-def collect(config: Config, out: Path, plan: Plan, update: Update | None = None) -> None:
+def collect(config: Config, out: Path, plan: Plan, engine: Engine, update: Update | None = None) -> None:
     """Simulates interactions and stores them; goes on where a killed collection of the same kind stopped.
 
     The draws of an episode depend on the seed and its id alone. All batches have one shape, the last one
@@ -33,6 +34,7 @@ def collect(config: Config, out: Path, plan: Plan, update: Update | None = None)
         config: The configuration.
         out: Folder of the data set.
         plan: What is to be collected.
+        engine: Simulates the attempts; the one that the plan names.
         update: What the sensor that ``plan.sensor`` names makes of an attempt.
 
     Raises:
@@ -44,13 +46,15 @@ def collect(config: Config, out: Path, plan: Plan, update: Update | None = None)
         limits.require_random_upright(config.scene, config.control, config.random)
     _require_memory(config, plan)
     request, shards = plan.request(config), plan.shards()
+    if request["engine"] != engine.name:
+        raise RequestError(f"--engine: {plan.engine} is not allowed with an engine {engine.name}")
     wanted = new_manifest(request, (plan.shard_index, plan.num_shards))
     if is_finished(out, wanted, shards):
         return
     with Writer(out, wanted) as writer:
         missing = writer.missing(shards)
         if missing:
-            simulate = Sequences(make_engine(plan.engine, config), config, plan, inside(out, _BROKEN), update)
+            simulate = Sequences(engine, config, plan, inside(out, _BROKEN), update)
             _fill(writer, {name: shards[name] for name in missing}, len(shards), simulate, request)
         writer.finish()
 

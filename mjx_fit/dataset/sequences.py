@@ -7,7 +7,7 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, Key
 
 from mjx_fit import policies
 from mjx_fit.config import Config
@@ -19,12 +19,20 @@ from mjx_fit.randomness import root_key
 from mjx_fit.settings import N_TYPES
 from mjx_fit.simulate.broken import report
 from mjx_fit.simulate.interface import Engine
+from mjx_fit.task.attempt_loop import Tried, Try, attempt_rounds
 from mjx_fit.task.learning import Update
 from mjx_fit.types import Array, Attempt, Belief, Interaction
 
 
 class Sequences:
     """Simulates batches of sequences.
+
+    Args:
+        engine: Simulates the attempts.
+        config: The configuration.
+        plan: What is collected.
+        dumps: Folder for what is needed to replay diverged simulations.
+        update: The estimator from whose beliefs later attempts start; None: they start from drawn ones.
 
     Attributes:
         broken: Worlds so far that are not valid: left out of training.
@@ -33,66 +41,114 @@ class Sequences:
     def __init__(self, engine: Engine, config: Config, plan: Plan, dumps: Path, update: Update | None):
         self._engine, self._config, self._plan, self._dumps = engine, config, plan, dumps
         self._update = update
-        self._root = root_key(plan.seed, "collect")
-        self._noise_keys = jax.vmap(partial(jax.random.fold_in, root_key(plan.seed, "collect: noise")))
         self.broken = 0
 
     def __call__(self, start: int) -> Episode:
         """The episodes of one batch of sequences, in the order of their ids."""
         plan = self._plan
-        sequences = np.arange(start, start + plan.worlds)
-        wanted = sequences < plan.sequences
-        going, whole, belief = wanted, None, None
-        for number in range(plan.sequence):
-            attempts, cov = self._attempts(sequences, number, belief)
-            ids = sequences * plan.sequence + number
-            done = self._run(attempts, ids, going)
-            if number + 1 < plan.sequence:
-                belief = self._updated(belief, attempts, done, ids)
-            going = going & done.valid & ~done.inserted
-            policy = np.asarray(attempts.policy)
-            one = Episode(ids, sequences, np.full_like(ids, number), policy, np.asarray(cov), done)
-            one = jax.tree.map(lambda leaf: leaf[: wanted.sum()], one)
+        batch = _Batch(self._config, plan, start, learns=self._update is not None)
+        engine = _EachPolicy(self._engine, self._config, batch, self._dumps)
+        rounds = attempt_rounds(batch.next_try, engine, self._update or _nothing_learned, plan.steps)
+        whole = None
+        for number, tried in enumerate(rounds):
+            one = batch.record(tried)
             if plan.sequence == 1:
-                return one
+                whole = one
+                continue
             if whole is None:  # in place at once: kept and joined at the end, all would be there twice
                 whole = jax.tree.map(partial(_with_axis, plan.sequence), one)
             jax.tree.map(lambda to, leaf, n=number: to.__setitem__((slice(None), n), leaf), whole, one)
+        assert whole is not None
+        self.broken += engine.broken
+        if plan.sequence == 1:
+            return whole
         return jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), whole)
 
-    def _attempts(
-        self, sequences: Int[np.ndarray, "n"], number: int, belief: Belief | None
-    ) -> tuple[Attempt, Float[Array, "n 2 2"]]:
-        ids, policy = jnp.asarray(sequences), self._plan.policy
-        if number:
-            drawn, cov = draw_later_attempts(self._root, ids, policy, number, self._config)
-            if belief is None:
+
+def _nothing_learned(beliefs: Belief, interactions: Interaction, keys: Key[Array, "n"]) -> Belief:
+    return beliefs
+
+
+class _Batch:
+    """Where the sequences of a batch stand.
+
+    Attributes:
+        ids: Of the episodes of the round at work.
+    """
+
+    def __init__(self, config: Config, plan: Plan, start: int, *, learns: bool):
+        self._config, self._plan, self._learns = config, plan, learns
+        self._root = root_key(plan.seed, "collect")
+        self._noise_keys = jax.vmap(partial(jax.random.fold_in, root_key(plan.seed, "collect: noise")))
+        self._sequences = np.arange(start, start + plan.worlds)
+        self._wanted = self._sequences < plan.sequences
+        self._going, self._belief, self._number = self._wanted, None, 0
+
+    @property
+    def ids(self) -> Int[np.ndarray, "n"]:
+        return self._sequences * self._plan.sequence + self._number
+
+    def next_try(self) -> Try | None:
+        """The next attempt of each sequence; None after the last one."""
+        if self._number == self._plan.sequence:
+            return None
+        attempts, self._cov = self._attempts()
+        if self._belief is None:
+            self._belief = initial_belief(attempts.estimate_world, self._config.detector.prior_std_m, N_TYPES)
+        goes_on = self._learns and self._number + 1 < self._plan.sequence
+        keys = self._noise_keys(jnp.asarray(self.ids)) if goes_on else None
+        return Try(attempts, self._going, self._belief, keys)
+
+    def record(self, tried: Tried) -> Episode:
+        """Takes over what was learned; gives the round's episodes."""
+        done, policy = tried.interactions, np.asarray(tried.asked.attempts.policy)
+        number = np.full_like(self.ids, self._number)
+        one = Episode(self.ids, self._sequences, number, policy, np.asarray(self._cov), done)
+        self._going = self._going & done.valid & ~done.inserted
+        self._belief, self._number = tried.beliefs, self._number + 1
+        return jax.tree.map(lambda leaf: leaf[: self._wanted.sum()], one)
+
+    def _attempts(self) -> tuple[Attempt, Float[Array, "n 2 2"]]:
+        ids, policy, belief = jnp.asarray(self._sequences), self._plan.policy, self._belief
+        if self._number:
+            drawn, cov = draw_later_attempts(self._root, ids, policy, self._number, self._config)
+            if not self._learns or belief is None:
                 return drawn, cov
             return replace(drawn, estimate_world=belief.pos_mean_world), belief.pos_cov
         cov = self._config.detector.prior_std_m**2 * np.eye(2, dtype=np.float32)
         attempts = draw_attempts(self._root, ids, policy, self._config.detector)
-        return attempts, np.broadcast_to(cov, (len(sequences), 2, 2))
+        return attempts, np.broadcast_to(cov, (len(ids), 2, 2))
 
-    def _updated(
-        self, belief: Belief | None, attempts: Attempt, done: Interaction, ids: Int[np.ndarray, "n"]
-    ) -> Belief | None:
-        """What is believed after an attempt; None where estimates are drawn."""
-        if self._update is None:
-            return None
-        if belief is None:
-            belief = initial_belief(attempts.estimate_world, self._config.detector.prior_std_m, N_TYPES)
-        return self._update(belief, done, self._noise_keys(jnp.asarray(ids)))
 
-    def _run(self, attempts: Attempt, ids: Int[np.ndarray, "n"], going: Bool[np.ndarray, "n"]) -> Interaction:
-        """Runs the attempts of each policy with as many actions as it has."""
-        kind, steps = np.asarray(attempts.policy), self._plan.steps
+class _EachPolicy:
+    """An engine that gives the attempts of each policy as many actions as that policy has.
+
+    Attributes:
+        broken: Worlds so far that are not valid. They are reported.
+    """
+
+    def __init__(self, engine: Engine, config: Config, batch: _Batch, dumps: Path):
+        self.name, self._engine = engine.name, engine
+        self._config, self._batch, self._dumps = config, batch, dumps
+        self.broken = 0
+
+    def run(
+        self,
+        attempts: Attempt,
+        actions: int,
+        active: Bool[np.ndarray, "n"] | None = None,
+        horizon: int | None = None,
+    ) -> Interaction:
+        """See ``Engine.run``. A spiral's horizon is that of the task, whatever is asked for here."""
+        kind, ids = np.asarray(attempts.policy), self._batch.ids
+        active = np.ones(len(kind), bool) if active is None else active
         done = None
         for policy in np.unique(kind):
             mine = kind == policy
-            horizon = self._config.task.attempt_actions if policy == policies.SPIRAL else steps
-            part = self._engine.run(attempts, min(steps, horizon), going & mine, horizon)
-            self.broken += report(part, attempts, ids, horizon, self._config, self._dumps)
-            part = _padded(part, steps)
+            plans = self._config.task.attempt_actions if policy == policies.SPIRAL else horizon or actions
+            part = self._engine.run(attempts, min(actions, plans), active & mine, plans)
+            self.broken += report(part, attempts, ids, plans, self._config, self._dumps)
+            part = _padded(part, actions)
             done = part if done is None else jax.tree.map(partial(_chosen, mine), part, done)
         assert done is not None
         return done

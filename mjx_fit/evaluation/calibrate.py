@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from mjx_fit import config as config_
 from mjx_fit import provenance
 from mjx_fit.config import Config
 from mjx_fit.dataset import manifest, store
@@ -16,11 +15,10 @@ from mjx_fit.evaluation import calibration, held_out, outcome
 from mjx_fit.evaluation.results import Result
 from mjx_fit.evaluation.statistics import Interval, Row, bootstrap_mean
 from mjx_fit.progress import Progress
-from mjx_fit.sensors.model import ContactSensor
-from mjx_fit.training import checkpoint
-from mjx_fit.training.baseline import FRAME_BY_FRAME
+from mjx_fit.simulate.select import resolve
 from mjx_fit.training.kinship import require_new, require_world
 from mjx_fit.training.sides import require_sound
+from mjx_fit.training.trained_sensor import TrainedSensor, load_baseline, load_trained_sensor
 
 RESAMPLES = 500
 """Of the bootstrap of scores that are no means."""
@@ -45,50 +43,59 @@ def calibrate(config: Config, out: Path, run: Path, data: Path, seed: int) -> Re
         RequestError: Run or data cannot be used, they are not of the same scene, or the file holds another
             result.
     """
-    sensor, trained = checkpoint.load_sensor(run)
-    config = outcome.with_network_of(trained, config)
-    sensors = {"full": sensor}
-    if (run / FRAME_BY_FRAME).is_dir():
-        sensors["frame_by_frame"] = checkpoint.load_sensor(run / FRAME_BY_FRAME)[0]
+    sensor = load_trained_sensor(run)
+    config = sensor.adapt(config)
+    baseline = load_baseline(run)
+    sensors = {"full": sensor} | ({"frame_by_frame": baseline} if baseline else {})
     asked_for = manifest.read(data).request
     require_world(asked_for, config)
     episodes = store.load(data)
-    actions = min(config.task.attempt_actions, int(np.asarray(episodes.interaction.trace.contact).shape[1]))
+    actions = _actions_read(episodes, config)
     ids = held_out.failed_attempts(episodes, actions)
     require_sound(episodes, np.isin(np.arange(len(episodes.episode)), ids))
     request = {
         "methods": list(sensors),
         "data": provenance.fingerprint(episodes),
         "beliefs_of": asked_for.get("sensor", ""),
-        "sensor": {name: checkpoint.fingerprint_of(one) for name, one in sensors.items()},
-        "differs_from_training": config_.differences(trained, config),
+        "sensor": {name: one.fingerprint for name, one in sensors.items()},
+        "differs_from_training": sensor.differences(config),
     }
     require_new(run, episodes, request["data"])
-    asked = outcome.Asked(out, "calibration", config, seed, request, asked_for["engine"])
-    return outcome.once(asked, lambda: _calibrate(asked, sensors, episodes, ids, actions))
+    here = outcome.header("calibration", config, seed, resolve(asked_for["engine"]), request)
+
+    def work() -> Result:
+        trials = _trials_of(sensors, episodes, ids, config, seed)
+        # Rows of parts of attempts would make the file five times as large: their scores are in the summary.
+        whole = [trial for trial in trials if trial["actions"] == actions]
+        return outcome.write(out, here, summarise(trials, actions, config.scene.names), whole)
+
+    return outcome.once(out, here, work)
 
 
-def _calibrate(
-    asked: outcome.Asked,
-    sensors: dict[str, ContactSensor],
+def _trials_of(
+    sensors: dict[str, TrainedSensor],
     episodes: Episode,
     ids: Int[np.ndarray, "n"],
-    actions: int,
-) -> Result:
-    config, seed = asked.config, asked.seed
+    config: Config,
+    seed: int,
+) -> _Trials:
+    """One row for each sensor, number of actions that are read, and attempt."""
+    actions = _actions_read(episodes, config)
     counts = sorted({max(1, round(share * actions)) for share in (*SHARES, 1)})
     trials: _Trials = []
     with Progress("calibration: readings", len(sensors) * len(counts)) as progress:
         for name, one in sensors.items():
             for count in counts:
-                seen = held_out.observe(one, episodes, ids, count, config, seed)
+                seen = held_out.observe(one.network, episodes, ids, count, config, seed)
                 after = held_out.posterior(seen, episodes, ids, config, with_prior=name == "full")
                 trials += held_out.rows(name, count, after, episodes, ids, config.scene.names)
                 progress(len(trials) // len(ids), f"{name}, {count} actions")
-    # The rows of parts of attempts would make the file five times as large: their scores are in the summary.
-    whole = [trial for trial in trials if trial["actions"] == actions]
-    rows = summarise(trials, actions, config.scene.names)
-    return outcome.write(asked, rows, whole)
+    return trials
+
+
+def _actions_read(episodes: Episode, config: Config) -> int:
+    """Actions in a whole attempt: as many as the task has, or as were stored."""
+    return min(config.task.attempt_actions, int(np.asarray(episodes.interaction.trace.contact).shape[1]))
 
 
 def summarise(trials: _Trials, actions: int, names: tuple[str, ...]) -> list[Row]:

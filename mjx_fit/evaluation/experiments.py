@@ -1,152 +1,128 @@
 """The experiments: what is run, and what of it is kept. Each writes one result file."""
 
-from pathlib import Path
+from dataclasses import replace
 from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Int
 
-from mjx_fit import config as config_
-from mjx_fit.config import Config
 from mjx_fit.dataset.draws import MISMATCHED, draw_places
 from mjx_fit.errors import RequestError
 from mjx_fit.evaluation import outcome, parts, results
+from mjx_fit.evaluation.request import Request
 from mjx_fit.evaluation.results import Result
-from mjx_fit.policies import SPIRAL
 from mjx_fit.progress import COMPILING, Progress
 from mjx_fit.randomness import root_key
-from mjx_fit.sensors.model import ContactSensor
 from mjx_fit.settings import N_TYPES
 from mjx_fit.simulate.broken import Reporting, report
-from mjx_fit.simulate.select import make_engine
 from mjx_fit.simulate.threads import even_batch
 from mjx_fit.task import assembly as assembly_
-from mjx_fit.task.learning import learner
+from mjx_fit.task.attempt_loop import spirals_at
 from mjx_fit.task.methods import ASSEMBLY, Method, chosen
+from mjx_fit.task.table import Table
 from mjx_fit.task.trials import draw_trials
-from mjx_fit.training import checkpoint
-from mjx_fit.types import Attempt, Interaction
+from mjx_fit.training.trained_sensor import TrainedSensor
+from mjx_fit.types import Interaction
 from mjx_fit.wrist import peak_force
 
 ATTEMPT_BATCH = 256
 
 
-def attempt(config: Config, out: Path, trials: int, seed: int, engine: str) -> Result:
+def attempt(request: Request) -> Result:
     """Single attempts of Algorithm 4 from the detector's estimate.
 
     Args:
-        config: The configuration.
-        out: The result file.
-        trials: Matched attempts for each shape, and mismatched ones in all, over the six pairs in turn.
-        seed: Root seed.
-        engine: ``auto``, ``mjx`` or ``native``.
+        request: Its trials count matched attempts for each shape, and mismatched ones in all, over the six
+            pairs in turn.
 
     Raises:
         RequestError: A value is not allowed, or the file holds another result.
     """
-    outcome.require_trials(trials, 4)  # as many for each shape, and mismatched ones
-    request = {"trials": trials}
-    asked = outcome.Asked(out, "attempt", config, seed, request, engine)
-    return outcome.once(asked, lambda: _attempt(asked, trials))
+    outcome.require_trials(request.trials, 4)  # as many for each shape, and mismatched ones
+    asked = {"trials": request.trials}
+    here = outcome.header("attempt", request.config, request.seed, request.engine.name, asked)
+    return outcome.once(request.out, here, lambda: _attempt(request, here))
 
 
-def _attempt(asked: outcome.Asked, trials: int) -> Result:
-    config, out, seed, engine = asked.config, asked.out, asked.seed, asked.engine
-    peg_type, hole_type = _attempt_pairs(trials)
+def _attempt(request: Request, here: outcome.Header) -> Result:
+    config, engine, actions = request.config, request.engine, request.config.task.attempt_actions
+    peg_type, hole_type = _attempt_pairs(request.trials)
     n = len(peg_type)
     batch = even_batch(n, ATTEMPT_BATCH)
-    simulator = make_engine(engine, config)
-    root = root_key(seed, "attempt")
+    root, dumps = root_key(request.seed, "attempt"), outcome.broken(request.out)
     rows: list[dict[str, Any]] = []
-    with Progress("attempts", n, 0, COMPILING if simulator.name == "mjx" else "") as progress:
+    with Progress("attempts", n, 0, COMPILING if engine.name == "mjx" else "") as progress:
         for start in range(0, n, batch):
             ids = np.arange(start, start + batch)
             hole_pos, estimate, wiggle, _ = draw_places(root, jnp.asarray(ids), config.detector)
-            attempts = Attempt(
-                peg_type=jnp.asarray(peg_type[ids % n]),
-                hole_type=jnp.asarray(hole_type[ids % n]),
-                hole_pos_world=hole_pos,
-                estimate_world=estimate,
-                policy=jnp.full(batch, SPIRAL),
-                key=wiggle,
-            )
-            interactions = simulator.run(attempts, config.task.attempt_actions, ids < n)
-            report(interactions, attempts, ids, config.task.attempt_actions, config, outcome.broken(out))
+            attempts = spirals_at(peg_type[ids % n], hole_type[ids % n], hole_pos, estimate, wiggle)
+            interactions = engine.run(attempts, actions, ids < n)
+            report(interactions, attempts, ids, actions, config, dumps)
             rows += _attempt_rows(interactions, ids[ids < n], config.scene.names)
             progress(len(rows), f"{sum(row['inserted'] for row in rows)} inserted")
-    return outcome.write(asked, results.summarise_attempt(rows), rows)
+    return outcome.write(request.out, here, results.summarise_attempt(rows), rows)
 
 
-def assembly(
-    config: Config, out: Path, run: Path | None, methods: str, trials: int, seed: int, engine: str
-) -> Result:
-    """Whole assemblies under several methods, which share every trial's holes, pegs, detections and wiggles.
+def assembly(request: Request) -> Result:
+    """Whole assemblies under several methods, which share every trial's holes, pegs, detections and noise.
 
     Args:
-        config: The configuration.
-        out: The result file.
-        run: Folder of the trained sensor, for the methods that read traces.
-        methods: Names, comma-separated.
-        trials: Number of assemblies.
-        seed: Root seed.
-        engine: ``auto``, ``mjx`` or ``native``.
+        request: Its trials count assemblies.
 
     Raises:
         RequestError: A value is not allowed, a method needs a sensor and there is none, or the file holds
             another result.
     """
-    picked = chosen(methods, ASSEMBLY)
-    outcome.require_trials(trials, len(picked))
+    picked = chosen(request.methods, ASSEMBLY)
+    outcome.require_trials(request.trials, len(picked))
     reading = [method.name for method in picked if method.needs_sensor]
-    if reading and run is None:
+    sensor = request.sensor if reading else None
+    if reading and sensor is None:
         raise RequestError(f"--run: none is not allowed: {reading[0]} needs the folder of a training run")
-    sensor, differs = None, []
-    if reading and run is not None:
-        sensor, trained = checkpoint.load_sensor(run)
-        config = outcome.with_network_of(trained, config)
-        differs = config_.differences(trained, config)
-    request = {
+    if sensor:
+        request = replace(request, config=sensor.adapt(request.config))
+    asked = {
         "methods": [method.name for method in picked],
-        "trials": trials,
-        "sensor": None if sensor is None else checkpoint.fingerprint_of(sensor),
-        "differs_from_training": differs,
+        "trials": request.trials,
+        "sensor": sensor.fingerprint if sensor else None,
+        "differs_from_training": sensor.differences(request.config) if sensor else [],
     }
-    asked = outcome.Asked(out, "assembly", config, seed, request, engine)
-    result = outcome.once(asked, lambda: _assembly(asked, picked, sensor, trials))
-    parts.finish(out)
+    here = outcome.header("assembly", request.config, request.seed, request.engine.name, asked)
+    result = outcome.once(request.out, here, lambda: _assembly(request, here, picked, sensor))
+    parts.finish(request.out)
     return result
 
 
 def _assembly(
-    asked: outcome.Asked, picked: tuple[Method, ...], sensor: ContactSensor | None, trials: int
+    request: Request, here: outcome.Header, picked: tuple[Method, ...], sensor: TrainedSensor | None
 ) -> Result:
-    config, out, seed, engine = asked.config, asked.out, asked.seed, asked.engine
-    simulator, learn = make_engine(engine, config), learner(config, sensor)
-    pieces = parts.pieces(trials, len(picked), simulator.name)
+    config, out, trials, engine = request.config, request.out, request.trials, request.engine
+    pieces = parts.pieces(trials, len(picked), engine.name)
+    network = sensor.network if sensor else None
+    update = assembly_.update_of_rows(config, picked, len(pieces[0]), network)
     pegs_each = len(picked) * config.task.n_holes
     before = min(parts.kept(out) * len(pieces[0]), trials) * pegs_each
     with Progress(
-        "assembly: pegs", trials * pegs_each, before, COMPILING if simulator.name == "mjx" else ""
+        "assembly: pegs", trials * pegs_each, before, COMPILING if engine.name == "mjx" else ""
     ) as progress:
 
         def work(ids: Int[np.ndarray, "n"]) -> parts.Rows:
-            drawn = draw_trials(config, seed, ids)
-            reporting = Reporting(simulator, config, outcome.broken(out) / f"trials-{ids[0]:06d}")
-
-            def at_work(pegs: int, text: str) -> None:
-                progress(min(before + pegs, trials * pegs_each), text)
-
-            rows = assembly_.run(config, picked, drawn, seed, reporting, learn, at_work)
-            return [row for row in rows if row["trial"] < trials]
+            table = Table(config, picked, draw_trials(config, request.seed, ids), request.seed)
+            reporting = Reporting(engine, config, outcome.broken(out) / f"trials-{ids[0]:06d}")
+            for _ in assembly_.rounds(table, reporting, update):
+                pegs = before + int(table.pegs_done.sum())
+                left = f"{table.active.sum()} of {len(table.active)} assemblies open"
+                progress(min(pegs, trials * pegs_each), left)
+            return [row for row in table.rows() if row["trial"] < trials]
 
         def told(rows: parts.Rows) -> None:
             nonlocal before
             before = max(before, len(rows) * config.task.n_holes)
             progress(before, _running(rows))
 
-        rows = parts.in_parts(asked, pieces, work, told)
-    result = outcome.write(asked, results.summarise_assembly(rows), rows)
+        rows = parts.in_parts(out, here, pieces, work, told)
+    result = outcome.write(out, here, results.summarise_assembly(rows), rows)
     parts.finish(out)
     return result
 

@@ -1,7 +1,6 @@
 """The insertion experiment: after how many attempts at its hole a peg is in."""
 
 from functools import partial
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -12,6 +11,7 @@ from mjx_fit.dataset.draws import draw_places
 from mjx_fit.evaluation import hole_study, outcome
 from mjx_fit.evaluation.hole_study import Ids, Outcomes, Study
 from mjx_fit.evaluation.parts import Rows
+from mjx_fit.evaluation.request import Request
 from mjx_fit.evaluation.results import Result, by_method
 from mjx_fit.evaluation.statistics import (
     Row,
@@ -29,25 +29,18 @@ ATTEMPTS = 10
 """The paper's."""
 
 
-def insertion(
-    config: Config, out: Path, run: Path, methods: str, trials: int, seeds: int, seed: int, engine: str
-) -> Result:
+def insertion(request: Request) -> Result:
     """Up to ten attempts at a hole that matches, under several methods, which share every trial's draws.
 
     Args:
-        config: The configuration.
-        out: The result file.
-        run: Folder of a training run.
-        methods: Names, comma-separated.
-        trials: Draws of a hole and of its detection, over the shapes in turn.
-        seeds: Of the wiggles and the sensor's noise, for each draw.
-        seed: Root seed.
-        engine: ``auto``, ``mjx`` or ``native``.
+        request: Its trials count draws of a hole and of its detection, over the shapes in turn; each has its
+            ``seeds``.
 
     Raises:
-        RequestError: A value is not allowed, the run lacks a sensor, or the file holds another result.
+        RequestError: A value is not allowed, there is no sensor for a method, or the file holds another
+            result.
     """
-    picked = chosen(methods, INSERTION)
+    picked, trials, seeds = chosen(request.methods, INSERTION), request.trials, request.seeds
     outcome.require_trials(trials, len(picked), seeds)
     study = Study(
         "insertion",
@@ -55,11 +48,11 @@ def insertion(
         {"trials": trials, "seeds": seeds},
         ATTEMPTS,
         trials * seeds,
-        partial(draw_holes, seeds=seeds, seed=seed),
-        partial(_rows, seeds=seeds, names=config.scene.names),
+        partial(draw_holes, seeds=seeds, seed=request.seed),
+        partial(_rows, seeds=seeds, names=request.config.scene.names),
         summarise,
     )
-    return hole_study.run(study, config, out, run, seed, engine)
+    return hole_study.run(study, request)
 
 
 def summarise(trials: Rows) -> list[Row]:

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,52 +17,45 @@ from mjx_fit.evaluation.results import Result
 from mjx_fit.evaluation.statistics import Row
 from mjx_fit.filesystem import inside
 from mjx_fit.randomness import require_seed
-from mjx_fit.simulate.select import resolve
+
+Header = dict[str, Any]
+"""What a result file begins with, JSON-ready: all that its rows depend on but versions and device."""
 
 
-@dataclass(frozen=True)
-class Asked:
-    """What an experiment was asked for.
+def header(experiment: str, config: Config, seed: int, engine: str, request: dict[str, Any]) -> Header:
+    """What a result file begins with.
 
-    Attributes:
-        out: The result file.
+    Args:
         experiment: Its name.
         config: The configuration.
         seed: Root seed.
-        request: The rest, JSON-ready: methods, number of trials, the sensors by their fingerprints.
-        engine: ``auto``, ``mjx`` or ``native``; where nothing is simulated, what the data were made with.
+        engine: The engine's name; where nothing is simulated, the one that the data were made with.
+        request: The rest: methods, number of trials, the sensors by their fingerprints.
     """
-
-    out: Path
-    experiment: str
-    config: Config
-    seed: int
-    request: dict[str, Any]
-    engine: str
-
-    def to_tree(self) -> dict[str, Any]:
-        """All of it but the file, JSON-ready."""
-        return {
-            "experiment": self.experiment,
-            "config": config_.to_tree(self.config),
-            "seed": self.seed,
-            "request": self.request,
-            "engine": resolve(self.engine),
-        }
+    return {
+        "experiment": experiment,
+        "config": config_.to_tree(config),
+        "seed": seed,
+        "request": request,
+        "engine": engine,
+    }
 
 
-def finished(asked: Asked) -> Result | None:
+def finished(out: Path, here: Header) -> Result | None:
     """The result, if this very request was finished before.
+
+    Args:
+        out: The result file.
+        here: What it begins with.
 
     Raises:
         RequestError: The file cannot be a result's, or holds another result.
     """
-    require_seed(asked.seed)
-    here, out = asked.to_tree(), asked.out
+    require_seed(here["seed"])
     if out.suffix != ".json":  # by which a report finds it in a folder
         raise RequestError(f"--out: {out} is not allowed: it must end in .json")
     if not out.exists():
-        files.require_writable(out)  # before minutes of work, not behind them
+        files.require_writable(out)  # before minutes of work, not after them
         return None
     if out.is_dir():
         raise RequestError(f"--out: {out} is not allowed: it is a folder; name a .json file")
@@ -73,33 +65,34 @@ def finished(asked: Asked) -> Result | None:
     return there
 
 
-def once(asked: Asked, work: Callable[[], Result]) -> Result:
+def once(out: Path, here: Header, work: Callable[[], Result]) -> Result:
     """The result of a request: read where it was finished before, else worked out while its file is held.
 
     Args:
-        asked: The request.
+        out: The result file.
+        here: What it begins with.
         work: Makes the result and writes it.
 
     Raises:
         RequestError: As ``finished``, or another process works on it, or has finished another one just now.
     """
-    done = finished(asked)
+    done = finished(out, here)
     if done is not None:
         return done
-    with locks.holding_file(asked.out):
-        return finished(asked) or work()
+    with locks.holding_file(out):
+        return finished(out, here) or work()
 
 
-def write(asked: Asked, summary: list[Row], rows: list[dict[str, Any]]) -> Result:
-    """Write what was counted."""
+def write(out: Path, here: Header, summary: list[Row], rows: list[dict[str, Any]]) -> Result:
+    """Writes what was counted."""
     result = Result(
-        **asked.to_tree(),
+        **here,
         device=provenance.device(),
         versions=provenance.versions(),
         summary=summary,
         trials=rows,
     )
-    results.write(asked.out, result)
+    results.write(out, result)
     return result
 
 
@@ -127,24 +120,3 @@ def require_trials(trials: int, methods: int = 1, seeds: int = 1) -> None:
     require("--seeds", seeds, 1, MAX_SEEDS)
     each = methods * seeds
     require("--trials", trials, 1, MAX_ROWS // each, f"each has {each} rows, one for each method and seed")
-
-
-def with_network_of(trained: Config, config: Config) -> Config:
-    """The configuration with the sensor and training of a run, which may not be asked to be others.
-
-    Raises:
-        RequestError: They were, or the run knows other shapes.
-    """
-    if trained.scene.shapes != config.scene.shapes:
-        there, here = (", ".join(one.scene.names) for one in (trained, config))
-        raise RequestError(
-            f"--run: not allowed with this scene.shapes ({here}): it was trained on others ({there})"
-        )
-    for section in ("sensor", "train"):
-        asked, there = getattr(config, section), getattr(trained, section)
-        if asked not in (there, getattr(Config(), section)):
-            word = next(
-                word for word in config_.differences(trained, config) if word.startswith(f"{section}.")
-            )
-            raise RequestError(f"config: {word}: it belongs to the trained sensor and cannot be changed")
-    return replace(config, sensor=trained.sensor, train=trained.train)

@@ -12,7 +12,7 @@ from jaxtyping import Int
 
 from mjx_fit import bounded_json, files, locks, provenance
 from mjx_fit.errors import RequestError
-from mjx_fit.evaluation.outcome import Asked
+from mjx_fit.evaluation.outcome import Header
 from mjx_fit.filesystem import inside
 from mjx_fit.simulate.threads import even_batch
 
@@ -45,14 +45,19 @@ def kept(out: Path) -> int:
 
 
 def in_parts(
-    asked: Asked, parts: Sequence[Any], work: Callable[[Any], Rows], told: Callable[[Rows], None]
+    out: Path,
+    here: Header,
+    parts: Sequence[Any],
+    work: Callable[[Any], Rows],
+    told: Callable[[Rows], None],
 ) -> Rows:
     """The rows of all parts in order: those that are kept already are read, the others worked out and kept.
 
     Parts are kept in a folder of the result file's name with ``.parts``; ``finish`` removes it.
 
     Args:
-        asked: What the rows depend on.
+        out: The result file.
+        here: What it begins with: what the rows depend on.
         parts: What ``work`` is called with, one after the other.
         work: Makes the rows of a part.
         told: Is told all rows so far, after each part.
@@ -60,8 +65,8 @@ def in_parts(
     Raises:
         RequestError: The folder holds parts of another request.
     """
-    folder = _folder(asked.out)
-    own = asked.to_tree() | {"versions": provenance.versions(), "device": provenance.device()}
+    folder = _folder(out)
+    own = here | {"versions": provenance.versions(), "device": provenance.device()}
     _require_own(folder, own)
     rows: Rows = []
     for number, part in enumerate(parts):

@@ -1,7 +1,6 @@
 """The position experiment: what five attempts at one hole teach about where it is."""
 
 from functools import partial
-from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
@@ -13,6 +12,7 @@ from mjx_fit.evaluation import hole_study, outcome
 from mjx_fit.evaluation.calibration import inside, squared_mahalanobis
 from mjx_fit.evaluation.hole_study import Ids, Outcomes, Study
 from mjx_fit.evaluation.parts import Rows
+from mjx_fit.evaluation.request import Request
 from mjx_fit.evaluation.results import Result, by_method
 from mjx_fit.evaluation.statistics import Row, bootstrap_mean
 from mjx_fit.randomness import root_key
@@ -26,24 +26,18 @@ ATTEMPTS = 5
 CM_PER_M = 100.0
 
 
-def position(
-    config: Config, out: Path, run: Path, methods: str, trials: int, seed: int, engine: str
-) -> Result:
+def position(request: Request) -> Result:
     """Five attempts at one hole under several methods, which share every trial's draws.
 
     Args:
-        config: The configuration.
-        out: The result file.
-        run: Folder of a training run.
-        methods: Names, comma-separated.
-        trials: Holes of another type than the peg, over the six pairs in turn, and as many that match.
-        seed: Root seed.
-        engine: ``auto``, ``mjx`` or ``native``.
+        request: Its trials count holes of another type than the peg, over the six pairs in turn, and as many
+            that match.
 
     Raises:
-        RequestError: A value is not allowed, the run lacks a sensor, or the file holds another result.
+        RequestError: A value is not allowed, there is no sensor for a method, or the file holds another
+            result.
     """
-    picked = chosen(methods, POSITION)
+    picked, trials = chosen(request.methods, POSITION), request.trials
     outcome.require_trials(trials, 2 * len(picked))
     study = Study(
         "position",
@@ -51,11 +45,11 @@ def position(
         {"trials": trials},
         ATTEMPTS,
         2 * trials,
-        partial(_holes, trials=trials, seed=seed),
-        partial(_rows, names=config.scene.names),
+        partial(_holes, trials=trials, seed=request.seed),
+        partial(_rows, names=request.config.scene.names),
         summarise,
     )
-    return hole_study.run(study, config, out, run, seed, engine)
+    return hole_study.run(study, request)
 
 
 def summarise(trials: Rows) -> list[Row]:

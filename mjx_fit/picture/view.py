@@ -4,7 +4,8 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Generator
+from contextlib import closing, suppress
 from functools import partial
 from typing import Protocol
 
@@ -42,22 +43,18 @@ class Screen(Protocol):
         ...
 
 
-class _ClosedError(Exception):
-    """Nobody looks any more."""
-
-
 def view(
-    play: Callable[[Callable[[Recording], None]], Recording],
+    played: Generator[Recording],
     attempt: int | None,
     speed: float,
     browser: bool,
     port: int,
     host: str = "127.0.0.1",
 ) -> None:
-    """Plays an assembly and shows every attempt once it has been simulated; stays open at the end.
+    """Shows every attempt of an assembly once it has been simulated; stays open at the end.
 
     Args:
-        play: Plays as far as is shown, and tells what was played after every attempt.
+        played: Plays as far as is shown: after every attempt, what was played so far. Closed at the end.
         attempt: Show only the one with this number.
         speed: Seconds of an attempt in a second of the show.
         browser: Whether to show it in a browser though there is a display.
@@ -73,14 +70,22 @@ def view(
     if browser or not _has_display():
         opens = _open_browser(host, port, "--browser" if browser else "without a display it")
     show = _Show(opens, speed, attempt)
-    try:
-        recording = play(show)
-        if attempt is not None:
-            recording.only(attempt)
-        while True:
-            show.rest()
-    except (_ClosedError, KeyboardInterrupt):
-        interrupts.settle()  # to close it is what was asked for
+    with suppress(KeyboardInterrupt):
+        _show_all(played, show, attempt)
+    interrupts.settle()  # to close it is what was asked for
+
+
+def _show_all(played: Generator[Recording], show: "_Show", attempt: int | None) -> None:
+    """Shows what is played until nobody looks any more."""
+    recording = None
+    with closing(played):
+        for recording in played:
+            if not show.latest(recording):
+                return
+    if recording is not None and attempt is not None:
+        recording.only(attempt)
+    while show.is_open():
+        time.sleep(0.2)
 
 
 class _Show:
@@ -92,35 +97,35 @@ class _Show:
         self._screen: Screen | None = None
         self._tip = np.array(HOME_M)
 
-    def __call__(self, recording: Recording) -> None:
+    def is_open(self) -> bool:
+        """Whether anybody looks."""
+        return self._screen is not None and self._screen.is_open()
+
+    def latest(self, recording: Recording) -> bool:
+        """Shows the latest attempt of a recording, if it is one to be shown; gives whether anybody looks."""
         if self._puppet is None or self._screen is None:
             self._puppet = Puppet(recording)
             self._screen = self._open(self._puppet)
         if not self._screen.is_open():
-            raise _ClosedError
+            return False
         step = recording.steps[-1]
         if self._attempt not in (None, step.number):
-            return
+            return True
         shown = moments_of(recording, len(recording.steps) - 1, self._tip, FPS, self._speed)
         panel = Panel(recording, *PANEL_PX)
         began = time.monotonic()
         for number, moment in enumerate(shown):
             late = time.monotonic() - began - number / FPS
             if late > 1 / FPS and number < len(shown) - 1:
-                continue  # a slow screen drops frames, it does not run behind
+                continue  # a slow screen drops frames, it does not run late
             qpos = self._puppet.postures(moment.tip_pos_world[None])[0]
             pose = partial(self._puppet.pose, moment, step, qpos)
             self._screen.show(pose, moment, panel.words(moment), panel.draw(moment))
             if not self._screen.is_open():
-                raise _ClosedError
+                return False
             time.sleep(max(0.0, began + (number + 1) / FPS - time.monotonic()))
         self._tip = shown[-1].tip_pos_world
-
-    def rest(self) -> None:
-        """Waits a little."""
-        if self._screen is None or not self._screen.is_open():
-            raise _ClosedError
-        time.sleep(0.2)
+        return True
 
 
 def _has_display() -> bool:

@@ -1,21 +1,23 @@
 """Algorithm 1 on whole assemblies, batched over methods and trials.
 
 In each round every unfinished trial makes one attempt under each method; all attempts of a round are
-simulated together. A trial's holes, pegs, detections and wiggles are the same for all methods.
+simulated together. A trial's holes, pegs, detections and exploration noise are the same for all methods.
 """
 
-from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import dataclass
+from operator import attrgetter
 
 import numpy as np
 from jaxtyping import Int
 
 from mjx_fit.config import Config
+from mjx_fit.sensors.model import ContactSensor
 from mjx_fit.simulate.interface import Engine
-from mjx_fit.task.learning import Learn
-from mjx_fit.task.methods import Method
+from mjx_fit.task.attempt_loop import attempt_rounds
+from mjx_fit.task.learning import Update, filter_update
+from mjx_fit.task.methods import Method, of_rows
 from mjx_fit.task.table import State, Table
-from mjx_fit.task.trials import Trials
 from mjx_fit.types import Interaction
 
 
@@ -38,50 +40,34 @@ class Round:
     after: State
 
 
-def run(
-    config: Config,
-    methods: tuple[Method, ...],
-    trials: Trials,
-    seed: int,
-    engine: Engine,
-    learn: Learn,
-    progress: Callable[[int, str], None],
-    watch: Callable[[Round], None] | None = None,
-    only: int | None = None,
-) -> list[dict]:
-    """Runs every method on every trial to the end.
+def rounds(table: Table, engine: Engine, update: Update) -> Iterator[Round]:
+    """Plays every row of a table to its end, one attempt of each at a time; stop to iterate to stop to play.
 
-    An attempt whose simulation broke counts as a failed one from which nothing was learned.
+    An attempt whose simulation diverged counts as a failed one from which nothing was learned.
 
     Args:
-        config: Task, detector and physics.
-        methods: What to compare.
-        trials: Drawn by ``mjx_fit.task.trials.draw_trials``.
-        seed: Root seed of wiggles and sensor noise.
+        table: The assemblies; it holds where they stand after the latest round.
         engine: Simulates the attempts.
-        learn: Updates beliefs, made by ``mjx_fit.task.learning.learner``.
-        progress: Told the number of pegs done, over all methods and trials.
-        watch: Told every round, for pictures.
-        only: Play this row alone, of methods times trials. Beliefs are updated in a batch of all the same,
-            so that it comes out as among the others, bit by bit.
-
-    Returns:
-        One row for each method and trial, as ``mjx_fit.evaluation.trial_rows.AssemblyTrial`` has it.
+        update: The update of all rows, as ``update_of_rows`` makes it.
     """
-    table = Table(config, methods, trials, seed)
-    if only is not None:
-        table.leave_out_all_but(only)
-    while table.active.any():
-        choice = table.choose()
-        chosen = choice.hole
-        wiggle_keys, noise_keys = table.keys()
-        attempts = table.attempts(chosen, wiggle_keys)
-        interactions = engine.run(attempts, config.task.attempt_actions, table.active)
+    for tried in attempt_rounds(table.next_try, engine, update, table.attempt_actions):
         before = table.now()
-        table.learn(choice, interactions, noise_keys, learn)
+        table.learn(tried)
         learned = table.now()
-        table.record(chosen, interactions)
-        if watch:
-            watch(Round(before, chosen, interactions, learned, table.now()))
-        progress(int(table.pegs_done.sum()), f"{table.active.sum()} of {len(table.active)} assemblies open")
-    return table.rows()
+        table.record(tried)
+        yield Round(before, table.choice.hole, tried.interactions, learned, table.now())
+
+
+def update_of_rows(
+    config: Config, methods: tuple[Method, ...], n_trials: int, sensor: ContactSensor | None
+) -> Update:
+    """Makes the belief update of a table's rows, each by what its method may learn.
+
+    Args:
+        config: Task, wrist and scene.
+        methods: Those of the table.
+        n_trials: Its number of trials.
+        sensor: The trained sensor; None when no method reads traces.
+    """
+    traits = ("learns_position", "learns_type")
+    return filter_update(config, sensor, *(of_rows(methods, n_trials, attrgetter(name)) for name in traits))

@@ -4,7 +4,7 @@ Every row of the batch is one trial under one method. A trial's hole, detection,
 the same for all methods.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import jax
@@ -15,12 +15,12 @@ from jaxtyping import Float, Int, Key
 from mjx_fit.config import Config
 from mjx_fit.filters.belief import initial_belief
 from mjx_fit.filters.kalman import scale_tril
-from mjx_fit.policies import SPIRAL
 from mjx_fit.settings import N_TYPES
 from mjx_fit.simulate.interface import Engine
+from mjx_fit.task.attempt_loop import Tried, Try, attempt_rounds, spirals_at
 from mjx_fit.task.learning import Update
-from mjx_fit.task.methods import KNOWN_VARIANCE_M2, HoleMethod
-from mjx_fit.types import Array, Attempt, Belief, Interaction
+from mjx_fit.task.methods import KNOWN_VARIANCE_M2, HoleMethod, of_rows
+from mjx_fit.types import Array, Belief, Interaction
 from mjx_fit.wrist import peak_force
 
 
@@ -63,58 +63,109 @@ class Outcome:
     peak_force_n: Float[np.ndarray, "T K"]
 
 
-def run(
-    config: Config,
-    methods: tuple[HoleMethod, ...],
-    holes: Holes,
-    max_attempts: int,
-    engine: Engine,
-    updates: Mapping[str, Update],
-    progress: Callable[[int], None],
-) -> dict[str, Outcome]:
-    """Tries every hole under every method until the peg is in, ``max_attempts`` times at most.
-
-    An attempt that is not valid counts as a failed one from which nothing was learned.
+class HoleTable:
+    """The state of all rows, method by method, trial by trial: R = methods x trials.
 
     Args:
         config: Task, detector and physics.
         methods: What to compare.
         holes: T trials.
         max_attempts: K.
-        engine: Simulates the attempts of all rows at once.
-        updates: What each method that learns makes of a failed attempt, by its name.
-        progress: Told how many attempts were made, after each round.
-
-    Returns:
-        What came of the trials, by method.
     """
-    n = len(holes.peg_type)
-    world = jax.tree.map(lambda leaf: np.concatenate([leaf] * len(methods)), _plain(holes))
-    keys = jnp.concatenate([holes.key] * len(methods))
-    belief = _first_belief(config, methods, holes)
-    samples = np.repeat([method.starts == "sample" for method in methods], n)
-    inserted_at, attempts = np.zeros(len(samples), int), np.zeros(len(samples), int)
-    means, covs, forces = [belief.pos_mean_world], [belief.pos_cov], []
-    for number in range(max_attempts):
-        active = inserted_at == 0
-        if active.any():
-            wiggle, noise, sample = _keys(keys, number)
-            start = np.where(samples[:, None], _drawn(belief, sample), belief.pos_mean_world)
-            done = engine.run(_attempts(world, start, wiggle), config.task.attempt_actions, active)
-            attempts += active
-            inserted_at[active & done.inserted] = number + 1
-            belief = _learnt(methods, updates, belief, done, noise, active)
-            forces.append(np.where(active, peak_force(done), np.nan))
-            progress(int(active.sum()))
-        else:
-            forces.append(np.full(len(samples), np.nan))
-        means.append(belief.pos_mean_world)
-        covs.append(belief.pos_cov)
-    whole = Outcome(inserted_at, attempts, np.stack(means, 1), np.stack(covs, 1), np.stack(forces, 1))
-    return {
-        method.name: Outcome(**{name: leaf[m * n : (m + 1) * n] for name, leaf in vars(whole).items()})
-        for m, method in enumerate(methods)
-    }
+
+    def __init__(self, config: Config, methods: tuple[HoleMethod, ...], holes: Holes, max_attempts: int):
+        self.attempt_actions, self._max_attempts = config.task.attempt_actions, max_attempts
+        self._methods, self._n_trials = methods, len(holes.peg_type)
+        self._world = jax.tree.map(lambda leaf: np.concatenate([leaf] * len(methods)), _plain(holes))
+        self._keys = jnp.concatenate([holes.key] * len(methods))
+        self._samples = of_rows(methods, self._n_trials, lambda method: method.starts == "sample")
+        self._belief = _first_belief(config, methods, holes)
+        n_rows = len(self._samples)
+        self._inserted_at, self._attempts = np.zeros(n_rows, int), np.zeros(n_rows, int)
+        self._means, self._covs = [self._belief.pos_mean_world], [self._belief.pos_cov]
+        self._forces: list[Float[np.ndarray, "R"]] = []
+
+    def next_try(self) -> Try | None:
+        """The next attempt of the rows whose peg is not in; None where there is none, or after K."""
+        active, number = self._inserted_at == 0, len(self._forces)
+        if number == self._max_attempts or not active.any():
+            return None
+        wiggle, noise, sample = _keys(self._keys, number)
+        belief, world = self._belief, self._world
+        start = np.where(self._samples[:, None], _drawn(belief, sample), belief.pos_mean_world)
+        attempts = spirals_at(world["peg_type"], world["hole_type"], world["hole_pos_world"], start, wiggle)
+        return Try(attempts, active, belief, noise)
+
+    def record(self, tried: Tried) -> None:
+        """Counts the attempts and takes over the beliefs of the rows that were active."""
+        active = tried.asked.active
+        self._attempts += active
+        self._forces.append(np.where(active, peak_force(tried.interactions), np.nan))
+        self._inserted_at[active & tried.interactions.inserted] = len(self._forces)
+
+        def taken(old, new):
+            return np.where(active.reshape(-1, *[1] * (old.ndim - 1)), new, old)
+
+        self._belief = jax.tree.map(taken, self._belief, tried.beliefs)
+        self._means.append(self._belief.pos_mean_world)
+        self._covs.append(self._belief.pos_cov)
+
+    def outcomes(self) -> dict[str, Outcome]:
+        """What came of the trials, by method."""
+        left = self._max_attempts - len(self._forces)
+        columns = {
+            "inserted_at": self._inserted_at,
+            "attempts": self._attempts,
+            "mean_world": np.stack([*self._means, *[self._means[-1]] * left], 1),
+            "cov": np.stack([*self._covs, *[self._covs[-1]] * left], 1),
+            "peak_force_n": np.stack([*self._forces, *[np.full(len(self._samples), np.nan)] * left], 1),
+        }
+        own = {
+            method.name: slice(m * self._n_trials, (m + 1) * self._n_trials)
+            for m, method in enumerate(self._methods)
+        }
+        return {
+            name: Outcome(**{column: leaf[rows] for column, leaf in columns.items()})
+            for name, rows in own.items()
+        }
+
+
+def rounds(table: HoleTable, engine: Engine, update: Update) -> Iterator[int]:
+    """Tries every hole under every method until the peg is in, K times at most.
+
+    An attempt that is not valid counts as a failed one from which nothing was learned.
+
+    Args:
+        table: The trials; it has what came of them at the end.
+        engine: Simulates the attempts of all rows at once.
+        update: The update of all rows, as ``update_of_rows`` makes it.
+
+    Yields:
+        The number of attempts of each round.
+    """
+    for tried in attempt_rounds(table.next_try, engine, update, table.attempt_actions):
+        table.record(tried)
+        yield int(tried.asked.active.sum())
+
+
+def update_of_rows(methods: tuple[HoleMethod, ...], updates: Mapping[str, Update]) -> Update:
+    """Makes the belief update of a table's rows: each method's by its own.
+
+    Args:
+        methods: Those of the table.
+        updates: What each method that learns makes of a failed attempt, by its name.
+    """
+
+    def update(belief: Belief, done: Interaction, keys: Key[Array, "R"]) -> Belief:
+        parts, n = [], len(done.length) // len(methods)
+        for m, method in enumerate(methods):
+            own = slice(m * n, (m + 1) * n)
+            before, felt = (jax.tree.map(lambda leaf, own=own: leaf[own], tree) for tree in (belief, done))
+            learns = method.name in updates
+            parts.append(updates[method.name](before, felt, keys[own]) if learns else before)
+        return jax.tree.map(lambda *new: np.concatenate([np.asarray(leaf) for leaf in new]), *parts)
+
+    return update
 
 
 def _plain(holes: Holes) -> dict[str, np.ndarray]:
@@ -147,32 +198,3 @@ def _drawn(belief: Belief, keys: Key[Array, "R"]) -> Float[Array, "R 2"]:
     """A place from each belief, m: μ + L z with L the Cholesky factor of Σ."""
     z = jax.vmap(lambda key: jax.random.normal(key, (2,)))(keys)
     return belief.pos_mean_world + (scale_tril(belief.pos_cov) * z[:, None]).sum(-1)
-
-
-def _attempts(
-    world: dict[str, np.ndarray], start: Float[np.ndarray, "R 2"], wiggle: Key[Array, "R"]
-) -> Attempt:
-    return Attempt(
-        peg_type=jnp.asarray(world["peg_type"]),
-        hole_type=jnp.asarray(world["hole_type"]),
-        hole_pos_world=jnp.asarray(world["hole_pos_world"]),
-        estimate_world=jnp.asarray(start),
-        policy=jnp.full(len(start), SPIRAL),
-        key=wiggle,
-    )
-
-
-def _learnt(methods, updates, belief: Belief, done: Interaction, noise, active) -> Belief:
-    """Beliefs after a round: each method's active rows by its own update; what learns nothing stays."""
-    parts, n = [], len(active) // len(methods)
-    for m, method in enumerate(methods):
-        own = slice(m * n, (m + 1) * n)
-        before, felt = (jax.tree.map(lambda leaf, own=own: leaf[own], tree) for tree in (belief, done))
-        learns = method.name in updates
-        parts.append(updates[method.name](before, felt, noise[own]) if learns else before)
-
-    def joined(old, *new):
-        together = np.concatenate([np.asarray(leaf) for leaf in new])
-        return np.where(active.reshape(-1, *[1] * (old.ndim - 1)), together, old)
-
-    return jax.tree.map(joined, belief, *parts)

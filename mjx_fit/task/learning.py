@@ -22,21 +22,24 @@ from mjx_fit.wrist import read
 Update = Callable[[Belief, Interaction, Key[Array, "n"]], Belief]
 """Beliefs about n holes before and after an attempt at each; keys are of the sensors' noise."""
 
-Learn = Callable[[Belief, Interaction, Key[Array, "n"], Bool[Array, "n"], Bool[Array, "n"]], Belief]
 
+def filter_update(
+    config: Config,
+    sensor: ContactSensor | None,
+    learns_position: Bool[np.ndarray, "n"] | bool = True,
+    learns_type: Bool[np.ndarray, "n"] | bool = True,
+) -> Update:
+    """Makes the update of position and type, from the failure itself and from what the sensor says of it.
 
-def learner(config: Config, sensor: ContactSensor | None) -> Learn:
-    """Makes the update of a batch of beliefs about the holes that were just tried.
-
-    The function takes the beliefs (n,) before, the interactions (n,), keys of the sensor noise (n,), and for
-    each whether the trace may update position and type. Beliefs whose attempt succeeded, or is not valid,
-    stay as they are.
+    Beliefs whose attempt succeeded, or is not valid, stay as they are.
 
     Args:
         config: Gives α, the wrist's noise and the plate's height.
-        sensor: The trained sensor; None when no method reads traces.
+        sensor: The trained sensor; None: no row reads its trace.
+        learns_position: Whether the trace updates the position, of all rows or of each.
+        learns_type: Whether the trace updates the type; the failure does so all the same.
 
-    The function raises ``RequestError`` where a field of a belief or an interaction is not what it must be.
+    The update raises ``RequestError`` where a field of a belief or an interaction is not what it must be.
     """
     numerics.require()
     hard = config.task.hard_match
@@ -59,20 +62,12 @@ def learner(config: Config, sensor: ContactSensor | None) -> Learn:
 
     compiled = jax.jit(learn)
 
-    def checked(beliefs, interactions, keys, learns_position, learns_type):
-        require_update(beliefs, interactions, keys)
-        return compiled(state, beliefs, interactions, keys, learns_position, learns_type)
-
-    return checked
-
-
-def filter_update(config: Config, sensor: ContactSensor) -> Update:
-    """Makes the update of position and type by a trained sensor; it checks what it is given, as a learner."""
-    learn = learner(config, sensor)
-
     def update(beliefs: Belief, interactions: Interaction, keys: Key[Array, "n"]) -> Belief:
-        yes = np.ones(len(interactions.length), bool)
-        return learn(beliefs, interactions, keys, yes, yes)
+        require_update(beliefs, interactions, keys)
+        n = len(interactions.length)
+        # Traced, not constants: rows of any traits are computed alike.
+        position, kind = (np.broadcast_to(one, n).copy() for one in (learns_position, learns_type))
+        return compiled(state, beliefs, interactions, keys, position, kind)
 
     return update
 
@@ -80,7 +75,7 @@ def filter_update(config: Config, sensor: ContactSensor) -> Update:
 def frame_update(config: Config, sensor: ContactSensor) -> Update:
     """Makes the update of the frame-by-frame baseline: what its sensor says of the last attempt, and R.
 
-    It checks what it is given, as a learner does.
+    It checks what it is given, as ``filter_update`` does.
     """
     numerics.require()
     graph, state = nnx.split(sensor)

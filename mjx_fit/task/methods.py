@@ -1,8 +1,11 @@
 """The methods that the experiments compare: what each of them learns from a failed attempt."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeVar
+
+import numpy as np
+from jaxtyping import Bool
 
 from mjx_fit.errors import RequestError, shown
 
@@ -87,3 +90,8 @@ def chosen(names: str, among: Sequence[M]) -> tuple[M, ...]:
             raise RequestError(f"--methods: {shown(name)} is not allowed: choose from {', '.join(known)}")
         picked[name] = known[name]
     return tuple(picked.values())
+
+
+def of_rows(methods: Sequence[M], n_trials: int, trait: Callable[[M], bool]) -> Bool[np.ndarray, "R"]:
+    """Whether each row's method has a trait; rows go method by method, trial by trial."""
+    return np.repeat([trait(method) for method in methods], n_trials)

@@ -1,30 +1,26 @@
 """The state of many assemblies at once: a row is one trial under one method."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from operator import attrgetter
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int, Key
+from jaxtyping import Bool, Float, Int
 
 from mjx_fit.config import Config
 from mjx_fit.filters.belief import initial_belief
 from mjx_fit.filters.success import success_probability
-from mjx_fit.policies import SPIRAL
 from mjx_fit.randomness import root_key
 from mjx_fit.settings import N_TYPES
 from mjx_fit.task import pomdp
+from mjx_fit.task.attempt_loop import Tried, Try, spirals_at
 from mjx_fit.task.diary import Diary, believed
-from mjx_fit.task.learning import Learn
-from mjx_fit.task.methods import KNOWN_VARIANCE_M2, Method
+from mjx_fit.task.methods import Method, of_rows
+from mjx_fit.task.revealed import reveal_hole, reveal_match
 from mjx_fit.task.trials import Trials
-from mjx_fit.types import Array, Attempt, Belief, Interaction
+from mjx_fit.types import Belief, Interaction
 from mjx_fit.wrist import peak_force
-
-_LOG_IMPOSSIBLE = -30.0
-"""ln ξ of a type that is known to be wrong: small enough to mean never, and finite."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +56,14 @@ class Choice:
 
 
 class Table:
-    """The state of all rows, method by method, trial by trial: R = methods x trials."""
+    """The state of all rows, method by method, trial by trial: R = methods x trials.
+
+    Attributes:
+        pegs_done: (R,), pegs that are in, by the robot or by a human.
+        choice: What was chosen in the latest round.
+    """
+
+    choice: Choice
 
     def __init__(self, config: Config, methods: tuple[Method, ...], trials: Trials, seed: int):
         self._config, self._methods, self._n_trials = config, methods, len(trials.hole_type)
@@ -84,6 +87,11 @@ class Table:
         """Rows that have pegs left."""
         return self.pegs_done < self._filled.shape[1]
 
+    @property
+    def attempt_actions(self) -> int:
+        """Most actions in one attempt."""
+        return self._config.task.attempt_actions
+
     def leave_out_all_but(self, row: int) -> None:
         """Takes the other rows for done."""
         self.pegs_done[np.arange(len(self.pegs_done)) != row] = self._filled.shape[1]
@@ -93,55 +101,37 @@ class Table:
         beliefs = jax.tree.map(np.copy, self._beliefs)
         return State(self.active, self._peg_number(), beliefs, self._filled.copy())
 
-    def choose(self) -> Choice:
-        """The hole that each row tries next."""
+    def next_try(self) -> Try | None:
+        """The attempt that each row makes next, at the hole of ``choice``; None once all pegs are in."""
+        if not self.active.any():
+            return None
         chosen = self._choose(self._beliefs, self._peg(), self._filled, self._tries)
-        return Choice(*map(np.asarray, chosen))
+        self.choice = Choice(*map(np.asarray, chosen))
+        hole, rows = self.choice.hole, np.arange(len(self._trial))
+        wiggle_keys, noise_keys = self._keys(self._trial, self._peg_number(), self._attempt_number())
+        hole_type, hole_pos = (self._world[name][rows, hole] for name in ("hole_type", "hole_pos_world"))
+        beliefs = self._belief_about(hole)
+        attempts = spirals_at(self._peg(), hole_type, hole_pos, beliefs.pos_mean_world, wiggle_keys)
+        return Try(attempts, self.active, beliefs, noise_keys)
 
-    def keys(self) -> tuple[Key[Array, "R"], Key[Array, "R"]]:
-        """Sources of the wiggle and of the sensor noise of each row's next attempt."""
-        return self._keys(self._trial, self._peg_number(), self._attempt_number())
-
-    def attempts(self, chosen: Int[np.ndarray, "R"], wiggle_keys: Key[Array, "R"]) -> Attempt:
-        """The attempts of a round."""
-        rows = np.arange(len(chosen))
-        return Attempt(
-            peg_type=jnp.asarray(self._peg()),
-            hole_type=jnp.asarray(self._world["hole_type"][rows, chosen]),
-            hole_pos_world=jnp.asarray(self._world["hole_pos_world"][rows, chosen]),
-            estimate_world=jnp.asarray(self._beliefs.pos_mean_world[rows, chosen]),
-            policy=jnp.full(len(chosen), SPIRAL),
-            key=wiggle_keys,
-        )
-
-    def learn(
-        self,
-        choice: Choice,
-        interactions: Interaction,
-        noise_keys: Key[Array, "R"],
-        learn: Learn,
-    ) -> None:
-        """Updates the beliefs about the holes that were tried."""
-        chosen, rows = choice.hole, np.arange(len(choice.hole))
-        before = self._belief_about(chosen)
-        position = self._of(lambda method: method.learns_position)
-        kind = self._of(lambda method: method.learns_type)
-        after = learn(before, interactions, noise_keys, position, kind)
+    def learn(self, tried: Tried) -> None:
+        """Takes over the beliefs about the holes that were tried, and reveals the truth to the bounds."""
+        chosen, rows = self.choice.hole, np.arange(len(self._trial))
         open_rows = rows[self.active]
-        for leaf, new in zip(jax.tree.leaves(self._beliefs), jax.tree.leaves(after), strict=True):
+        for leaf, new in zip(jax.tree.leaves(self._beliefs), jax.tree.leaves(tried.beliefs), strict=True):
             leaf[open_rows, chosen[open_rows]] = np.asarray(new)[open_rows]
-        failed = self.active & np.asarray(interactions.valid & ~interactions.inserted)
-        for trait, tell in (
-            (self._of(lambda method: method.learns_truth), _make_known),
-            (self._of(lambda method: method.learns_match), self._tell_match),
-        ):
-            told = rows[failed & trait]
-            tell(self._beliefs, self._world, (told, chosen[told]))
-        self._note(choice, interactions, before)
+        happened = tried.interactions
+        failed = self.active & np.asarray(happened.valid & ~happened.inserted)
+        told = rows[failed & self._of("learns_truth")]
+        reveal_hole(self._beliefs, self._world, (told, chosen[told]))
+        told = rows[failed & self._of("learns_match")]
+        reveal_match(self._beliefs, self._world, (told, chosen[told]), self._peg()[told])
+        self._note(happened, tried.asked.beliefs)
 
-    def record(self, chosen: Int[np.ndarray, "R"], interactions: Interaction) -> None:
+    def record(self, tried: Tried) -> None:
         """Counts the attempts, fills holes, lets a human help at the cap, and hands out the next pegs."""
-        rows, inserted = np.flatnonzero(self.active), np.asarray(interactions.inserted)
+        chosen = self.choice.hole
+        rows, inserted = np.flatnonzero(self.active), np.asarray(tried.interactions.inserted)
         peg, hole = self.pegs_done[rows], chosen[rows]
         self._attempts[rows, peg] += 1
         self._tries[rows, hole] += 1
@@ -176,16 +166,16 @@ class Table:
         """What each row believes of one of its holes."""
         return jax.tree.map(lambda leaf: leaf[np.arange(len(chosen)), chosen], self._beliefs)
 
-    def _note(self, choice: Choice, interactions: Interaction, before: Belief) -> None:
+    def _note(self, interactions: Interaction, before: Belief) -> None:
         """What was tried and why, what was believed of it before and after, and how hard it pressed."""
-        chosen, rows = choice.hole, np.flatnonzero(self.active)
+        chosen, rows = self.choice.hole, np.flatnonzero(self.active)
         position = self._world["hole_pos_world"][np.arange(len(chosen)), chosen]
         match, error = believed(before, self._peg(), position)
         match_after, error_after = believed(self._belief_about(chosen), self._peg(), position)
         columns = {
             "tried": chosen,
-            "chance": choice.chance,
-            "next_best": choice.next_best,
+            "chance": self.choice.chance,
+            "next_best": self.choice.next_best,
             "match_probability": match,
             "error_cm": error,
             "peak_force_n": np.round(peak_force(interactions), 1),
@@ -195,15 +185,6 @@ class Table:
         own = {name: values[rows] for name, values in columns.items()}
         self._diary.write(rows, self.pegs_done[rows], **own)
 
-    def _tell_match(self, beliefs: Belief, world: dict[str, np.ndarray], which: Any) -> None:
-        """Puts the true position, and whether the type is that of the peg in hand, into some beliefs."""
-        is_peg = np.arange(N_TYPES) == self._peg()[which[0]][:, None]
-        same = (world["hole_type"][which] == self._peg()[which[0]])[:, None]
-        beliefs.pos_mean_world[which] = world["hole_pos_world"][which]
-        beliefs.pos_cov[which] = KNOWN_VARIANCE_M2 * np.eye(2)
-        left = np.where(is_peg == same, beliefs.type_logp[which], _LOG_IMPOSSIBLE)
-        beliefs.type_logp[which] = left - np.logaddexp.reduce(left, axis=1, keepdims=True)
-
     def _initial_beliefs(self) -> Belief:
         """Beliefs (R, n) as writable arrays: the detector's, or the truth for a method that knows it."""
         world = self._world
@@ -211,12 +192,11 @@ class Table:
             jnp.asarray(world["estimate_world"]), self._config.detector.prior_std_m, N_TYPES
         )
         beliefs = jax.tree.map(np.array, detected)
-        _make_known(beliefs, world, self._of(lambda method: method.knows_truth))
+        reveal_hole(beliefs, world, self._of("knows_truth"))
         return beliefs
 
-    def _of(self, trait: Callable[[Method], bool]) -> Bool[np.ndarray, "R"]:
-        """Whether each row's method has a trait."""
-        return np.repeat([trait(method) for method in self._methods], self._n_trials)
+    def _of(self, trait: str) -> Bool[np.ndarray, "R"]:
+        return of_rows(self._methods, self._n_trials, attrgetter(trait))
 
     def _greedy(self, beliefs: Belief, peg_type, filled, tries):
         alpha = success_probability(self._config, beliefs.pos_cov)
@@ -240,11 +220,3 @@ class Table:
 
     def _attempt_number(self) -> Int[np.ndarray, "R"]:
         return self._attempts[np.arange(len(self._trial)), self._peg_number()]
-
-
-def _make_known(beliefs: Belief, world: dict[str, np.ndarray], which: Any) -> None:
-    """Puts the truth in the place of the beliefs about some holes, an index into (R, n)."""
-    one_hot = np.arange(N_TYPES) == world["hole_type"][which][..., None]
-    beliefs.pos_mean_world[which] = world["hole_pos_world"][which]
-    beliefs.pos_cov[which] = KNOWN_VARIANCE_M2 * np.eye(2)
-    beliefs.type_logp[which] = np.where(one_hot, 0.0, _LOG_IMPOSSIBLE)

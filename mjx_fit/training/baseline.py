@@ -11,13 +11,11 @@ from mjx_fit.config import Config
 from mjx_fit.dataset import manifest, store
 from mjx_fit.dataset.episode import Episode
 from mjx_fit.training import run_folder
+from mjx_fit.training.checkpoint import FRAME_BY_FRAME
 from mjx_fit.training.kinship import require_world
 from mjx_fit.training.loop import train
 from mjx_fit.training.sides import require_chains, require_symmetric
 from mjx_fit.types import ACTION_BYTES
-
-FRAME_BY_FRAME = "frame_by_frame"
-"""Folder of the baseline's training, in that of the run."""
 
 
 def train_from(

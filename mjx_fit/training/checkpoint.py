@@ -24,6 +24,8 @@ from mjx_fit.training import step_folder, stored_arrays
 from mjx_fit.training.stored_arrays import Arrays
 
 BEST, LAST = Path("checkpoints", "best"), Path("checkpoints", "last")
+FRAME_BY_FRAME = "frame_by_frame"
+"""Folder of the baseline's training, in that of the run."""
 ARRAYS = "default"
 """Where in a step its arrays are."""
 _MAY_BE_INFINITE = "best_nll"

@@ -1,0 +1,205 @@
+"""Playing one assembly, attempt by attempt: a new one, or one of a result file again."""
+
+from collections.abc import Generator, Iterator
+from contextlib import closing
+from dataclasses import dataclass, replace
+
+import jax
+import numpy as np
+from jaxtyping import Int
+
+from mjx_fit import config as config_
+from mjx_fit.config import Config
+from mjx_fit.errors import RequestError, require, shortened, shown
+from mjx_fit.evaluation import outcome, parts
+from mjx_fit.evaluation.recording import Recording, Step, require_attempt
+from mjx_fit.evaluation.results import Result
+from mjx_fit.progress import Progress
+from mjx_fit.randomness import require_seed
+from mjx_fit.simulate.interface import Engine
+from mjx_fit.task.assembly import Round, rounds, update_of_rows
+from mjx_fit.task.methods import ASSEMBLY, Method, chosen
+from mjx_fit.task.table import Table
+from mjx_fit.task.trials import draw_trials
+from mjx_fit.training.trained_sensor import TrainedSensor
+
+
+@dataclass(frozen=True)
+class Pick:
+    """Which assembly is played.
+
+    Attributes:
+        method: Its method's name.
+        trial: Its id.
+        attempt: Number of the one attempt that will be looked at, if it is one: no later one is played.
+    """
+
+    method: str
+    trial: int
+    attempt: int | None = None
+
+
+def record(
+    config: Config, pick: Pick, seed: int, engine: Engine, sensor: TrainedSensor | None = None
+) -> Generator[Recording]:
+    """Plays one assembly, as far as is asked for: close the generator to stop.
+
+    Args:
+        config: The configuration.
+        pick: Which.
+        seed: Root seed.
+        engine: Simulates the attempts.
+        sensor: For a method that reads traces.
+
+    Yields:
+        After every attempt, what has been played so far.
+
+    Raises:
+        RequestError: At once: there is no such method, it needs a sensor and there is none, or no assembly
+            has so many attempts.
+    """
+    require("--trial", pick.trial, 0, outcome.MAX_TRIALS - 1)
+    require_seed(seed)
+    picked = (_only(pick.method),)
+    require_attempt(pick.attempt, config.task.n_holes * config.task.max_attempts)
+    return _play(_Assemblies(config, picked, np.array([pick.trial]), seed), pick, engine, sensor)
+
+
+def replay(
+    result: Result, pick: Pick, engine: Engine, sensor: TrainedSensor | None = None
+) -> Generator[Recording]:
+    """Replays a trial of an assembly result.
+
+    Args:
+        result: Of the assembly experiment.
+        pick: One of its methods and trials.
+        engine: Simulates the attempts: that of the result, made for its configuration.
+        sensor: The one that it was made with.
+
+    Yields:
+        After every attempt, what has been played so far.
+
+    Raises:
+        RequestError: At once: the result is of another experiment or has no such trial or attempt, or the
+            sensor is another. At the end: the same choices did not come out, as after a change of versions
+            or machine.
+    """
+    if result.experiment != "assembly":
+        raise RequestError(f"result: {result.experiment!r} is not allowed: it must be of assembly")
+    if not result.trials:
+        raise RequestError("result: trials: none is not allowed: there is nothing to play")
+    rows = {(row["method"], row["trial"]): row for row in result.trials}
+    names = list(dict.fromkeys(name for name, _ in rows))
+    wanted = pick.method, pick.trial
+    if wanted not in rows:
+        raise RequestError(
+            f"--method, --trial: {shortened(pick.method)}, {shown(pick.trial)} are not in the result: "
+            f"it has {', '.join(names)} and trials 0 to {max(row['trial'] for row in result.trials)}"
+        )
+    _only(pick.method)
+    require_attempt(pick.attempt, sum(rows[wanted]["attempts"]))
+    made_with = result.request.get("sensor")
+    if made_with and sensor and sensor.fingerprint != made_with:
+        raise RequestError("--run: the result was made with another sensor; give its --run")
+    trials = result.request.get("trials")
+    if not isinstance(trials, int) or trials <= max(number for _, number in rows):
+        raise RequestError(f"result: request.trials: {trials!r} is not allowed: it must count its trials")
+    pieces = parts.pieces(trials, len(names), engine.name)
+    ids = next(piece for piece in pieces if pick.trial in piece)
+    picked = chosen(",".join(names), ASSEMBLY)
+    assemblies = _Assemblies(config_.from_tree(result.config), picked, ids, result.seed)
+    tried = [hole for holes in rows[wanted].get("tried", []) for hole in holes]
+    return _compared(_play(assemblies, pick, engine, sensor), tried[: pick.attempt], pick)
+
+
+def _compared(played: Generator[Recording], expected: list[int], pick: Pick) -> Generator[Recording]:
+    """Plays, and refuses at the end what does not come out as it did."""
+    with closing(played):
+        chosen_so_far: list[int] = []
+        for recording in played:
+            chosen_so_far.append(recording.steps[-1].hole)
+            yield recording
+    if expected and expected != chosen_so_far:
+        raise RequestError(
+            f"render: {pick.method}, trial {pick.trial} does not come out as in the result: "
+            "it was made with other versions or on another machine; make the result anew"
+        )
+
+
+def _only(method: str) -> Method:
+    """The method of that name.
+
+    Raises:
+        RequestError: There is none.
+    """
+    known = {one.name: one for one in ASSEMBLY}
+    if method not in known:
+        raise RequestError(f"--method: {shown(method)} is not allowed: choose from {', '.join(known)}")
+    return known[method]
+
+
+@dataclass(frozen=True)
+class _Assemblies:
+    """What is set up together: one assembly comes out as among the others, bit by bit.
+
+    Attributes:
+        config: The configuration.
+        methods: Of the experiment.
+        ids: Of its trials in the same part.
+        seed: Root seed.
+    """
+
+    config: Config
+    methods: tuple[Method, ...]
+    ids: Int[np.ndarray, "T"]
+    seed: int
+
+
+def _play(of: _Assemblies, pick: Pick, engine: Engine, sensor: TrainedSensor | None) -> Generator[Recording]:
+    """Plays one row of the methods times the trials, up to an attempt or to the end."""
+    config, network, methods, ids = of.config, None, of.methods, of.ids
+    if reading := [one.name for one in methods if one.needs_sensor]:
+        # Of any row: beliefs are updated in a batch of all.
+        if sensor is None:
+            raise RequestError(f"--run: none is not allowed: {reading[0]} needs a training run")
+        config, network = sensor.adapt(config), sensor.network
+        sensor.say_if_away(config, "playing")
+    drawn, place = draw_trials(config, of.seed, ids), int(np.flatnonzero(ids == pick.trial)[0])
+    table, update = Table(config, methods, drawn, of.seed), update_of_rows(config, methods, len(ids), network)
+    row = [one.name for one in methods].index(pick.method) * len(ids) + place
+    table.leave_out_all_but(row)
+    world = drawn.hole_type[place], drawn.hole_pos_world[place], drawn.peg_type[place]
+    empty = Recording(pick.method, pick.trial, config, *world, steps=())
+    return _steps(empty, table, row, rounds(table, engine, update), pick.attempt)
+
+
+def _steps(
+    played: Recording, table: Table, row: int, rounds_: Iterator[Round], last: int | None
+) -> Generator[Recording]:
+    """What has been played of a row, after every round."""
+    others_done = int(table.pegs_done.sum())
+    with Progress("playing: pegs", played.config.task.n_holes) as progress:
+        for round_ in rounds_:
+            played = replace(played, steps=(*played.steps, _step_of(round_, row, played.steps)))
+            yield played
+            if len(played.steps) == last:
+                return
+            progress(int(table.pegs_done.sum()) - others_done, f"{len(played.steps)} attempts")
+
+
+def _step_of(round_: Round, row: int, so_far: tuple[Step, ...]) -> Step:
+    """A row of a round."""
+    peg = int(round_.before.peg[row])
+    happened = jax.tree.map(lambda leaf: np.asarray(leaf)[row], round_.interactions)
+    newly = np.flatnonzero(round_.after.filled[row] & ~round_.before.filled[row])
+    return Step(
+        number=len(so_far) + 1,
+        peg=peg,
+        attempt=1 + sum(step.peg == peg for step in so_far),
+        hole=int(round_.chosen[row]),
+        interaction=happened,
+        before=jax.tree.map(lambda leaf: leaf[row], round_.before.beliefs),
+        after=jax.tree.map(lambda leaf: leaf[row], round_.learned.beliefs),
+        filled=round_.before.filled[row],
+        helped=int(newly[0]) if len(newly) and not happened.inserted else None,
+    )

@@ -1,0 +1,49 @@
+"""Putting the truth into beliefs, for the methods that bound what any sensor could reach."""
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Int
+
+from mjx_fit.settings import N_TYPES
+from mjx_fit.task.methods import KNOWN_VARIANCE_M2
+from mjx_fit.types import Belief
+
+_LOG_IMPOSSIBLE = -30.0
+"""ln ξ of a type that is known to be wrong: small enough to mean never, and finite."""
+
+
+def reveal_hole(beliefs: Belief, world: dict[str, np.ndarray], which: Any) -> None:
+    """Replaces the beliefs about some holes by the truth, in place.
+
+    Args:
+        beliefs: (R, n), writable.
+        world: ``hole_type`` (R, n) and ``hole_pos_world`` (R, n, 2).
+        which: An index into (R, n).
+    """
+    one_hot = np.arange(N_TYPES) == world["hole_type"][which][..., None]
+    _reveal_position(beliefs, world, which)
+    beliefs.type_logp[which] = np.where(one_hot, 0.0, _LOG_IMPOSSIBLE)
+
+
+def reveal_match(
+    beliefs: Belief, world: dict[str, np.ndarray], which: Any, peg_type: Int[np.ndarray, "k"]
+) -> None:
+    """Puts the true position, and whether the type is the peg's, into k beliefs, in place.
+
+    Args:
+        beliefs: (R, n), writable.
+        world: As for ``reveal_hole``.
+        which: An index into (R, n).
+        peg_type: The peg in hand of each of them.
+    """
+    is_peg = np.arange(N_TYPES) == peg_type[:, None]
+    same = (world["hole_type"][which] == peg_type)[:, None]
+    _reveal_position(beliefs, world, which)
+    left = np.where(is_peg == same, beliefs.type_logp[which], _LOG_IMPOSSIBLE)
+    beliefs.type_logp[which] = left - np.logaddexp.reduce(left, axis=1, keepdims=True)
+
+
+def _reveal_position(beliefs: Belief, world: dict[str, np.ndarray], which: Any) -> None:
+    beliefs.pos_mean_world[which] = world["hole_pos_world"][which]
+    beliefs.pos_cov[which] = KNOWN_VARIANCE_M2 * np.eye(2)
