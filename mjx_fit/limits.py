@@ -8,9 +8,9 @@ import math
 from collections.abc import Iterator
 
 from mjx_fit.errors import require
+from mjx_fit.rates import STEP_S
 from mjx_fit.settings import ControlConfig, RandomConfig, SceneConfig, SpiralConfig, TaskConfig
 
-TORQUE_STEP_S = 0.002
 MOST_DAMPING = 0.6
 """Share of a velocity that damping may take away in one such step."""
 MOST_PUSH_MPS2 = 10.0
@@ -58,7 +58,7 @@ def _rules(
         yield "scene.contact_time_s", scene.contact_time_s, most, why
     for name in ("kp_position", "kp_orientation"):
         kp = getattr(control, name)
-        most = MOST_DAMPING / (2 * math.sqrt(kp) * TORQUE_STEP_S)
+        most = MOST_DAMPING / (2 * math.sqrt(kp) * STEP_S)
         why = f"with control.{name} {kp} more is unstable in steps of 2 ms"
         yield "control.damping_ratio", control.damping_ratio, most, why
     kp = control.kp_position

@@ -231,4 +231,4 @@ def _actions_per_s(config: Config, engine: Engine) -> float:
         began = time.perf_counter()
         done = engine.run(attempts, PROBE_ACTIONS)
         seconds.append(time.perf_counter() - began)
-    return float(np.sum(done.length)) / seconds[-1]
+    return float(np.sum(done.felt.length)) / seconds[-1]

@@ -40,9 +40,11 @@ class PolicyStart:
 
 @pytree
 class PolicyInput:
-    """What a policy sees before each action: measurements, and the clock.
+    """What a policy sees before each action: measurements, the clock, and what it knew from the start.
 
     Attributes:
+        start: As ``Policy.init`` was given it.
+        key: The attempt's key, likewise.
         step: Number j of the action, from 0: time is j / 10 s.
         horizon: Number J of actions to plan for; a Python int, known when the policy is compiled.
         tip_pos_world: Where the tip is, x, m.
@@ -54,6 +56,8 @@ class PolicyInput:
         contact: Whether it says that the peg touched something (``mjx_fit.wrist.in_contact``).
     """
 
+    start: PolicyStart
+    key: Key[Array, ""]
     step: Int[Array, ""]
     tip_pos_world: Float[Array, "3"]
     tip_quat_world: Float[Array, "4"]
@@ -91,38 +95,29 @@ def by_name(*members: Policy) -> Policy:
     """A policy that acts as the member with the index ``PolicyStart.policy``."""
 
     def init(start: PolicyStart, key: Key[Array, ""]) -> State:
-        return start.policy, tuple(member.init(start, key) for member in members)
+        return tuple(member.init(start, key) for member in members)
 
     def act(state: State, seen: PolicyInput) -> tuple[State, Float[Array, "3"]]:
-        index, states = state
-        acted = [member.act(own, seen) for member, own in zip(members, states, strict=True)]
+        acted = [member.act(own, seen) for member, own in zip(members, state, strict=True)]
         command = acted[-1][1]
         for i in reversed(range(len(members) - 1)):
-            command = jnp.where(index == i, acted[i][1], command)
-        return (index, tuple(own for own, _ in acted)), command
+            command = jnp.where(seen.start.policy == i, acted[i][1], command)
+        return tuple(own for own, _ in acted), command
 
     return Policy(init, act)
 
 
-def stateless(
-    command: Callable[[PolicyStart, Key[Array, ""], PolicyInput], Float[Array, "3"]],
-) -> Policy:
-    """A policy that only looks: its command follows from the start, the attempt's key and what is seen."""
-
-    def act(state: State, seen: PolicyInput) -> tuple[State, Float[Array, "3"]]:
-        start, key = state
-        return state, command(start, key, seen)
-
-    return Policy(lambda start, key: (start, key), act)
+def stateless(command: Callable[[PolicyInput], Float[Array, "3"]]) -> Policy:
+    """A policy without a state: its command follows from what it sees."""
+    return Policy(lambda start, key: (), lambda state, seen: ((), command(seen)))
 
 
 def spiral(config: SpiralConfig) -> Policy:
     """Algorithm 4 of the paper, around the estimate; see ``spiral_command``."""
 
-    def command(start: PolicyStart, key: Key[Array, ""], seen: PolicyInput) -> Float[Array, "3"]:
-        own = jax.random.fold_in(key, seen.step)
-        relative = seen.tip_pos_world[:2] - start.estimate_world
-        return spiral_command(seen.step, seen.horizon, relative, own, config)
+    def command(seen: PolicyInput) -> Float[Array, "3"]:
+        own = jax.random.fold_in(seen.key, seen.step)
+        return spiral_command(seen.step, seen.horizon, _relative(seen), own, config)
 
     return stateless(command)
 
@@ -130,11 +125,16 @@ def spiral(config: SpiralConfig) -> Policy:
 def random(config: RandomConfig) -> Policy:
     """Sweeps around the estimate; see ``random_command``."""
 
-    def command(start: PolicyStart, key: Key[Array, ""], seen: PolicyInput) -> Float[Array, "3"]:
-        own = jax.random.fold_in(key, seen.step)
-        return random_command(seen.step, seen.tip_pos_world[:2] - start.estimate_world, own, key, config)
+    def command(seen: PolicyInput) -> Float[Array, "3"]:
+        own = jax.random.fold_in(seen.key, seen.step)
+        return random_command(seen.step, _relative(seen), own, seen.key, config)
 
     return stateless(command)
+
+
+def _relative(seen: PolicyInput) -> Float[Array, "2"]:
+    """Where the tip is from the estimate, m."""
+    return seen.tip_pos_world[:2] - seen.start.estimate_world
 
 
 def spiral_command(

@@ -12,7 +12,7 @@ from jaxtyping import Bool
 
 from mjx_fit.errors import RequestError
 from mjx_fit.settings import N_TYPES
-from mjx_fit.types import SUBSTEPS, Interaction, Reading
+from mjx_fit.types import SUBSTEPS, Felt, Reading
 
 WRENCH_AXES = 6
 MOST_OFF_UNIT = 0.01
@@ -24,38 +24,37 @@ _ROWS = {
     "tip_quat_world": (4,),
     "tip_linvel_world": (3,),
     "tip_angvel_world": (3,),
-    "contact": (),
     "action_world": (3,),
 }
 _OTHERS = {"peg_type": (), "length": (), "tare_sensor": (WRENCH_AXES,), "estimate_world": (2,)}
 
 
-def require_readable(interactions: Interaction, batch: int = 1) -> None:
-    """Makes sure that a sensor can read interactions.
+def require_readable(felt: Felt, batch: int = 1) -> None:
+    """Makes sure that a sensor can read attempts.
 
-    Values count in rows before ``length``, of interactions that are valid.
+    Values count in rows before ``length``.
 
     Args:
-        interactions: With ``batch`` leading axes.
+        felt: With ``batch`` leading axes.
         batch: 0 or 1.
 
     Raises:
         RequestError: A field has another shape, or a value that is not allowed; the message names it.
     """
-    trace = interactions.trace
+    trace = felt.trace
     rows = np.shape(trace.wrench_sensor)[: batch + 1]
     for name, rest in _ROWS.items():
         _require_shape(f"trace.{name}", getattr(trace, name), (*rows, *rest), f"J {SUBSTEPS} {WRENCH_AXES}")
     for name, rest in _OTHERS.items():
-        _require_shape(name, getattr(interactions, name), (*rows[:-1], *rest))
-    if _is_traced(interactions):
+        _require_shape(name, getattr(felt, name), (*rows[:-1], *rest))
+    if _is_traced(felt):
         return
-    one = jax.tree.map(np.asarray, interactions)
+    one = jax.tree.map(np.asarray, felt)
     if not batch:
         one = jax.tree.map(lambda leaf: leaf[None], one)
     _require_indices("length", one.length, rows[-1])
     _require_indices("peg_type", one.peg_type, N_TYPES - 1)
-    counts = (np.arange(rows[-1]) < one.length[:, None]) & one.valid[:, None]
+    counts = np.arange(rows[-1]) < one.length[:, None]
     for name in _ROWS:
         _require_finite(f"trace.{name}", getattr(one.trace, name), counts)
     for name in ("tare_sensor", "estimate_world"):

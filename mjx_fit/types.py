@@ -9,16 +9,16 @@ from dataclasses import dataclass, field
 from typing import Any, TypeVar, dataclass_transform
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int, Key
+
+from mjx_fit.rates import SUBSTEPS
 
 T = TypeVar("T")
 
 Array = jax.Array | np.ndarray
 """What a pytree's leaf may be: on the device inside a computation, on the host outside."""
-
-SUBSTEPS = 50
-"""Simulation steps (500 Hz) in one action (10 Hz): the samples of one wrench window."""
 
 ACTION_BYTES = 4 * (SUBSTEPS * 6 + 3 + 4 + 3 + 3 + 3) + 1
 """Size of one action's row of a ``Trace`` in memory."""
@@ -58,17 +58,15 @@ class Attempt:
 
 @pytree
 class Trace:
-    """What the robot felt and did, one row per action.
+    """What the robot measured and did, one row per action.
 
     Attributes:
         wrench_sensor: Clean force (N) and torque (N·m) that the arm exerts on the peg, in the sensor's frame
-            (z along the tool), 500 Hz. The peg's weight and inertia are in it; subtract
-            ``Interaction.tare_sensor``.
+            (z along the tool), 500 Hz. The peg's weight and inertia are in it; subtract ``Felt.tare_sensor``.
         tip_pos_world: Centre of the peg's lower face at the end of the action, m.
         tip_quat_world: Its orientation.
         tip_linvel_world: Its linear velocity, m/s.
         tip_angvel_world: Its angular velocity, rad/s.
-        contact: Whether the peg touched the box at any step of the action.
         action_world: Desired change of the tip's position, as the policy gave it, m.
     """
 
@@ -77,41 +75,63 @@ class Trace:
     tip_quat_world: Float[Array, "*batch J 4"]
     tip_linvel_world: Float[Array, "*batch J 3"]
     tip_angvel_world: Float[Array, "*batch J 3"]
-    contact: Bool[Array, "*batch J"]
     action_world: Float[Array, "*batch J 3"]
 
 
 @pytree
-class Interaction:
-    """One attempt, done: its trace, the request, and how it ended.
+class Felt:
+    """What a robot has of one attempt: the sensors, filters and the tracker take this alone.
 
     Attributes:
         trace: Rows from ``length`` on are padding: zeros.
         length: Number of actions that were performed.
-        inserted: Whether the tip ended in the hole, ``task.insertion_depth_m`` below the plate's top or more.
-        peg_type: As in the request.
-        hole_type: As in the request.
-        hole_pos_world: As in the request, m.
-        estimate_world: As in the request, m: this interaction's own μ0.
-        tare_sensor: Clean reading at rest in free space just before the attempt, N and N·m.
-        end_qpos: Joint angles at the end, rad; where not valid, before the action that made it so.
-        end_qvel: Joint velocities at the same moment, rad/s.
-        valid: False where the simulation turned non-finite, or the attempt left what is believed (a peg that
-            tilts too far or leaves its plate, a torque limit for too long: ``mjx_fit.simulate.plausible``),
-            in the last action counted by ``length``.
+        tare_sensor: Reading of the wrist at rest in free space just before the attempt, N and N·m; clean in
+            simulation.
+        estimate_world: Where the attempt started: the estimate μ0 of the hole's centre, m.
+        peg_type: Index of the shape of the peg in hand.
     """
 
     trace: Trace
     length: Int[Array, "*batch"]
-    inserted: Bool[Array, "*batch"]
+    tare_sensor: Float[Array, "*batch 6"]
+    estimate_world: Float[Array, "*batch 2"]
     peg_type: Int[Array, "*batch"]
+
+
+@pytree
+class Truth:
+    """What only a simulator knows of one attempt.
+
+    Attributes:
+        hole_type: Index of the hole's shape.
+        hole_pos_world: True centre of the hole on the table plane, m.
+        inserted: Whether the tip ended in the hole, ``task.insertion_depth_m`` below the plate's top or more.
+        valid: False where the simulation diverged, or the attempt left what is believed (a peg that tilts too
+            far or leaves its plate, a torque limit for too long: ``mjx_fit.simulate.plausible``), in the last
+            action counted by ``Felt.length``.
+        end_qpos: Joint angles at the end, rad; where not valid, before the action that made it so.
+        end_qvel: Joint velocities at the same moment, rad/s.
+    """
+
     hole_type: Int[Array, "*batch"]
     hole_pos_world: Float[Array, "*batch 2"]
-    estimate_world: Float[Array, "*batch 2"]
-    tare_sensor: Float[Array, "*batch 6"]
+    inserted: Bool[Array, "*batch"]
+    valid: Bool[Array, "*batch"]
     end_qpos: Float[Array, "*batch joints"]
     end_qvel: Float[Array, "*batch joints"]
-    valid: Bool[Array, "*batch"]
+
+    @property
+    def failed(self) -> Bool[Array, "*batch"]:
+        """Whether the attempt was simulated without fault and the peg is not in: these teach something."""
+        return self.valid & ~self.inserted
+
+
+@pytree
+class Rollout:
+    """One simulated attempt: what was felt, and the truth."""
+
+    felt: Felt
+    truth: Truth
 
 
 @pytree
@@ -128,7 +148,7 @@ class Reading:
         tip_quat_world: Orientation of the tip.
         tip_linvel_world: m/s.
         tip_angvel_world: rad/s.
-        contact: Contact bit, as a float 0 or 1.
+        contact: Contact bit, as a float 0 or 1: told from the measured force (``mjx_fit.wrist.in_contact``).
         action_world: m.
         mask: True where the row is real, False where it is padding.
         peg_type: Index of the peg's shape, which the robot knows.
@@ -159,6 +179,11 @@ class Belief:
     pos_mean_world: Float[Array, "*batch 2"]
     pos_cov: Float[Array, "*batch 2 2"]
     type_logp: Float[Array, "*batch C"]
+
+    @property
+    def type_probability(self) -> Float[Array, "*batch C"]:
+        """ξ: the probability of each shape."""
+        return jnp.exp(self.type_logp)
 
 
 @pytree

@@ -1,4 +1,4 @@
-"""What the robot's sensors make of an interaction: a tared, noisy reading relative to the estimate.
+"""What the robot's sensors make of an rollout: a tared, noisy reading relative to the estimate.
 
 The simulator stores clean wrenches; noise is drawn when a trace is read, so that training sees it afresh each
 time and an evaluation once per attempt.
@@ -12,9 +12,10 @@ from jaxtyping import Bool, Float, Int, Key
 from mjx_fit.settings import SceneConfig, WristConfig
 from mjx_fit.shapes import plate_top_m
 from mjx_fit.traces import require_readable
-from mjx_fit.types import Array, Interaction, Reading
+from mjx_fit.types import Array, Felt, Reading
 
 MIN_PRESS_N = 1.0
+_ATTEMPTS_AT_ONCE = 256
 FACE_M = 0.04
 """Twice the distance from the centre of a peg's face to its farthest edge along an axis."""
 
@@ -69,6 +70,17 @@ def in_contact(wrench_sensor: Float[Array, "*batch samples 6"], wrist: WristConf
     return mean_square > wrist.contact_force_n**2
 
 
+def touched(felt: Felt, wrist: WristConfig) -> Bool[np.ndarray, "n J"]:
+    """The actions of n attempts in which there was contact, by the force without noise; padding has none."""
+    found = []
+    for first in range(0, len(felt.length), _ATTEMPTS_AT_ONCE):  # what is tared is a copy
+        rows = slice(first, first + _ATTEMPTS_AT_ONCE)
+        tare = np.asarray(felt.tare_sensor[rows])[:, None, None]
+        found.append(np.asarray(in_contact(np.asarray(felt.trace.wrench_sensor[rows]) - tare, wrist)))
+    length = np.asarray(felt.length)[:, None]
+    return np.concatenate(found) & (np.arange(felt.trace.action_world.shape[1]) < length)
+
+
 def centre_of_pressure(wrench_sensor: Float[Array, "*batch 6"], lever_m: float) -> Float[Array, "*batch 2"]:
     """Where the resultant force meets the plane of the peg's lower face, from its centre, world x and y, m.
 
@@ -87,15 +99,15 @@ def centre_of_pressure(wrench_sensor: Float[Array, "*batch 6"], lever_m: float) 
     return jnp.clip(jnp.stack([along_x, along_y], axis=-1), -FACE_M, FACE_M)
 
 
-def peak_force(interactions: Interaction) -> Float[np.ndarray, "n"]:
-    """Largest force of each of n interactions, N, tared and without noise: what the peg and the arm bear."""
-    wrench = interactions.trace.wrench_sensor - interactions.tare_sensor[:, None, None]
-    real = np.arange(wrench.shape[1]) < np.asarray(interactions.length)[:, None]
+def peak_force(felt: Felt) -> Float[np.ndarray, "n"]:
+    """Largest force of each of n attempts, N, tared: what the peg and the arm bear."""
+    wrench = felt.trace.wrench_sensor - felt.tare_sensor[:, None, None]
+    real = np.arange(wrench.shape[1]) < np.asarray(felt.length)[:, None]
     return np.where(real[..., None], np.linalg.norm(wrench[..., :3], axis=-1), 0).max((1, 2))
 
 
 def read(
-    interaction: Interaction,
+    felt: Felt,
     key: Key[Array, ""],
     wrist: WristConfig,
     scene: SceneConfig,
@@ -104,39 +116,39 @@ def read(
     start: int | Int[Array, ""] = 0,
     count: int | Int[Array, ""] | None = None,
 ) -> Reading:
-    """Read ``count`` actions of one interaction, from ``start`` on, into ``rows`` rows; vmap for a batch.
+    """Read ``count`` actions of one attempt, from ``start`` on, into ``rows`` rows; vmap for a batch.
 
     Noise of the tare is drawn once per reading.
 
     Args:
-        interaction: One interaction, without batch axes.
+        felt: One attempt, without batch axes.
         key: Source of the noise.
         wrist: Noise of the force/torque sensor.
         scene: Gives the height of the plate and the length of the peg.
         rows: L, static: rows beyond the window are padding, zeros and masked out.
         start: First action.
-        count: Actions to read; those beyond the interaction's end are padding. None: all there are.
+        count: Actions to read; those beyond the attempt's end are padding. None: all there are.
 
     Raises:
-        RequestError: The interaction cannot be read (``mjx_fit.traces``).
+        RequestError: The attempt cannot be read (``mjx_fit.traces``).
     """
-    require_readable(interaction, batch=0)
+    require_readable(felt, batch=0)
     offsets = jnp.arange(rows)
-    mask = start + offsets < interaction.length
+    mask = start + offsets < felt.length
     if count is not None:
         mask &= offsets < count
     # A gather with clipped indices: a dynamic slice near the end would shift the whole window instead.
-    last = interaction.trace.contact.shape[0] - 1
-    window = jax.tree.map(lambda rows_: rows_[jnp.minimum(start + offsets, last)], interaction.trace)
+    last = felt.trace.action_world.shape[0] - 1
+    window = jax.tree.map(lambda rows_: rows_[jnp.minimum(start + offsets, last)], felt.trace)
     window = jax.tree.map(
         lambda x: jnp.where(mask.reshape(-1, *[1] * (x.ndim - 1)), x, jnp.zeros_like(x)), window
     )
 
     clean = window.wrench_sensor
     sample_key, tare_key = jax.random.split(key)
-    tare = measured_tare(interaction.tare_sensor, tare_key, wrist)
+    tare = measured_tare(felt.tare_sensor, tare_key, wrist)
     noisy = measured(clean, tare, sample_key, wrist)
-    origin = jnp.append(interaction.estimate_world, jnp.asarray(plate_top_m(scene), clean.dtype))
+    origin = jnp.append(felt.estimate_world, jnp.asarray(plate_top_m(scene), clean.dtype))
     wrench = jnp.where(mask[:, None, None], noisy, 0)
     return Reading(
         wrench_sensor=wrench,
@@ -145,8 +157,8 @@ def read(
         tip_quat_world=window.tip_quat_world,
         tip_linvel_world=window.tip_linvel_world,
         tip_angvel_world=window.tip_angvel_world,
-        contact=window.contact.astype(clean.dtype),
+        contact=(mask & in_contact(wrench, wrist)).astype(clean.dtype),
         action_world=window.action_world,
         mask=mask,
-        peg_type=interaction.peg_type,
+        peg_type=felt.peg_type,
     )

@@ -1,11 +1,10 @@
 """Stand-ins that decide by decree what physics would."""
 
-import dataclasses
-
 import jax
 import numpy as np
+from synthetic import with_trace
 
-from mjx_fit.types import Interaction, Trace
+from mjx_fit.types import Felt, Rollout, Trace, Truth
 
 CLOSE_M = 0.005
 
@@ -34,13 +33,30 @@ class FakeEngine:
         zeros = np.zeros
         trace = Trace(
             zeros((n, 2, 50, 6)), zeros((n, 2, 3)), np.tile([0.0, 1, 0, 0], (n, 2, 1)), zeros((n, 2, 3)),
-            zeros((n, 2, 3)), zeros((n, 2), bool), zeros((n, 2, 3)),
+            zeros((n, 2, 3)), zeros((n, 2, 3)),
         )  # fmt: skip
-        return Interaction(
-            trace, active * 2, active & match & (error < CLOSE_M), attempts.peg_type, attempts.hole_type,
-            attempts.hole_pos_world, attempts.estimate_world, zeros((n, 6)), zeros((n, 7)), zeros((n, 7)),
-            np.ones(n, bool),
-        )  # fmt: skip
+        tare = np.pad(np.asarray(attempts.hole_pos_world), ((0, 0), (0, 4)))
+        felt = Felt(trace, active * 2, tare, attempts.estimate_world, attempts.peg_type)
+        inserted, whole = active & match & (error < CLOSE_M), np.ones(n, bool)
+        rest = inserted, whole, zeros((n, 7)), zeros((n, 7))
+        return Rollout(felt, Truth(attempts.hole_type, attempts.hole_pos_world, *rest))
+
+
+def place_of(felt: Felt) -> np.ndarray:
+    """Where the hole is, which the fake engine tells a sensor by decree: in the tare, of all places."""
+    return np.asarray(felt.tare_sensor)[:, :2]
+
+
+class Peeking:
+    """An engine that keeps the truth of its latest batch, for a sensor by decree."""
+
+    def __init__(self, engine):
+        self.name, self._engine = engine.name, engine
+
+    def run(self, attempts, actions, active=None, horizon=None):
+        done = self._engine.run(attempts, actions, active, horizon)
+        self.truth = done.truth
+        return done
 
 
 class PathEngine(FakeEngine):
@@ -50,4 +66,4 @@ class PathEngine(FakeEngine):
         done = super().run(attempts, actions, active, horizon)
         start = np.pad(np.asarray(attempts.estimate_world), ((0, 0), (0, 1)), constant_values=0.042)
         way = start[:, None] + np.array([[0.002, 0, 0], [0.004, 0, 0]])
-        return dataclasses.replace(done, trace=dataclasses.replace(done.trace, tip_pos_world=way))
+        return with_trace(done, tip_pos_world=way)

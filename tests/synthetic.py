@@ -1,17 +1,18 @@
-"""Random interactions in which the wrench tells where the hole is and whether it matches the peg."""
+"""Random rollouts in which the wrench tells where the hole is and whether it matches the peg."""
 
 from dataclasses import replace
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 
 from mjx_fit.dataset.episode import Episode
-from mjx_fit.types import Interaction, Trace
+from mjx_fit.types import Felt, Rollout, Trace, Truth
 
 
-def make_interactions(
+def make_rollouts(
     episodes: int = 24, actions: int = 16, seed: int = 0, min_length: int = 8, sequence: int = 1
-) -> Interaction:
+) -> Rollout:
     """Stacked interactions of random lengths; every number of a row is different, padding is zero.
 
     Fx and Fy are 10 N per cm of offset from the estimate to the hole, Fz is 5 N where the peg matches.
@@ -34,35 +35,49 @@ def make_interactions(
     def pad(x):
         return _device(x * real.reshape(*real.shape, *[1] * (x.ndim - 2)))
 
-    return Interaction(
-        trace=Trace(
-            wrench_sensor=pad(wrench),
-            tip_pos_world=pad(tip),
-            tip_quat_world=pad(rng.normal(0, 1, (episodes, actions, 4))),
-            tip_linvel_world=pad(rng.normal(0, 0.1, (episodes, actions, 3))),
-            tip_angvel_world=pad(rng.normal(0, 0.1, (episodes, actions, 3))),
-            contact=pad(rng.uniform(size=(episodes, actions)) < 0.7),
-            action_world=pad(rng.normal(0, 0.004, (episodes, actions, 3))),
-        ),
-        length=_device(length),
-        inserted=_device((peg_type == hole_type) & (rng.uniform(size=episodes) < 0.5)),
-        peg_type=_device(peg_type),
+    trace = Trace(
+        wrench_sensor=pad(wrench),
+        tip_pos_world=pad(tip),
+        tip_quat_world=pad(rng.normal(0, 1, (episodes, actions, 4))),
+        tip_linvel_world=pad(rng.normal(0, 0.1, (episodes, actions, 3))),
+        tip_angvel_world=pad(rng.normal(0, 0.1, (episodes, actions, 3))),
+        action_world=pad(rng.normal(0, 0.004, (episodes, actions, 3))),
+    )
+    tare = rng.normal(0, 1, (episodes, 6))
+    felt = Felt(trace, _device(length), _device(tare), _device(estimate), _device(peg_type))
+    inserted = (peg_type == hole_type) & (rng.uniform(size=episodes) < 0.5)
+    still = _device(np.zeros((episodes, 7)))
+    truth = Truth(
         hole_type=_device(hole_type),
         hole_pos_world=_device(hole_pos),
-        estimate_world=_device(estimate),
-        tare_sensor=_device(rng.normal(0, 1, (episodes, 6))),
-        end_qpos=_device(np.zeros((episodes, 7))),
-        end_qvel=_device(np.zeros((episodes, 7))),
+        inserted=_device(inserted),
         valid=_device(np.ones(episodes, bool)),
+        end_qpos=still,
+        end_qvel=still,
     )
+    return Rollout(felt, truth)
 
 
-def with_unit_quaternions(done: Interaction) -> Interaction:
+def with_felt(rollout: Rollout, **changes: Any) -> Rollout:
+    """The rollout with other fields of what was felt."""
+    return replace(rollout, felt=replace(rollout.felt, **changes))
+
+
+def with_trace(rollout: Rollout, **changes: Any) -> Rollout:
+    """The rollout with other fields of its trace."""
+    return with_felt(rollout, trace=replace(rollout.felt.trace, **changes))
+
+
+def with_truth(rollout: Rollout, **changes: Any) -> Rollout:
+    """The rollout with other fields of the truth."""
+    return replace(rollout, truth=replace(rollout.truth, **changes))
+
+
+def with_unit_quaternions(done: Rollout) -> Rollout:
     """Orientations that are some: what comes in from outside is checked for it."""
-    quaternion = done.trace.tip_quat_world
+    quaternion = done.felt.trace.tip_quat_world
     size = jnp.linalg.norm(quaternion, axis=-1, keepdims=True)
-    unit = quaternion / jnp.where(size > 0, size, 1)
-    return replace(done, trace=replace(done.trace, tip_quat_world=unit))
+    return with_trace(done, tip_quat_world=quaternion / jnp.where(size > 0, size, 1))
 
 
 def make_episodes(
@@ -77,7 +92,7 @@ def make_episodes(
         number=_device(ids % sequence),
         policy=_device(0 * ids),
         estimate_cov=_device(std[:, None, None] ** 2 * np.eye(2)),
-        interaction=make_interactions(episodes, actions, seed, min_length, sequence),
+        rollout=make_rollouts(episodes, actions, seed, min_length, sequence),
     )
 
 

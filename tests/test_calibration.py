@@ -11,7 +11,7 @@ from flax import nnx
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
-from synthetic import make_episodes, with_unit_quaternions
+from synthetic import make_episodes, with_truth, with_unit_quaternions
 
 from mjx_fit.config import Config
 from mjx_fit.errors import RequestError
@@ -82,7 +82,7 @@ def test_brier_and_balanced_accuracy_of_small_cases():
 def test_an_observation_is_of_the_first_actions_with_the_noise_of_the_episode():
     """Against readings that are cut, one by one: other actions, and other episodes, make no difference."""
     data, config = make_episodes(20, actions=16, min_length=16), Config()
-    data = dataclasses.replace(data, interaction=with_unit_quaternions(data.interaction))
+    data = dataclasses.replace(data, rollout=with_unit_quaternions(data.rollout))
     sensor = ContactSensor(
         SensorConfig(width=8, layers=1, feedforward=8, conv_channels=(4, 4, 4, 4, 4)), nnx.Rngs(0)
     )
@@ -92,7 +92,7 @@ def test_an_observation_is_of_the_first_actions_with_the_noise_of_the_episode():
     def alone(i, actions):
         one = jax.tree.map(lambda leaf: leaf[i], data)
         key = jax.random.fold_in(root, one.episode)
-        return say(sensor, read(one.interaction, key, config.wrist, config.scene, rows=actions)).innovation
+        return say(sensor, read(one.rollout.felt, key, config.wrist, config.scene, rows=actions)).innovation
 
     for actions in (5, 16):
         seen = held_out.observe(sensor, data, ids, actions, config, seed=5)
@@ -130,12 +130,15 @@ def test_what_a_posterior_comes_to_by_hand():
         match_model_logp=np.log(rng.dirichlet([1, 1], (n, 3))).astype(np.float32),
     )
     ids, names = rng.permutation(n), config.scene.names
-    held = jax.tree.map(np.asarray, data.interaction)
+    held = jax.tree.map(np.asarray, data.rollout)
     for with_prior in (True, False):
         after = held_out.posterior(observation, data, ids, config, with_prior=with_prior)
         for k, row in enumerate(held_out.rows("full", 6, after, data, ids, names)):
             i, noise = ids[k], observation.pos_noise_cov[k].astype(float)
-            truth, estimate = held.hole_pos_world[i].astype(float), held.estimate_world[i].astype(float)
+            truth, estimate = (
+                held.truth.hole_pos_world[i].astype(float),
+                held.felt.estimate_world[i].astype(float),
+            )
             cov = np.asarray(data.estimate_cov[i], float)
             gain = cov @ np.linalg.inv(cov + noise) if with_prior else np.eye(2)
             error = truth - estimate - gain @ observation.innovation[k]
@@ -148,15 +151,15 @@ def test_what_a_posterior_comes_to_by_hand():
             nll = 0.5 * np.log(np.linalg.det(1e4 * cov)) + squared / 2
             assert row["nll"] == pytest.approx(nll, rel=1e-2, abs=1e-2)
             assert row["match_probability"] == pytest.approx(odds[1] / odds.sum(), rel=1e-3)
-            assert row["pair"] == [names[held.peg_type[i]], names[held.hole_type[i]]]
+            assert row["pair"] == [names[held.felt.peg_type[i]], names[held.truth.hole_type[i]]]
             assert (row["trial"], row["attempt"], row["actions"]) == (i, 1, 6)
 
 
 def test_only_whole_attempts_that_failed_are_looked_at():
     data = make_episodes(12, actions=6, min_length=4)
     inserted, valid = np.arange(12) % 3 == 0, np.arange(12) != 7
-    data = replace(data, interaction=replace(data.interaction, inserted=inserted, valid=valid))
-    want = [i for i in range(12) if data.interaction.length[i] >= 5 and i % 3 and i != 7]
+    data = replace(data, rollout=with_truth(data.rollout, inserted=inserted, valid=valid))
+    want = [i for i in range(12) if data.rollout.felt.length[i] >= 5 and i % 3 and i != 7]
     assert 0 < len(want) < 7
     assert held_out.failed_attempts(data, 5).tolist() == want
     with pytest.raises(RequestError, match="no failed attempt of 7 actions"):

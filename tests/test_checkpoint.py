@@ -38,8 +38,8 @@ SMALL = {
 
 def test_a_checkpoint_of_an_earlier_commit_says_what_it_said():
     sensor, config = load_sensor(EARLIER)
-    interactions = make_episodes(6, actions=8).interaction
-    readings = jax.vmap(lambda one: read(one, jax.random.key(0), CLEAN, config.scene, rows=8))(interactions)
+    rollouts = make_episodes(6, actions=8).rollout
+    readings = jax.vmap(lambda one: read(one, jax.random.key(0), CLEAN, config.scene, rows=8))(rollouts)
     for name, want in json.loads((EARLIER / "observation.json").read_text()).items():
         np.testing.assert_allclose(getattr(sensor(readings), name), want, rtol=1e-4, atol=2e-7)
 

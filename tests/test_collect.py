@@ -8,7 +8,8 @@ import jax
 import numpy as np
 import pytest
 from collecting import Collector, files_of
-from fakes import FakeEngine
+from fakes import FakeEngine, Peeking
+from synthetic import with_truth
 
 from mjx_fit.config import Config, load
 from mjx_fit.dataset import manifest, shard, store
@@ -35,7 +36,7 @@ def test_one_trace_can_be_read_alone(folder):
 
 
 def test_every_field_has_unit_frame_shape_and_meaning(folder):
-    sizes = {"n": 5, "J": 3}
+    sizes = {"n": 5, "J": 3, "joints": 7}
     with h5py.File(folder / "shard-00000000.h5") as file:
         for name in shard.FIELDS:
             about, data = file[name].attrs, file[name]
@@ -50,12 +51,12 @@ def test_load_gives_the_episodes_in_order(folder):
     data = store.load(folder)
     assert data.episode.tolist() == data.sequence.tolist() == list(range(10))
     peg, hole = pair_of(np.arange(10))
-    done = data.interaction
-    assert np.array_equal(done.peg_type, peg)
-    assert np.array_equal(done.hole_type, hole)
-    error = np.abs(np.asarray(done.estimate_world) - np.asarray(done.hole_pos_world))
+    done = data.rollout
+    assert np.array_equal(done.felt.peg_type, peg)
+    assert np.array_equal(done.truth.hole_type, hole)
+    error = np.abs(np.asarray(done.felt.estimate_world) - np.asarray(done.truth.hole_pos_world))
     assert 0 < error.max() <= 0.02 + 1e-6
-    assert (done.length == 3).all()
+    assert (done.felt.length == 3).all()
     assert np.allclose(data.estimate_cov, 1e-4 * np.eye(2))
 
 
@@ -76,21 +77,21 @@ def test_sequences_keep_their_hole_and_end_with_an_insertion(collect, tmp_path):
     easily = Collector(NativeEngine(easy, 2))
     plan = {"episodes": 36, "sequence": 3, "steps": 30, "policy": "spiral", "batch": 6}
     data = store.load(easily(tmp_path / "easy", easy, **plan))
-    done = data.interaction
+    done = data.rollout
     assert data.episode.tolist() == list(range(36))
     assert data.sequence.tolist() == [i // 3 for i in range(36)]
     assert data.number.tolist() == [i % 3 for i in range(36)]
     assert set(data.policy.tolist()) == {SPIRAL}
     rows = np.arange(36).reshape(12, 3)
     for name in ("peg_type", "hole_type", "hole_pos_world"):
-        value = getattr(done, name)[rows]
+        value = getattr(done.felt if name == "peg_type" else done.truth, name)[rows]
         assert (value == value[:, :1]).all()
-    assert len(np.unique(done.estimate_world, axis=0)) == 36
-    inserted, happened = done.inserted[rows], (done.length > 0)[rows]
+    assert len(np.unique(done.felt.estimate_world, axis=0)) == 36
+    inserted, happened = done.truth.inserted[rows], (done.felt.length > 0)[rows]
     assert np.array_equal(happened[:, 1:], np.cumsum(inserted, 1)[:, :-1] == 0)
     assert inserted[:, 0].sum() + inserted[:, 1].sum() > 0
     assert not happened.all()
-    assert not np.abs(done.trace.wrench_sensor[~happened.ravel()]).any()
+    assert not np.abs(done.felt.trace.wrench_sensor[~happened.ravel()]).any()
     assert np.allclose(data.estimate_cov[0], 1e-4 * np.eye(2))
     assert np.linalg.det(data.estimate_cov[1]) <= (1e-6 * 1.01) ** 2
     told = store.describe(tmp_path / "easy")
@@ -98,24 +99,24 @@ def test_sequences_keep_their_hole_and_end_with_an_insertion(collect, tmp_path):
     assert told["sequences"] == 12
     # The same whatever the batch.
     again = store.load(easily(tmp_path / "other", easy, **{**plan, "batch": 5}))
-    assert np.array_equal(again.interaction.trace.wrench_sensor, done.trace.wrench_sensor)
+    assert np.array_equal(again.rollout.felt.trace.wrench_sensor, done.felt.trace.wrench_sensor)
 
 
 def test_a_spiral_is_as_long_as_an_attempt(collect, tmp_path):
     """Twice the steps must not make it a slower spiral: it is to be what the robot does later."""
     config = load(None, ["task.attempt_actions=4"])
-    data = store.load(collect(tmp_path / "long", config, episodes=24, batch=24, steps=6)).interaction
-    short = store.load(collect(tmp_path / "short", config, episodes=24, batch=24, steps=4)).interaction
+    data = store.load(collect(tmp_path / "long", config, episodes=24, batch=24, steps=6)).rollout
+    short = store.load(collect(tmp_path / "short", config, episodes=24, batch=24, steps=4)).rollout
     # Fewer steps are the beginning of it, and not a spiral in a hurry.
-    cut = store.load(collect(tmp_path / "cut", config, episodes=24, batch=24, steps=2)).interaction
+    cut = store.load(collect(tmp_path / "cut", config, episodes=24, batch=24, steps=2)).rollout
     spiral = policy_of("mixed", np.arange(24), 0) == SPIRAL
     assert np.array_equal(store.load(tmp_path / "long").policy == SPIRAL, spiral)
     assert spiral.sum() == 12
-    assert (data.length == np.where(spiral, 4, 6)).all()
-    assert np.array_equal(data.trace.wrench_sensor[spiral, :4], short.trace.wrench_sensor[spiral])
-    assert not data.trace.wrench_sensor[spiral, 4:].any()
-    assert np.array_equal(data.trace.action_world[spiral, :2], cut.trace.action_world[spiral])
-    assert np.array_equal(data.trace.wrench_sensor[spiral, :2], cut.trace.wrench_sensor[spiral])
+    assert (data.felt.length == np.where(spiral, 4, 6)).all()
+    assert np.array_equal(data.felt.trace.wrench_sensor[spiral, :4], short.felt.trace.wrench_sensor[spiral])
+    assert not data.felt.trace.wrench_sensor[spiral, 4:].any()
+    assert np.array_equal(data.felt.trace.action_world[spiral, :2], cut.felt.trace.action_world[spiral])
+    assert np.array_equal(data.felt.trace.wrench_sensor[spiral, :2], cut.felt.trace.wrench_sensor[spiral])
 
 
 def test_parts_merge_into_what_one_machine_makes(collect, tmp_path):
@@ -147,21 +148,22 @@ def test_parts_merge_into_what_one_machine_makes(collect, tmp_path):
     assert files_of(tmp_path / "fresh") == files_of(whole)
 
 
-def test_later_attempts_start_from_what_a_sensor_believes(collect, tmp_path):
+def test_later_attempts_start_from_what_a_sensor_believes(native, tmp_path):
     """A sensor that halves the error each time, and knows that it does."""
-    seen = []
+    seen, engine = [], Peeking(native)
+    collect = Collector(engine)
 
-    def update(beliefs, interactions, keys):
+    def update(beliefs, felt, keys):
         seen.append(jax.random.key_data(keys))
-        error = interactions.hole_pos_world - beliefs.pos_mean_world
+        error = engine.truth.hole_pos_world - beliefs.pos_mean_world
         return replace(
             beliefs, pos_mean_world=beliefs.pos_mean_world + error / 2, pos_cov=beliefs.pos_cov / 4
         )
 
-    plan = {"episodes": 12, "sequence": 3, "policy": "spiral", "sensor": "halving"}
+    plan: dict[str, Any] = {"episodes": 12, "sequence": 3, "policy": "spiral", "sensor": "halving"}
     data = store.load(collect(tmp_path / "own", update=update, **plan))
     rows = np.arange(12).reshape(4, 3)
-    estimate, hole = data.interaction.estimate_world[rows], data.interaction.hole_pos_world[rows]
+    estimate, hole = data.rollout.felt.estimate_world[rows], data.rollout.truth.hole_pos_world[rows]
     error = estimate - hole
     np.testing.assert_allclose(error[:, 1], error[:, 0] / 2, atol=1e-7)
     np.testing.assert_allclose(error[:, 2], error[:, 0] / 4, atol=1e-7)
@@ -170,9 +172,9 @@ def test_later_attempts_start_from_what_a_sensor_believes(collect, tmp_path):
     assert len(np.unique(np.concatenate(seen), axis=0)) == sum(len(keys) for keys in seen)
     for sensor in ("another", ""):
         with pytest.raises(RequestError, match="its sensor differs"):
-            collect(tmp_path / "own", **plan | {"sensor": sensor})
+            collect(tmp_path / "own", **{**plan, "sensor": sensor})
     with pytest.raises(RequestError, match="--run: it is not allowed with --sequence 1"):
-        collect(tmp_path / "one", **plan | {"sequence": 1})
+        collect(tmp_path / "one", **{**plan, "sequence": 1})
     wide = load(None, ["detector.half_width_m=0.03"])
     with pytest.raises(RequestError, match=r"plate_half_width_m: 0.08 .* random.reach_m and half a peg"):
         collect(tmp_path / "wide", wide, policy="random")
@@ -243,15 +245,15 @@ def test_a_sequence_ends_with_a_world_that_broke(tmp_path, capsys):
     class Breaking(FakeEngine):
         def run(self, attempts, actions, active=None, horizon=None):
             done = super().run(attempts, actions, active, horizon)
-            broken = (len(self.seen) == 2) & (np.arange(len(done.length)) == 1)
-            return replace(done, valid=~broken, inserted=np.zeros(len(broken), bool))
+            broken = (len(self.seen) == 2) & (np.arange(len(done.felt.length)) == 1)
+            return with_truth(done, valid=~broken, inserted=np.zeros(len(broken), bool))
 
     engine = Breaking()
     plan = Plan(episodes=9, steps=2, policy="random", seed=0, batch=9, sequence=3)
     sequences = Sequences(engine, Config(), plan, tmp_path, None)
     data = sequences(0)
     assert [active.tolist() for _, active in engine.seen] == [[True] * 3, [True] * 3, [True, False, True]]
-    assert data.interaction.valid.tolist() == [i != 4 for i in range(9)]
-    assert (data.interaction.length > 0).tolist() == [i != 5 for i in range(9)]
+    assert data.rollout.truth.valid.tolist() == [i != 4 for i in range(9)]
+    assert (data.rollout.felt.length > 0).tolist() == [i != 5 for i in range(9)]
     assert sequences.broken == 1
     assert "episode 4: " in capsys.readouterr().err

@@ -29,7 +29,9 @@ def test_forces_are_pushes_and_not_artefacts(native):
     """A solver that stops too early shows as single steps of hundreds of newtons, some in every attempt."""
     attempts = draw_attempts(jax.random.key(5), jnp.arange(24), "spiral", CONFIG.detector)
     done = native.run(attempts, 40)
-    force = np.linalg.norm((done.trace.wrench_sensor - done.tare_sensor[:, None, None])[..., :3], axis=-1)
+    force = np.linalg.norm(
+        (done.felt.trace.wrench_sensor - done.felt.tare_sensor[:, None, None])[..., :3], axis=-1
+    )
     assert np.median(force[:, 10:]) > 5
     assert np.quantile(force.max((1, 2)), 0.9) < 120
     assert force.max() < 200
@@ -67,7 +69,8 @@ def _breakable() -> policies.Policy:
         contacts = contacts + seen.contact
         poison = (seen.step == BROKEN_ACTION) & (mark == 1)
         away = (seen.step >= BROKEN_ACTION) & (mark == LEFT_MARK // MARK)
-        own, command = real.act(own, seen)
+        start = dataclasses.replace(seen.start, policy=seen.start.policy % MARK)
+        own, command = real.act(own, dataclasses.replace(seen, start=start))
         command = command + jnp.where(poison, jnp.nan, 0)
         command += jnp.where(away, 0.3, 0) * jnp.array([1.0, 0, 0])
         x = PER_CONTACT_M * contacts + AHEAD_S * seen.tip_linvel_world[0]
@@ -94,7 +97,8 @@ def test_a_policy_remembers_and_sees_what_the_robot_measures(rollouts):
     attempts, _, simulators, _ = rollouts
     asked = dataclasses.replace(attempts, policy=np.asarray(attempts.policy) + REMEMBERS_MARK)
     for simulator in simulators:
-        trace, tare = (done := simulator.run(asked, 4)).trace, done.tare_sensor
+        done = simulator.run(asked, 4)
+        trace, tare = done.felt.trace, done.felt.tare_sensor
         force = (trace.wrench_sensor - tare[:, None, None])[..., :3]
         touched = np.square(force).sum(-1).mean(-1) > CONFIG.wrist.contact_force_n**2
         assert 0.5 < touched.mean() < 1
@@ -105,7 +109,7 @@ def test_a_policy_remembers_and_sees_what_the_robot_measures(rollouts):
             y = PER_NEWTON_M * force[:, before, :, 2].mean(1)
             z = np.full_like(x, -CONFIG.spiral.push_m)
             want = np.stack([x, y, z], 1) * any_before
-            ran = np.asarray(done.length) > step
+            ran = np.asarray(done.felt.length) > step
             # A mean of 50 samples, and the tare, are each known to 0.014 N.
             np.testing.assert_allclose(trace.action_world[ran, step], want[ran], atol=1e-5)
 
@@ -125,12 +129,12 @@ def test_engines_give_the_same_trace(rollouts):
         assert a.shape == b.shape
         assert a.dtype == b.dtype
     # The draws are equal, so the first actions are; contact then makes the paths part, slowly in most worlds.
-    assert np.abs(in_c.trace.action_world - in_mjx.trace.action_world)[:, 0].max() < 1e-6
-    apart = np.abs(in_c.trace.tip_pos_world - in_mjx.trace.tip_pos_world).max(-1)
+    assert np.abs(in_c.felt.trace.action_world - in_mjx.felt.trace.action_world)[:, 0].max() < 1e-6
+    apart = np.abs(in_c.felt.trace.tip_pos_world - in_mjx.felt.trace.tip_pos_world).max(-1)
     assert apart[:, 0].max() < 2e-4
     assert np.median(apart) < 5e-4
-    assert np.abs(in_c.tare_sensor - in_mjx.tare_sensor).max() < 1e-4
-    first = np.abs(in_c.trace.wrench_sensor - in_mjx.trace.wrench_sensor)[:, 0, :20]
+    assert np.abs(in_c.felt.tare_sensor - in_mjx.felt.tare_sensor).max() < 1e-4
+    first = np.abs(in_c.felt.trace.wrench_sensor - in_mjx.felt.trace.wrench_sensor)[:, 0, :20]
     assert np.median(first) < 1e-3
 
 
@@ -152,21 +156,21 @@ def test_both_engines_store_the_same_schema(rollouts, tmp_path):
 
 
 def test_inactive_worlds_stand_still(rollouts):
-    for interaction in rollouts[1]:
-        assert interaction.length[4] == 0
-        assert not interaction.inserted[4]
-        assert np.abs(interaction.trace.wrench_sensor[4]).max() == 0
-        assert (np.delete(interaction.length, 4) == 4).all()
+    for rollout in rollouts[1]:
+        assert rollout.felt.length[4] == 0
+        assert not rollout.truth.inserted[4]
+        assert np.abs(rollout.felt.trace.wrench_sensor[4]).max() == 0
+        assert (np.delete(rollout.felt.length, 4) == 4).all()
 
 
 def test_attempt_starts_at_rest_over_the_estimate(rollouts):
     attempts, (in_c, _), *_ = rollouts
-    moved = in_c.trace.tip_pos_world[:, 0, :2] - np.asarray(attempts.estimate_world)
+    moved = in_c.felt.trace.tip_pos_world[:, 0, :2] - np.asarray(attempts.estimate_world)
     assert np.abs(np.delete(moved, 4, 0)).max() < 0.01
     # Free until it lands: the first sample is the weight of a peg that is just being let go.
-    first = in_c.trace.wrench_sensor[:, 0, 0] - in_c.tare_sensor
+    first = in_c.felt.trace.wrench_sensor[:, 0, 0] - in_c.felt.tare_sensor
     assert np.abs(np.delete(first, 4, 0)).max() < 2.0
-    assert np.delete(in_c.tare_sensor[:, 2], 4) == pytest.approx(-0.1 * 9.81, abs=1e-3)
+    assert np.delete(in_c.felt.tare_sensor[:, 2], 4) == pytest.approx(-0.1 * 9.81, abs=1e-3)
 
 
 def test_same_attempts_give_the_same_bytes(rollouts):
@@ -190,14 +194,14 @@ def test_a_broken_world_is_flagged_frozen_and_alone(injected):
     """Its state stays that before the action that broke it; all other worlds are as they were, to the bit."""
     others = np.delete(np.arange(12), BROKEN)
     for whole, hurt in injected:
-        assert np.array_equal(hurt.valid, np.arange(12) != BROKEN)
-        assert not hurt.inserted[BROKEN]
-        assert hurt.length[BROKEN] == BROKEN_ACTION + 1
+        assert np.array_equal(hurt.truth.valid, np.arange(12) != BROKEN)
+        assert not hurt.truth.inserted[BROKEN]
+        assert hurt.felt.length[BROKEN] == BROKEN_ACTION + 1
         for a, b in zip(jax.tree.leaves(hurt), jax.tree.leaves(whole), strict=True):
             assert np.array_equal(a[others], b[others])
-        tip = mujoco_tip_pos(hurt.end_qpos[BROKEN])
-        assert tip == pytest.approx(hurt.trace.tip_pos_world[BROKEN, BROKEN_ACTION - 1], abs=1e-5)
-        assert np.isfinite(hurt.end_qvel[BROKEN]).all()
+        tip = mujoco_tip_pos(hurt.truth.end_qpos[BROKEN])
+        assert tip == pytest.approx(hurt.felt.trace.tip_pos_world[BROKEN, BROKEN_ACTION - 1], abs=1e-5)
+        assert np.isfinite(hurt.truth.end_qvel[BROKEN]).all()
 
 
 def test_a_peg_that_left_its_plate_is_treated_likewise(rollouts, tmp_path, capsys):
@@ -206,13 +210,13 @@ def test_a_peg_that_left_its_plate_is_treated_likewise(rollouts, tmp_path, capsy
     others = np.delete(np.arange(12), LEFT)
     for before, simulator in zip(whole, simulators, strict=True):
         done = simulator.run(away, 4, active)
-        assert np.array_equal(done.valid, np.arange(12) != LEFT)
-        assert BROKEN_ACTION < done.length[LEFT] <= 4
+        assert np.array_equal(done.truth.valid, np.arange(12) != LEFT)
+        assert BROKEN_ACTION < done.felt.length[LEFT] <= 4
         for a, b in zip(jax.tree.leaves(done), jax.tree.leaves(before), strict=True):
             assert np.array_equal(a[others], b[others])
-        last = done.length[LEFT] - 1
-        tip = mujoco_tip_pos(done.end_qpos[LEFT])
-        assert tip == pytest.approx(done.trace.tip_pos_world[LEFT, last - 1], abs=1e-5)
+        last = done.felt.length[LEFT] - 1
+        tip = mujoco_tip_pos(done.truth.end_qpos[LEFT])
+        assert tip == pytest.approx(done.felt.trace.tip_pos_world[LEFT, last - 1], abs=1e-5)
         assert broken.report(done, attempts, np.arange(12), 4, CONFIG, tmp_path) == 1
         assert (
             f"episode 3: the peg left the plate in action {last}; it is left out" in capsys.readouterr().err
@@ -229,20 +233,20 @@ def mujoco_tip_pos(qpos):
 
 def test_a_broken_world_is_reported_and_can_be_replayed(rollouts, injected, tmp_path, capsys):
     attempts, (whole, _), *_ = rollouts
-    for _, interactions in injected:
+    for _, stopped in injected:
         ids = 100 + np.arange(12)
-        assert broken.report(interactions, attempts, ids, 4, CONFIG, tmp_path) == 1
+        assert broken.report(stopped, attempts, ids, 4, CONFIG, tmp_path) == 1
         assert "episode 107: the simulation turned non-finite in action 2" in capsys.readouterr().err
         # Done again without the injection, the action goes as it went in the batch that was whole.
         again = broken.replay(tmp_path / "broken-00000107.npz")
         row, there = (
-            jax.tree.map(lambda leaf, i=i: leaf[i, BROKEN_ACTION], done.trace)
+            jax.tree.map(lambda leaf, i=i: leaf[i, BROKEN_ACTION], done.felt.trace)
             for i, done in ((0, again), (BROKEN, whole))
         )
         assert row.action_world == pytest.approx(there.action_world, abs=2e-4)
         assert row.tip_pos_world == pytest.approx(there.tip_pos_world, abs=2e-4)
         assert row.wrench_sensor[0] == pytest.approx(there.wrench_sensor[0], abs=1)
-        assert np.abs(again.trace.action_world[0, :BROKEN_ACTION]).max() == 0
+        assert np.abs(again.felt.trace.action_world[0, :BROKEN_ACTION]).max() == 0
     assert broken.report(whole, attempts, ids, 4, CONFIG, tmp_path) == 0
 
 
@@ -279,8 +283,8 @@ def test_an_episode_in_mjx_does_not_depend_on_the_number_of_worlds(rollouts):
 def require_alike(again, before, ids):
     """The same draws: the same tare and first action, within what rounding makes."""
     n = len(ids)
-    assert np.abs(again.tare_sensor[:n] - before.tare_sensor[ids]).max() < 1e-5
-    assert np.abs(again.trace.action_world[:n] - before.trace.action_world[ids])[:, 0].max() < 1e-6
+    assert np.abs(again.felt.tare_sensor[:n] - before.felt.tare_sensor[ids]).max() < 1e-5
+    assert np.abs(again.felt.trace.action_world[:n] - before.felt.trace.action_world[ids])[:, 0].max() < 1e-6
 
 
 def test_noise_of_a_reading_depends_on_its_key_alone(rollouts):
@@ -288,13 +292,13 @@ def test_noise_of_a_reading_depends_on_its_key_alone(rollouts):
     _, (in_c, in_mjx), *_ = rollouts
     keys = jax.vmap(jax.random.fold_in, (None, 0))(jax.random.key(1), jnp.arange(12))
 
-    def noise(interactions, rows):
-        def one(interaction, key):
-            reading = wrist.read(interaction, key, CONFIG.wrist, CONFIG.scene, rows=4)
-            clean = interaction.trace.wrench_sensor - interaction.tare_sensor
+    def noise(rollouts, rows):
+        def one(rollout, key):
+            reading = wrist.read(rollout.felt, key, CONFIG.wrist, CONFIG.scene, rows=4)
+            clean = rollout.felt.trace.wrench_sensor - rollout.felt.tare_sensor
             return jnp.where(reading.mask[:, None, None], reading.wrench_sensor - clean, 0)
 
-        chosen = jax.tree.map(lambda leaf: jnp.asarray(leaf)[rows], interactions)
+        chosen = jax.tree.map(lambda leaf: jnp.asarray(leaf)[rows], rollouts)
         return np.asarray(jax.vmap(one)(chosen, keys[rows]))
 
     whole = noise(in_c, np.arange(12))
@@ -318,16 +322,16 @@ def test_matched_pegs_enter_and_mismatched_never_do(native):
     """From the true position a matched peg goes in; no other peg ever does. Contact pushes up."""
     peg, hole = pair_of(np.array([0, 2, 4, 1, 3, 5, 7, 9, 11]))
     done = native.run(spiral_attempts(peg, hole, 0.0, 9), CONFIG.task.attempt_actions)
-    assert done.inserted.tolist() == [True] * 3 + [False] * 6
-    assert done.valid.all()
-    depth = native.scene.plate_top_m - done.trace.tip_pos_world[..., 2]
+    assert done.truth.inserted.tolist() == [True] * 3 + [False] * 6
+    assert done.truth.valid.all()
+    depth = native.scene.plate_top_m - done.felt.trace.tip_pos_world[..., 2]
     for i in range(3):
-        last = done.length[i] - 1
+        last = done.felt.length[i] - 1
         assert depth[i, last] >= CONFIG.task.insertion_depth_m
         assert (depth[i, :last] < CONFIG.task.insertion_depth_m).all()
-        assert np.abs(done.trace.tip_pos_world[i, done.length[i] :]).sum() == 0
+        assert np.abs(done.felt.trace.tip_pos_world[i, done.felt.length[i] :]).sum() == 0
     # The arm pushes the peg along the tool's axis: plus z of the sensor.
-    pushing = (done.trace.wrench_sensor - done.tare_sensor[:, None, None])[3:, 5:, :, 2]
+    pushing = (done.felt.trace.wrench_sensor - done.felt.tare_sensor[:, None, None])[3:, 5:, :, 2]
     assert np.median(pushing) > 5
 
 
@@ -360,8 +364,8 @@ def test_mjx_inserts_matched_pegs_only():
     simulator = MjxEngine(CONFIG, 2)
     peg, hole = pair_of(np.array([0, 2, 4, 1, 3, 5, 7, 9, 11]))
     done = simulator.run(spiral_attempts(peg, hole, 0.0, 9), CONFIG.task.attempt_actions)
-    assert done.inserted.tolist() == [True] * 3 + [False] * 6
-    assert done.valid.all()
+    assert done.truth.inserted.tolist() == [True] * 3 + [False] * 6
+    assert done.truth.valid.all()
 
 
 @pytest.mark.slow
@@ -370,8 +374,8 @@ def test_a_hundred_mismatched_attempts_from_the_detector_never_insert(native):
     attempts = draw_attempts(jax.random.key(0), jnp.arange(1, 241, 2), "spiral", CONFIG.detector)
     assert (np.asarray(attempts.peg_type) != np.asarray(attempts.hole_type)).all()
     done = native.run(attempts, CONFIG.task.attempt_actions)
-    assert not done.inserted.any()
-    assert done.valid.all()
+    assert not done.truth.inserted.any()
+    assert done.truth.valid.all()
 
 
 @pytest.mark.timeout(900)
@@ -381,5 +385,5 @@ def test_a_thousand_worlds_run(name):
     attempts = draw_attempts(jax.random.key(0), jnp.arange(n), "mixed", CONFIG.detector)
     simulator = NativeEngine(CONFIG, 2) if name == "native" else MjxEngine(CONFIG, 2)
     done = simulator.run(attempts, 2)
-    assert done.valid.all()
-    assert (done.length == 2).all()
+    assert done.truth.valid.all()
+    assert (done.felt.length == 2).all()

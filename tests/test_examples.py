@@ -29,7 +29,7 @@ def folder(native, tmp_path_factory):
 def test_plain_h5py(folder):
     done = run([sys.executable, str(EXAMPLES / "read_h5py.py"), str(folder)])
     assert done.returncode == 0, done.stderr
-    assert "10 interactions, policy mixed" in done.stdout
+    assert "10 rollouts, policy mixed" in done.stdout
     assert "trace/wrench_sensor" in done.stdout
     assert "[N, N·m] sensor force and torque" in done.stdout
     assert "episode 0: cross in cross, 3 actions" in done.stdout
@@ -38,7 +38,7 @@ def test_plain_h5py(folder):
 def test_plain_h5py_on_the_sample():
     done = run([sys.executable, str(EXAMPLES / "read_h5py.py"), str(EXAMPLES / "sample")])
     assert done.returncode == 0, done.stderr
-    assert "24 interactions, policy mixed" in done.stdout
+    assert "24 rollouts, policy mixed" in done.stdout
 
 
 def test_plain_h5py_needs_nothing_of_this_library():

@@ -27,9 +27,9 @@ def test_npz_holds_every_field(folder, tmp_path):
     data = store.load(folder)
     with np.load(tmp_path / "set.npz") as file:
         about = json.loads(str(file["about"]))
-        for name, value in shard.flat(data).items():
+        for name, value in shard.flat(data, Config()).items():
             key = name.replace("/", "_")
-            assert np.array_equal(file[key], value[data.interaction.length > 0])
+            assert np.array_equal(file[key], value[data.rollout.felt.length > 0])
             assert about[key]["unit"] == shard.FIELDS[name].unit
     assert about["request"]["seed"] == 5
 
@@ -41,25 +41,26 @@ def test_demonstrations_are_laid_out_as_robomimic_reads_them(folder, native, tmp
         root: Any = file["data"]
         demos = list(root)
         assert demos == [f"demo_{i}" for i in range(10)]
-        assert root.attrs["total"] == data.interaction.length.sum()
+        assert root.attrs["total"] == data.rollout.felt.length.sum()
         about = json.loads(root.attrs["env_args"])
         assert about["env_kwargs"]["seed"] == 5
         assert (about["env_name"], about["type"]) == ("mjx_fit", 2)
+        fields = shard.flat(data, Config())
         for i, name in enumerate(demos):
             demo = root[name]
             n = demo.attrs["num_samples"]
-            assert n == data.interaction.length[i] == len(demo["actions"])
+            assert n == data.rollout.felt.length[i] == len(demo["actions"])
             assert demo["dones"][-1] == 1
             assert demo["dones"][:-1].sum() == demo["rewards"][()].sum() == 0
             for key in demo["obs"]:
-                stored = np.asarray(getattr(data.interaction.trace, key)[i, :n])
+                stored = np.asarray(fields[f"trace/{key}"][i, :n])
                 if key == "contact":
                     stored = stored[:, None].astype(np.float32)
                 assert demo["obs"][key].dtype == np.float32
                 assert np.array_equal(demo["next_obs"][key], stored)
                 assert np.array_equal(demo["obs"][key][1:], stored[:-1])
             start = demo["obs/tip_pos_world"][0]
-            assert start[:2] == pytest.approx(data.interaction.estimate_world[i])
+            assert start[:2] == pytest.approx(data.rollout.felt.estimate_world[i])
             assert start[2] == pytest.approx(native.scene.plate_top_m + 0.002)
             assert demo.attrs["peg_type"] in ("cross", "rectangle", "square")
 
@@ -74,7 +75,7 @@ def test_the_masks_are_the_sides_that_training_would_take(native, tmp_path):
         masks = [[name.decode() for name in root[f"mask/{side}"]] for side in ("train", "valid")]
         assert set(masks[0]) | set(masks[1]) == set(root["data"])
     for names, ids in zip(masks, sides, strict=True):
-        assert names == [f"demo_{i}" for i in ids if data.interaction.length[i] > 0]
+        assert names == [f"demo_{i}" for i in ids if data.rollout.felt.length[i] > 0]
         assert names
     of = dict(zip((f"demo_{i}" for i in range(30)), np.asarray(data.sequence).tolist(), strict=True))
     assert not {of[name] for name in masks[0]} & {of[name] for name in masks[1]}

@@ -58,8 +58,8 @@ def test_robomimic_trains_on_the_demonstrations_and_numpy_opens_the_arrays(nativ
     data = store.load(folder)
     assert (read["env_name"], read["seed"], read["action_width"]) == ("mjx_fit", 5, 3)
     assert read["shapes"]["wrench_sensor"] == [50, 6]
-    assert read["transitions"] == data.interaction.length.sum()
-    kept = [f"demo_{i}" for i in np.flatnonzero(data.interaction.length > 0)]
+    assert read["transitions"] == data.rollout.felt.length.sum()
+    kept = [f"demo_{i}" for i in np.flatnonzero(data.rollout.felt.length > 0)]
     assert sorted(read["sides"]["train"] + read["sides"]["valid"]) == sorted(kept)
     assert read["npz"]["length"][1] == [len(kept)]
     assert "request" in read["about"]

@@ -10,8 +10,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from fakes import CLOSE_M, FakeEngine
+from fakes import CLOSE_M, FakeEngine, place_of
 from faults import Faults, Killed
+from synthetic import with_trace, with_truth
 
 from mjx_fit import resources
 from mjx_fit.config import Config, load
@@ -26,15 +27,10 @@ CONFIG = Config()
 T = 40
 
 
-def halving(beliefs, interactions, keys):
-    """Halves the error of those who failed, and knows it."""
-    failed = interactions.valid & ~interactions.inserted
-    error = interactions.hole_pos_world - beliefs.pos_mean_world
-    return replace(
-        beliefs,
-        pos_mean_world=np.where(failed[:, None], beliefs.pos_mean_world + error / 2, beliefs.pos_mean_world),
-        pos_cov=np.where(failed[:, None, None], beliefs.pos_cov / 4, beliefs.pos_cov),
-    )
+def halving(beliefs, felt, keys):
+    """Halves the error, and knows it."""
+    error = place_of(felt) - beliefs.pos_mean_world
+    return replace(beliefs, pos_mean_world=beliefs.pos_mean_world + error / 2, pos_cov=beliefs.pos_cov / 4)
 
 
 def make_holes(seed: int = 0) -> hole.Holes:
@@ -205,8 +201,9 @@ def test_frame_by_frame_takes_what_was_seen_from_where_the_attempt_started(monke
     done = FakeEngine().run(attempts, 2)
     beliefs = initial_belief(jnp.asarray(holes.estimate_world), 0.01, 3)
     sensor: Any = Says([0.002, -0.003])
-    after = learning.frame_update(CONFIG, sensor)(beliefs, done, holes.key)
-    failed = ~np.asarray(done.inserted)
+    update = learning.frame_update(CONFIG, sensor)
+    after = learning.after_failures(update, beliefs, done, holes.key)
+    failed = ~np.asarray(done.truth.inserted)
     assert 0 < failed.sum() < T
     want = np.where(failed[:, None], start + np.array([0.002, -0.003]), holes.estimate_world)
     np.testing.assert_allclose(after.pos_mean_world, want, atol=1e-7)
@@ -334,10 +331,10 @@ class Breaking(FakeEngine):
 
     def run(self, attempts, actions, active=None, horizon=None):
         done = super().run(attempts, actions, active, horizon)
-        broken = (len(self.seen) == 1) & (np.arange(len(done.length)) % 2 == 0)
+        broken = (len(self.seen) == 1) & (np.arange(len(done.felt.length)) % 2 == 0)
         nothing = np.where(broken[:, None, None, None], np.nan, np.zeros((1, 1, 50, 6)))
-        trace = replace(done.trace, wrench_sensor=done.trace.wrench_sensor + nothing)
-        return replace(done, valid=~broken, inserted=np.zeros(len(broken), bool), trace=trace)
+        done = with_trace(done, wrench_sensor=done.felt.trace.wrench_sensor + nothing)
+        return with_truth(done, valid=~broken, inserted=np.zeros(len(broken), bool))
 
 
 def test_no_method_learns_from_a_broken_world(monkeypatch):

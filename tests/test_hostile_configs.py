@@ -128,11 +128,18 @@ def assert_it_runs(sets: tuple[str, ...]) -> None:
     asked = config.load(None, sets)
     attempts = draw_attempts(root_key(0, "hostile"), np.array([0, 3]), "mixed", asked.detector)
     done = NativeEngine(asked, threads=1).run(attempts, 2, horizon=max(2, asked.task.attempt_actions))
-    assert done.valid.all()
-    for leaf in (*vars(done.trace).values(), done.end_qpos, done.end_qvel, done.tare_sensor):
+    assert done.truth.valid.all()
+    for leaf in (
+        *vars(done.felt.trace).values(),
+        done.truth.end_qpos,
+        done.truth.end_qvel,
+        done.felt.tare_sensor,
+    ):
         assert np.isfinite(leaf).all()
-    upright = 2 * (done.trace.tip_quat_world[..., 1] ** 2 + done.trace.tip_quat_world[..., 2] ** 2) - 1
-    ran = np.arange(2) < done.length[:, None]
+    upright = (
+        2 * (done.felt.trace.tip_quat_world[..., 1] ** 2 + done.felt.trace.tip_quat_world[..., 2] ** 2) - 1
+    )
+    ran = np.arange(2) < done.felt.length[:, None]
     assert np.degrees(np.arccos(np.clip(upright, -1, 1)))[ran].max() < TILT_DEG
 
 

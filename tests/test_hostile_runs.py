@@ -101,7 +101,7 @@ def test_a_run_of_earlier_versions_may_name_no_hole(tmp_path):
     require_new(tmp_path, data, "fingerprint")
     (tmp_path / "run.json").write_text('{"seed": 0, "data": "other"}')
     require_new(tmp_path, data, "fingerprint")
-    hole = [round(float(x), 7) for x in np.asarray(data.interaction.hole_pos_world)[0]]
+    hole = [round(float(x), 7) for x in np.asarray(data.rollout.truth.hole_pos_world)[0]]
     (tmp_path / "run.json").write_text(json.dumps({"first_hole": {"sequence": 0, "pos_world": hole}}))
     with pytest.raises(RequestError, match="holes that the run was trained at"):
         require_new(tmp_path, data, "fingerprint")

@@ -141,7 +141,7 @@ def test_training_that_cannot_fit_is_refused_before_the_data_are_read(monkeypatc
 
 def test_what_an_action_takes_is_what_is_allocated(native):
     attempts = draw_attempts(jax.random.key(0), jnp.arange(2), "spiral", CONFIG.detector)
-    trace = native.run(attempts, 3, np.zeros(2, bool)).trace
+    trace = native.run(attempts, 3, np.zeros(2, bool)).felt.trace
     assert sum(leaf.nbytes for leaf in jax.tree.leaves(trace)) == 2 * 3 * ACTION_BYTES
 
 

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from synthetic import make_interactions
+from synthetic import make_rollouts
 
 from mjx_fit import policies
 from mjx_fit.config import Config
@@ -15,7 +15,7 @@ from mjx_fit.dataset.mirror import mirror_belief, mirror_place, mirror_reading
 from mjx_fit.settings import WristConfig
 from mjx_fit.simulate.native import NativeEngine
 from mjx_fit.types import Attempt, Belief, Reading
-from mjx_fit.wrist import centre_of_pressure, peak_force, read
+from mjx_fit.wrist import centre_of_pressure, peak_force, read, touched
 
 SILENT = WristConfig(force_noise_n=0.0, torque_xy_noise_nm=0.0, torque_z_noise_nm=0.0)
 ACTIONS = 12
@@ -24,7 +24,7 @@ ACTIONS = 12
 def circle(side):
     """A pressed circle, run through to the one or to the other side; nothing of it is random."""
 
-    def command(start, key, seen):
+    def command(seen):
         angle = 0.5 * seen.step
         return jnp.array([0.003 * jnp.cos(angle), side * 0.003 * jnp.sin(angle), -0.004])
 
@@ -53,10 +53,10 @@ def test_the_mirrored_reading_is_that_of_the_mirrored_world():
     readings = []
     for side in (1.0, -1.0):
         done = NativeEngine(config, threads=2, policy=circle(side)).run(attempts(side), ACTIONS)
-        assert done.trace.contact[:, 1:].any(1).all()
+        assert touched(done.felt, config.wrist)[:, 1:].any(1).all()
         readings.append(
             jax.vmap(lambda one, key: read(one, key, SILENT, config.scene, rows=ACTIONS))(
-                jax.tree.map(jnp.asarray, done), jax.random.split(jax.random.key(1), 9)
+                jax.tree.map(jnp.asarray, done.felt), jax.random.split(jax.random.key(1), 9)
             )
         )
     here, there = readings
@@ -159,7 +159,7 @@ def test_a_touch_has_a_centre_of_pressure_on_the_face():
 
 def test_the_peak_force_is_the_largest_of_the_real_samples():
     """By a loop: tared, of all samples of all actions that were performed, the force without the torque."""
-    data = jax.tree.map(np.asarray, make_interactions(6, actions=5, min_length=1))
+    data = jax.tree.map(np.asarray, make_rollouts(6, actions=5, min_length=1).felt)
     # What the tare is taken from is no small matter, nor is a torque.
     tare = 30 + 10 * np.asarray(data.tare_sensor)
     wrench = np.asarray(data.trace.wrench_sensor) + tare[:, None, None]

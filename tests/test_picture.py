@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from fakes import PathEngine
 from PIL import Image
+from synthetic import with_truth
 
 from mjx_fit import files
 from mjx_fit.config import Config
@@ -114,10 +115,10 @@ def test_the_tip_moves_without_jumps_through_what_was_recorded(played):
     assert np.allclose(tips[0], HOME_M)
     for number, step in enumerate(played.steps):
         own = [m for m in shown if (m.step, m.phase) == (number, "attempt")]
-        ways = np.array([moment.tip_pos_world[0] for moment in own]) - step.interaction.estimate_world[0]
+        ways = np.array([moment.tip_pos_world[0] for moment in own]) - step.rollout.felt.estimate_world[0]
         assert (ways[0], ways[-1]) == pytest.approx((0, 0.004), abs=1e-6)
         half = min(own, key=lambda m: abs(m.actions - 1.0))  # the first action ends 2 mm further
-        assert half.tip_pos_world[0] - step.interaction.estimate_world[0] == pytest.approx(0.002, abs=2e-4)
+        assert half.tip_pos_world[0] - step.rollout.felt.estimate_world[0] == pytest.approx(0.002, abs=2e-4)
 
 
 def test_beliefs_turn_from_before_to_after_and_holes_stay_filled(played):
@@ -202,10 +203,10 @@ class BreakingEngine(PathEngine):
 
     def run(self, attempts, actions, active=None, horizon=None):
         done = super().run(attempts, actions, active, horizon)
-        done.trace.tip_pos_world[:, 1] = np.nan
-        done.trace.wrench_sensor[:, 1] = [np.nan, np.inf, 1e30, 0, 0, 0]
-        none = np.zeros(len(done.length), bool)
-        return dataclasses.replace(done, valid=none, inserted=none)
+        done.felt.trace.tip_pos_world[:, 1] = np.nan
+        done.felt.trace.wrench_sensor[:, 1] = [np.nan, np.inf, 1e30, 0, 0, 0]
+        none = np.zeros(len(done.felt.length), bool)
+        return with_truth(done, valid=none, inserted=none)
 
 
 def test_a_world_that_broke_is_shown_as_far_as_it_went():

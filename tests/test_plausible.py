@@ -34,7 +34,7 @@ PUSHES = {
 def pushing(push):
     """An engine in which attempts of one policy are pushed by so much (m) in each action instead."""
 
-    pushed = policies.stateless(lambda start, key, seen: jnp.asarray(push, jnp.float32))
+    pushed = policies.stateless(lambda seen: jnp.asarray(push, jnp.float32))
     return NativeEngine(CONFIG, 1, policies.by_name(policies.spiral(CONFIG.spiral), pushed))
 
 
@@ -49,10 +49,10 @@ def test_what_left_is_stopped_named_and_alone(why, native, tmp_path, capsys):
     engine = pushing(PUSHES[why])
     done = engine.run(attempts, actions)
     pushed = np.arange(n) % 2 == 1
-    assert not done.valid[pushed].any()
-    assert done.valid[~pushed].all()
-    assert not done.inserted[pushed].any()
-    assert (done.length[pushed] < actions).all()
+    assert not done.truth.valid[pushed].any()
+    assert done.truth.valid[~pushed].all()
+    assert not done.truth.inserted[pushed].any()
+    assert (done.felt.length[pushed] < actions).all()
     # The others are, to the bit, as they are without any that left.
     alone = engine.run(attempts, actions, ~pushed)
     for a, b in zip(jax.tree.leaves(done), jax.tree.leaves(alone), strict=True):
@@ -65,14 +65,16 @@ def test_what_left_is_stopped_named_and_alone(why, native, tmp_path, capsys):
     assert len(said) == 4
     assert any(why in line for line in said)
     assert all(
-        f"in action {done.length[i] - 1}; it is left out" in line
+        f"in action {done.felt.length[i] - 1}; it is left out" in line
         for i, line in zip((1, 3, 5, 7), said, strict=True)
     )
-    last = int(done.length[first]) - 1
+    last = int(done.felt.length[first]) - 1
     one, row = jax.tree.map(lambda leaf: leaf[first : first + 1], attempts), slice(first, first + 1)
-    again = engine.act(one, np.asarray(done.end_qpos)[row], np.asarray(done.end_qvel)[row], last, actions)
-    assert again.trace.tip_pos_world[0, last] == pytest.approx(
-        done.trace.tip_pos_world[first, last], abs=1e-3
+    again = engine.act(
+        one, np.asarray(done.truth.end_qpos)[row], np.asarray(done.truth.end_qvel)[row], last, actions
+    )
+    assert again.felt.trace.tip_pos_world[0, last] == pytest.approx(
+        done.felt.trace.tip_pos_world[first, last], abs=1e-3
     )
 
 

@@ -12,18 +12,19 @@ from mjx_fit.types import Attempt
 QUIET = SpiralConfig(wiggle_m=0.0)
 
 
-def seen_at(step, tip):
+def seen_at(attempt, step, tip):
     """What a policy sees of a tip straight down that touches nothing."""
     down, still = jnp.array([0.0, 1, 0, 0]), jnp.zeros(3)
     wrench, contact = jnp.zeros((50, 6)), jnp.asarray(False)
-    return policies.PolicyInput(jnp.asarray(step), tip, down, still, still, wrench, contact, 100)
+    start, now = policies.start_of(attempt), jnp.asarray(step)
+    return policies.PolicyInput(start, attempt.key, now, tip, down, still, still, wrench, contact, 100)
 
 
 def command(attempt, step, tip):
     """The first command of the policy that the attempt names."""
     policy = policies.shipped(Config())
     state = policy.init(policies.start_of(attempt), attempt.key)
-    return policy.act(state, seen_at(step, tip))[1]
+    return policy.act(state, seen_at(attempt, step, tip))[1]
 
 
 def test_spiral_is_algorithm_4(key):

@@ -38,7 +38,7 @@ def test_every_episode_comes_once_and_in_batches_of_one_shape():
     assert len(seen) == 4
     assert {sample.reading.mask.shape for sample, _ in seen} == {(5, 8)}
     assert sum(float(weight.sum()) for _, weight in seen) == 17
-    holes = set(map(tuple, np.asarray(DATA.interaction.hole_pos_world)[CHOSEN].tolist()))
+    holes = set(map(tuple, np.asarray(DATA.rollout.truth.hole_pos_world)[CHOSEN].tolist()))
     assert set(one_pass(DATA, 0)) == holes
 
 
@@ -70,7 +70,7 @@ def test_windows_are_those_of_the_whole_set():
     whole = sample_windows(DATA, jnp.arange(20), window_key, CONFIG)
     by_hole = one_pass(DATA, 4)
     for i in CHOSEN:
-        hole = tuple(np.asarray(DATA.interaction.hole_pos_world[i]).tolist())
+        hole = tuple(np.asarray(DATA.rollout.truth.hole_pos_world[i]).tolist())
         jax.tree.map(lambda a, b, i=i: np.testing.assert_array_equal(a, b[i]), by_hole[hole], whole)
 
 

@@ -25,7 +25,7 @@ from mjx_fit.report import about
 from mjx_fit.report import build as build_
 from mjx_fit.report.build import build
 from mjx_fit.task.methods import ASSEMBLY, INSERTION, POSITION
-from mjx_fit.types import Interaction, Trace
+from mjx_fit.types import Felt, Rollout, Trace, Truth
 
 EVIL = "<script>alert('$x$')</script>"
 VOID = {"meta", "wbr", "br", "img", "link"}
@@ -59,7 +59,7 @@ def attempt() -> Result:
     return replace(other, experiment="attempt", summary=summarise_attempt(trials), trials=trials)
 
 
-def interactions() -> Interaction:
+def interactions() -> Rollout:
     rng = np.random.default_rng(2)
     n, steps = 20, 30
     hole = rng.uniform(-0.1, 0.1, (n, 2))
@@ -68,19 +68,10 @@ def interactions() -> Interaction:
     length = rng.integers(1, steps + 1, n)
     zeros = np.zeros
     wrench = rng.normal(0, 5, (n, steps, 50, 6))
-    trace: Any = wrench, tip, zeros((n, steps, 4)), tip, tip, rng.uniform(size=(n, steps)) < 0.8, tip
-    rest: Any = (
-        length,
-        length < steps,
-        np.arange(n) % 3,
-        np.arange(n) % 2,
-        hole,
-        hole,
-        zeros((n, 6)),
-        zeros((n, 7)),
-        zeros((n, 7)),
-    )
-    return Interaction(Trace(*trace), *rest, valid=np.arange(n) > 0)  # pyright: ignore[reportArgumentType]
+    trace: Any = wrench, tip, zeros((n, steps, 4)), tip, tip, tip
+    felt: Any = length, zeros((n, 6)), hole, np.arange(n) % 3
+    truth: Any = np.arange(n) % 2, hole, length < steps, np.arange(n) > 0, zeros((n, 7)), zeros((n, 7))
+    return Rollout(Felt(Trace(*trace), *felt), Truth(*truth))
 
 
 def as_stored(leaf: np.ndarray) -> np.ndarray:

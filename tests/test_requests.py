@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from fakes import FakeEngine
 from flax import nnx
-from synthetic import make_interactions
+from synthetic import make_rollouts, with_truth
 
 from mjx_fit import policies, wrist
 from mjx_fit.config import Config
@@ -22,7 +22,7 @@ from mjx_fit.simulate import requests
 from mjx_fit.simulate.mjx import MjxEngine
 from mjx_fit.simulate.native import NativeEngine
 from mjx_fit.task.entrance import require_update
-from mjx_fit.task.learning import filter_update, frame_update, readings
+from mjx_fit.task.learning import after_failures, filter_update, frame_update, readings
 
 CONFIG = Config()
 N = 4
@@ -115,7 +115,7 @@ def test_rows_that_are_not_active_may_hold_anything(attempts, native):
         attempts, peg_type=at(attempts.peg_type, 99, 0), hole_pos_world=at(attempts.hole_pos_world, np.nan, 0)
     )
     done = native.run(wrong, 1, np.arange(N) > 0)
-    assert done.length.tolist() == [0, 1, 1, 1]
+    assert done.felt.length.tolist() == [0, 1, 1, 1]
 
 
 def test_the_whole_workspace_and_what_a_detector_makes_of_it_is_accepted():
@@ -136,8 +136,8 @@ def test_mujoco_writes_no_log_into_the_working_folder(tmp_path, monkeypatch, att
     before = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(None)
     try:
-        wild = NativeEngine(CONFIG, 1, policies.stateless(lambda *seen: jnp.full(3, jnp.nan)))
-        assert not wild.run(attempts, 2).valid.any()
+        wild = NativeEngine(CONFIG, 1, policies.stateless(lambda seen: jnp.full(3, jnp.nan)))
+        assert not wild.run(attempts, 2).truth.valid.any()
         model = mujoco.MjModel.from_xml_string(
             "<mujoco><worldbody><body><freejoint/><geom size='1'/></body></worldbody></mujoco>"
         )
@@ -153,8 +153,8 @@ def test_mujoco_writes_no_log_into_the_working_folder(tmp_path, monkeypatch, att
 
 
 def sound(n=N, actions=3):
-    """Interactions (n,) of whole length, with quaternions of straight down."""
-    done = make_interactions(n, actions, min_length=actions)
+    """What was felt in n attempts of whole length, with quaternions of straight down."""
+    done = make_rollouts(n, actions, min_length=actions).felt
     upright = jnp.broadcast_to(jnp.array([0.0, 1, 0, 0]), done.trace.tip_quat_world.shape)
     return dataclasses.replace(done, trace=dataclasses.replace(done.trace, tip_quat_world=upright))
 
@@ -287,18 +287,24 @@ def test_a_sensor_refuses_readings_that_are_none(sensor):
 
 
 def test_what_does_not_count_may_be_anything():
-    """Padding behind the last action, the last action of a world that broke, sums that overflow."""
+    """Padding behind the last action, the last action of a simulation that diverged, sums that overflow."""
     done = sound()
     short = dataclasses.replace(done, length=at(done.length, 2))
     require_update(BELIEF, traced(short, wrench_sensor=poisoned(done.trace.wrench_sensor)), KEYS)
-    broken = dataclasses.replace(done, valid=at(done.valid, False))
-    require_update(BELIEF, traced(broken, tip_quat_world=poisoned(done.trace.tip_quat_world)), KEYS)
+    whole = with_truth(make_rollouts(N, 3, min_length=3), inserted=np.zeros(N, bool))
+    diverged = with_truth(whole, valid=at(whole.truth.valid, False))
+    diverged = dataclasses.replace(
+        diverged, felt=traced(done, tip_quat_world=poisoned(done.trace.tip_quat_world))
+    )
+    after = after_failures(filter_update(CONFIG, None), BELIEF, diverged, KEYS)
+    changed = np.any(np.asarray(after.type_logp) != np.asarray(BELIEF.type_logp), axis=1)
+    assert changed.tolist() == [True, False, True, True]
     huge = np.full(done.trace.wrench_sensor.shape, 3e38, np.float32)  # whose sum is not finite
     require_update(BELIEF, traced(done, wrench_sensor=huge), KEYS)
 
 
 def test_fake_engines_of_tests_give_what_is_accepted(attempts):
-    require_update(BELIEF, FakeEngine().run(attempts, 2, np.zeros(N, bool)), KEYS)
+    require_update(BELIEF, FakeEngine().run(attempts, 2, np.zeros(N, bool)).felt, KEYS)
 
 
 def test_checks_cost_little():

@@ -15,5 +15,5 @@ def test_the_sample_is_whole_small_and_says_what_it_holds():
     assert (told["episodes"], told["sequences"], told["policy"]) == (24, 12, "mixed")
     assert told["bytes"] < 3e6
     data = store.load(SAMPLE)
-    assert data.interaction.trace.wrench_sensor.shape == (24, 100, 50, 6)
+    assert data.rollout.felt.trace.wrench_sensor.shape == (24, 100, 50, 6)
     assert np.linalg.eigvalsh(data.estimate_cov).min() > 0

@@ -5,10 +5,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from fakes import FakeEngine
+from fakes import FakeEngine, place_of
 from flax import nnx
 from hypothesis import given
 from hypothesis import strategies as st
+from synthetic import with_truth
 
 from mjx_fit.config import Config
 from mjx_fit.errors import RequestError
@@ -119,9 +120,9 @@ def test_failure_only_agrees_with_a_plain_loop():
 def test_learning_the_position_ends_failures_at_the_right_hole():
     """A perfect sensor by decree: after one failure the position is known, so no peg needs a human."""
 
-    def update(beliefs, interactions, keys):
-        known = dataclasses.replace(beliefs, pos_mean_world=np.asarray(interactions.hole_pos_world))
-        updated = learning.filter_update(CONFIG, None)(known, interactions, keys)
+    def update(beliefs, felt, keys):
+        known = dataclasses.replace(beliefs, pos_mean_world=place_of(felt))
+        updated = learning.filter_update(CONFIG, None)(known, felt, keys)
         return jax.tree.map(np.asarray, updated)
 
     config = dataclasses.replace(CONFIG, task=dataclasses.replace(CONFIG.task, max_attempts=30))
@@ -232,12 +233,12 @@ def test_each_method_learns_what_it_may_and_no_more(hard):
     trials = trials_.draw_trials(CONFIG, 0, np.arange(n))
     before = initial_belief(jnp.asarray(trials.estimate_world[:, 0]), 0.01, 3)
     done = FakeEngine().run(dataclasses.replace(_attempts(trials), peg_type=np.zeros(n, int)), 2)
-    done = dataclasses.replace(done, inserted=np.arange(n) >= 3, valid=np.ones(n, bool))
+    done = with_truth(done, inserted=np.arange(n) >= 3, valid=np.ones(n, bool))
     position, kind = np.array([0, 1, 1] * 2, bool), np.array([0, 0, 1] * 2, bool)
     config = dataclasses.replace(CONFIG, task=dataclasses.replace(CONFIG.task, hard_match=hard))
     sensor: Any = StubSensor()
     update = learning.filter_update(config, sensor, position, kind)
-    after = update(before, done, jax.random.split(jax.random.key(0), n))
+    after = learning.after_failures(update, before, done, jax.random.split(jax.random.key(0), n))
     moved = np.asarray(after.pos_mean_world - before.pos_mean_world)
     assert moved == pytest.approx(np.array([[0, 0], [0.003, 0], [0.003, 0], *[[0, 0]] * 3]), abs=1e-6)
     assert np.asarray(after.pos_cov)[:, 0, 0] == pytest.approx([1e-4, 5e-5, 5e-5, 1e-4, 1e-4, 1e-4], rel=1e-4)
@@ -254,12 +255,12 @@ def test_success_and_broken_worlds_leave_beliefs_alone():
     config = CONFIG
     trials = trials_.draw_trials(config, 0, np.arange(3))
     beliefs = initial_belief(jnp.asarray(trials.estimate_world[:, 0]), 0.01, 3)
-    interaction = FakeEngine().run(dataclasses.replace(_attempts(trials), peg_type=np.zeros(3, int)), 2)
-    interaction = dataclasses.replace(
-        interaction, inserted=np.array([True, False, False]), valid=np.array([True, False, True])
+    rollout = FakeEngine().run(dataclasses.replace(_attempts(trials), peg_type=np.zeros(3, int)), 2)
+    rollout = with_truth(
+        rollout, inserted=np.array([True, False, False]), valid=np.array([True, False, True])
     )
     keys = jax.random.split(jax.random.key(0), 3)
-    after = learning.filter_update(config, None)(beliefs, interaction, keys)
+    after = learning.after_failures(learning.filter_update(config, None), beliefs, rollout, keys)
     assert np.array_equal(after.type_logp[:2], beliefs.type_logp[:2])
     a = config.task.success_probability[0]
     want = np.array([1 - a, 1, 1]) / (3 - a)
@@ -311,8 +312,7 @@ def test_failing_with_a_good_estimate_says_more_about_the_type():
     keys = jax.random.split(jax.random.key(0), 2)
     attempts = Attempt(zero, zero, away, jnp.zeros((2, 2)), zero, keys)
     done = FakeEngine().run(attempts, 2)
-    failed = dataclasses.replace(done, inserted=np.zeros(2, bool))
-    after = update(beliefs, failed, attempts.key)
+    after = update(beliefs, done.felt, attempts.key)
     wide, narrow = np.exp(np.asarray(after.type_logp))[:, 0]
     assert narrow < 0.1
     assert 0.28 < wide < 1 / 3
@@ -325,7 +325,7 @@ def test_a_human_finds_an_empty_hole_where_another_peg_sits_in_the_right_one():
         def run(self, attempts, actions, active=None, horizon=None):
             done = super().run(attempts, actions, active, horizon)
             number = len(self.seen)  # the first peg goes into whatever hole it tries, the others nowhere
-            return dataclasses.replace(done, inserted=np.full(len(done.length), number == 1))
+            return with_truth(done, inserted=np.full(len(done.felt.length), number == 1))
 
     for seed in range(6):
         trials = trials_.draw_trials(CONFIG, seed, np.arange(3))
@@ -341,8 +341,8 @@ class Breaking(FakeEngine):
 
     def run(self, attempts, actions, active=None, horizon=None):
         done = super().run(attempts, actions, active, horizon)
-        broken = np.full(len(done.length), len(self.seen) == 1)
-        return dataclasses.replace(done, valid=~broken, inserted=done.inserted & ~broken)
+        broken = np.full(len(done.felt.length), len(self.seen) == 1)
+        return with_truth(done, valid=~broken, inserted=done.truth.inserted & ~broken)
 
 
 def test_a_broken_world_counts_as_an_attempt_and_teaches_nothing():

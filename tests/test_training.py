@@ -16,7 +16,7 @@ import optax
 import pytest
 from faults import Faults
 from flax import nnx
-from synthetic import make_episodes
+from synthetic import make_episodes, with_trace, with_truth
 
 from mjx_fit.config import Config, load, to_tree
 from mjx_fit.dataset.reader import placed
@@ -37,8 +37,8 @@ DATA = make_episodes(EPISODES, actions=12, min_length=6)
 
 
 def changed(**fields):
-    """The data with other interactions."""
-    return replace(DATA, interaction=replace(DATA.interaction, **fields))
+    """The data with other rollouts."""
+    return replace(DATA, rollout=replace(DATA.rollout, **fields))
 
 
 CONFIG = Config(
@@ -222,7 +222,7 @@ def test_a_diverged_training_says_so(tmp_path, monkeypatch):
         ({"hole_pos_world": np.full((EPISODES, 2), np.nan, np.float32)}, "hole_pos_world of episode 0 "),
         ({"peg_type": np.full(EPISODES, 3)}, "peg_type: 3 is not allowed: there are 3 types"),
         (
-            {"trace": replace(DATA.interaction.trace, wrench_sensor=np.zeros((EPISODES, 12, 25, 6)))},
+            {"trace": replace(DATA.rollout.felt.trace, wrench_sensor=np.zeros((EPISODES, 12, 25, 6)))},
             r"wrench_sensor: windows of shape \(25, 6\)",
         ),
     ],
@@ -235,9 +235,9 @@ def test_data_that_no_sensor_can_read_are_refused(tmp_path, change, message):
 
 
 def test_a_broken_episode_that_is_not_used_does_no_harm(run, tmp_path):
-    short = np.asarray(DATA.interaction.length) < 7
-    length = np.where(short, 3, DATA.interaction.length)
-    place = np.where(short[:, None], np.nan, DATA.interaction.hole_pos_world)
+    short = np.asarray(DATA.rollout.felt.length) < 7
+    length = np.where(short, 3, DATA.rollout.felt.length)
+    place = np.where(short[:, None], np.nan, DATA.rollout.truth.hole_pos_world)
     train(changed(length=length, hole_pos_world=place), one_epoch(CONFIG), tmp_path / "run", 0)
     assert metrics(tmp_path / "run")[0]["val_nll"] < 100
 
@@ -335,10 +335,9 @@ def test_training_through_sequences(tmp_path, monkeypatch):
     """Chains of three whole attempts, from the device and from the host; other data are refused."""
     data = make_episodes(EPISODES, actions=8, min_length=8, sequence=3)
     # The last attempt broke: nothing that stands in for an attempt that is not there may be NaN.
-    wrench = data.interaction.trace.wrench_sensor.at[-1].set(jnp.nan)
-    trace = replace(data.interaction.trace, wrench_sensor=wrench)
-    valid = data.interaction.valid.at[jnp.array([-1, 10, 11, 32])].set(False)
-    data = replace(data, interaction=replace(data.interaction, trace=trace, valid=valid))
+    wrench = data.rollout.felt.trace.wrench_sensor.at[-1].set(jnp.nan)
+    valid = data.rollout.truth.valid.at[jnp.array([-1, 10, 11, 32])].set(False)
+    data = replace(data, rollout=with_truth(with_trace(data.rollout, wrench_sensor=wrench), valid=valid))
     whole = replace(CONFIG.train, sequence=3, min_window=8, epochs=EPOCHS // 2, mirror=True)
     config = replace(CONFIG, train=whole)
     train(data, config, tmp_path / "run", 0)

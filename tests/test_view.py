@@ -75,7 +75,7 @@ def test_every_attempt_is_shown_in_order_until_it_is_closed(screens):
     for number, step in enumerate(steps):
         phase, words = [(phase, words) for at, phase, words in screen.shown if at == number][-1]
         assert phase == "learn"
-        assert words[f"attempt {step.attempt}"].startswith("inserted") == bool(step.interaction.inserted)
+        assert words[f"attempt {step.attempt}"].startswith("inserted") == bool(step.rollout.truth.inserted)
     assert max(screen.off_m) < 1e-4
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from synthetic import make_episodes
+from synthetic import make_episodes, with_truth
 
 from mjx_fit.config import Config
 from mjx_fit.dataset.windows import MIN_ACTIONS, chains, sample_windows, split, usable
@@ -36,7 +36,7 @@ def many():
 def starts_of(sample) -> np.ndarray:
     """Where each window begins, found by its first action among the source's."""
     first = np.asarray(sample.reading.action_world)[:, 0]
-    actions = np.asarray(DATA.interaction.trace.action_world)
+    actions = np.asarray(DATA.rollout.felt.trace.action_world)
     return np.array([np.flatnonzero((actions[i] == first[i]).all(-1))[0] for i in range(EPISODES)])
 
 
@@ -45,20 +45,21 @@ def starts_of(sample) -> np.ndarray:
 def test_windows_are_consecutive_rows_of_their_episode(seed):
     sample = jax.tree.map(np.asarray, sample_windows(DATA, ALL, jax.random.key(seed), CONFIG))
     reading, starts = sample.reading, starts_of(sample)
-    data = jax.tree.map(np.asarray, DATA.interaction)
+    data = jax.tree.map(np.asarray, DATA.rollout.felt)
+    inserted = np.asarray(DATA.rollout.truth.inserted)
     lengths, mask = data.length, reading.mask
     for i in range(EPISODES):
         count, rows = mask[i].sum(), slice(starts[i], starts[i] + mask[i].sum())
         assert mask[i, :count].all()
         assert min(4, lengths[i]) <= count <= min(10, lengths[i])
         assert starts[i] + count <= lengths[i]
-        assert bool(sample.failed[i]) == (not (data.inserted[i] and starts[i] + count == lengths[i]))
+        assert bool(sample.failed[i]) == (not (inserted[i] and starts[i] + count == lengths[i]))
         wrench = data.trace.wrench_sensor[i, rows] - data.tare_sensor[i]
         np.testing.assert_allclose(reading.wrench_sensor[i, :count], wrench, rtol=1e-5, atol=1e-5)
         origin = np.append(data.estimate_world[i], plate_top_m(CONFIG.scene))
         relative = data.trace.tip_pos_world[i, rows] - origin
         np.testing.assert_allclose(reading.tip_pos_estimate[i, :count], relative, atol=1e-6)
-        for name in ("tip_quat_world", "tip_linvel_world", "tip_angvel_world", "action_world", "contact"):
+        for name in ("tip_quat_world", "tip_linvel_world", "tip_angvel_world", "action_world"):
             source = getattr(data.trace, name)[i, rows]
             np.testing.assert_array_equal(getattr(reading, name)[i, :count], source)
     for name, x in vars(reading).items():
@@ -70,13 +71,13 @@ def test_windows_are_consecutive_rows_of_their_episode(seed):
 
 
 def test_every_length_and_every_start_is_drawn(many):
-    counts, lengths = many.reading.mask.sum(-1), np.asarray(DATA.interaction.length)
+    counts, lengths = many.reading.mask.sum(-1), np.asarray(DATA.rollout.felt.length)
     long = lengths >= 10
     drawn, times = np.unique(counts[:, long], return_counts=True)
     np.testing.assert_array_equal(drawn, np.arange(4, 11))
     np.testing.assert_allclose(times / times.sum(), 1 / 7, atol=0.04)
     first = many.reading.action_world[:, :, 0, 0]
-    starts = (first[..., None] == np.asarray(DATA.interaction.trace.action_world)[..., 0]).argmax(-1)
+    starts = (first[..., None] == np.asarray(DATA.rollout.felt.trace.action_world)[..., 0]).argmax(-1)
     left = lengths - counts
     assert (starts <= left).all()
     np.testing.assert_allclose((starts[left > 5] / left[left > 5]).mean(), 0.5, atol=0.05)
@@ -85,7 +86,7 @@ def test_every_length_and_every_start_is_drawn(many):
 
 
 def test_both_kinds_of_windows_come_from_inserted_interactions(many):
-    inserted = np.asarray(DATA.interaction.inserted)
+    inserted = np.asarray(DATA.rollout.truth.inserted)
     assert inserted.sum() >= 2
     assert 0 < many.failed[:, inserted].mean() < 1
     assert many.failed[:, ~inserted].all()
@@ -109,9 +110,11 @@ def test_noise_has_the_sensors_sigmas_and_the_tare_its_share():
     config = replace(CONFIG, wrist=wrist, train=TrainConfig(min_window=16, max_window=16))
     copies = jax.tree.map(lambda x: jnp.concatenate([x] * 40), DATA)
     reading = sample_windows(copies, jnp.arange(40 * EPISODES), jax.random.key(1), config).reading
-    clean = np.asarray(copies.interaction.trace.wrench_sensor - copies.interaction.tare_sensor[:, None, None])
+    clean = np.asarray(
+        copies.rollout.felt.trace.wrench_sensor - copies.rollout.felt.tare_sensor[:, None, None]
+    )
     mask = np.asarray(reading.mask)[..., None, None]
-    np.testing.assert_array_equal(mask.sum(1).ravel(), copies.interaction.length)
+    np.testing.assert_array_equal(mask.sum(1).ravel(), copies.rollout.felt.length)
     error = np.asarray(reading.wrench_sensor) - clean
     samples = np.broadcast_to(mask, error.shape)
     sigma = np.array([0.1, 0.1, 0.1, 0.005, 0.005, 0.003])
@@ -123,7 +126,7 @@ def test_noise_has_the_sensors_sigmas_and_the_tare_its_share():
 
 
 def test_prior_is_the_estimate_with_types_at_random(many):
-    np.testing.assert_array_equal(many.prior.pos_mean_world[5], DATA.interaction.estimate_world)
+    np.testing.assert_array_equal(many.prior.pos_mean_world[5], DATA.rollout.felt.estimate_world)
     np.testing.assert_array_equal(many.prior.pos_cov[0], DATA.estimate_cov)
     types = np.exp(many.prior.type_logp.astype(float)).reshape(-1, 3)
     np.testing.assert_allclose(types.sum(-1), 1, rtol=1e-5)
@@ -135,8 +138,8 @@ def test_prior_is_the_estimate_with_types_at_random(many):
 
 
 def test_broken_and_short_interactions_are_not_usable():
-    data = replace(DATA, interaction=replace(DATA.interaction, valid=np.arange(EPISODES) != 4))
-    want = np.asarray(DATA.interaction.length) >= MIN_ACTIONS
+    data = replace(DATA, rollout=with_truth(DATA.rollout, valid=np.arange(EPISODES) != 4))
+    want = np.asarray(DATA.rollout.felt.length) >= MIN_ACTIONS
     want[4] = False
     assert not want.all()
     np.testing.assert_array_equal(usable(data), want)
@@ -207,7 +210,7 @@ def test_the_mirror_tells_nothing_of_the_prior():
     n = COPIES * EPISODES
     copies = jax.tree.map(lambda x: jnp.concatenate([x] * COPIES), DATA)
     sample = sample_windows(copies, jnp.arange(n), jax.random.key(9), config)
-    mirrored = np.asarray(sample.hole_pos_world[:, 1] * copies.interaction.hole_pos_world[:, 1] < 0)
+    mirrored = np.asarray(sample.hole_pos_world[:, 1] * copies.rollout.truth.hole_pos_world[:, 1] < 0)
     assert mirrored.mean() == pytest.approx(0.5, abs=0.05)
     first = np.exp(np.asarray(sample.prior.type_logp, float))
     columns = np.column_stack([mirrored, first[:, :2], np.asarray(sample.reading.mask.sum(1))])

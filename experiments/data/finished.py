@@ -40,7 +40,7 @@ def main() -> None:
             began = time.perf_counter()
             done = engine.run(both, ACTIONS, active)
             seconds[name].append(time.perf_counter() - began)
-            steps[name] = int(done.length.sum()) * SUBSTEPS
+            steps[name] = int(done.felt.length.sum()) * SUBSTEPS
     median = {name: float(np.median(values[1:])) for name, values in seconds.items()}
     speed = {name: steps[name] / median[name] for name in median}
     results = {"seconds": median, "steps": steps, "steps_per_s": speed}

@@ -7,14 +7,15 @@ import resource
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import jax
 
+from mjx_fit import config as config_
 from mjx_fit.dataset import manifest, store
 from mjx_fit.dataset.episode import happened
 from mjx_fit.report import data_figures, script
-from mjx_fit.settings import NAMES
 
 HERE = Path(__file__).parent
 EPISODES = 3000
@@ -31,20 +32,24 @@ def main(folder: Path) -> None:
 
     episodes, there = store.load(folder), manifest.read(folder)
     keep = happened(episodes)
-    data = jax.tree.map(lambda leaf: leaf[keep], episodes.interaction)
+    data = jax.tree.map(lambda leaf: leaf[keep], episodes.rollout)
     results = {
         "seconds": round(seconds, 1),
         "peak_memory_mb": round(peak_mb),
         "request": {name: value for name, value in there.request.items() if name != "config"},
         "holds": store.describe(folder),
     }
+    config = config_.from_tree(there.request["config"])
     script.save(HERE / f"{folder.name}.json", results)
     for name, figure in (
-        ("visited", lambda data, names: data_figures.visited_positions(data)),
-        ("lengths", data_figures.interaction_lengths),
+        ("visited", lambda data, config: data_figures.visited_positions(data)),
+        ("lengths", lambda data, config: data_figures.interaction_lengths(data, config.scene.names)),
         ("forces", data_figures.forces_by_pair),
     ):
-        script.draw(HERE / f"{folder.name}_{name}.png", lambda figure=figure: figure(data, NAMES))
+        script.draw(
+            HERE / f"{folder.name}_{name}.png",
+            partial(figure, data, config),
+        )
 
 
 if __name__ == "__main__":

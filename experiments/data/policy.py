@@ -25,7 +25,8 @@ from mjx_fit.report import script
 from mjx_fit.settings import NAMES
 from mjx_fit.shapes import plate_top_m
 from mjx_fit.simulate.native import NativeEngine
-from mjx_fit.types import Array, Interaction
+from mjx_fit.types import Array, Rollout
+from mjx_fit.wrist import touched
 
 EPISODES, ACTIONS = 252, 200
 AROUND_M, CELL_M = 0.025, 0.0025
@@ -38,18 +39,18 @@ PUSH_M = Config().random.push_m
 def walk(sigma_m: float) -> policies.Policy:
     """Steps of N(0, σ²) in the plane from wherever the tip is, pressed on the plate."""
 
-    def command(start, key, seen):
-        own = jax.random.fold_in(key, seen.step)
+    def command(seen):
+        own = jax.random.fold_in(seen.key, seen.step)
         return jnp.append(sigma_m * jax.random.normal(own, (2,)), -PUSH_M)
 
     return policies.stateless(command)
 
 
-def jumps(start, key, seen):
+def jumps(seen):
     """A goal anywhere within the reach of the estimate, another one in every action."""
-    own = jax.random.fold_in(key, seen.step)
+    own = jax.random.fold_in(seen.key, seen.step)
     goal = jax.random.uniform(own, (2,), minval=-AROUND_M, maxval=AROUND_M)
-    return jnp.append(goal + start.estimate_world - seen.tip_pos_world[:2], -PUSH_M)
+    return jnp.append(goal + seen.start.estimate_world - seen.tip_pos_world[:2], -PUSH_M)
 
 
 def sweeps(actions: int, reach_m: float) -> policies.Policy:
@@ -84,7 +85,7 @@ def main() -> None:
     """Runs every candidate from the same starts in the same holes."""
     config = Config()
     attempts = draw_attempts(root_key(0, "policy"), jnp.arange(EPISODES), "random", config.detector)
-    done: dict[str, Interaction] = {}
+    done: dict[str, Rollout] = {}
     for name, policy in CANDIDATES.items():
         done[name] = NativeEngine(config, 2, policy).run(attempts, ACTIONS)
     facts = {name: _facts(each) for name, each in done.items()}
@@ -92,10 +93,10 @@ def main() -> None:
     script.draw(HERE / "policy.png", lambda: _figure(done))
 
 
-def _facts(done: Interaction) -> dict:
-    real = np.arange(ACTIONS) < done.length[:, None]
-    matched = done.peg_type == done.hole_type
-    offset = done.trace.tip_pos_world[..., :2] - done.hole_pos_world[:, None]
+def _facts(done: Rollout) -> dict:
+    real = np.arange(ACTIONS) < done.felt.length[:, None]
+    matched = done.felt.peg_type == done.truth.hole_type
+    offset = done.felt.trace.tip_pos_world[..., :2] - done.truth.hole_pos_world[:, None]
     near = real & (np.abs(offset) < AROUND_M).all(-1)
     cells = _cells(offset)
     visited = [len(np.unique(cells[i][near[i]])) for i in range(len(real))]
@@ -107,21 +108,21 @@ def _facts(done: Interaction) -> dict:
             -(share[share > 0] * np.log(share[share > 0])).sum() / np.log(_CELLS**2)
         ),
         "actions_near_the_hole": float(near.sum() / real.sum()),
-        "actions_in_contact": float((done.trace.contact & real).sum() / real.sum()),
+        "actions_in_contact": float(touched(done.felt, Config().wrist).sum() / real.sum()),
         "actions_with_a_wall_met": float(sum(walls) / real.sum()),
         "walls_met_by_direction": (np.array(walls) / sum(walls)).round(4),
         "steady_sideways_over_push": _steady(done, real),
-        "matched_inserted": _rate(done.inserted[matched]),
+        "matched_inserted": _rate(done.truth.inserted[matched]),
         **{
-            f"{name}_inserted": _rate(done.inserted[matched & (done.peg_type == i)])
+            f"{name}_inserted": _rate(done.truth.inserted[matched & (done.felt.peg_type == i)])
             for i, name in enumerate(NAMES)
         },
-        "length_matched_quartiles": np.quantile(done.length[matched], [0.25, 0.5, 0.75]),
-        "beside_the_plate": int((~done.inserted & _left_plate(done, real)).sum()),
+        "length_matched_quartiles": np.quantile(done.felt.length[matched], [0.25, 0.5, 0.75]),
+        "beside_the_plate": int((~done.truth.inserted & _left_plate(done, real)).sum()),
         "speed_quartiles_m_per_s": np.quantile(_speed(done)[real], [0.25, 0.5, 0.75]),
         "force_median_n": float(np.median(_force(done)[real])),
         "force_99_percent_n": float(np.quantile(_force(done)[real], 0.99)),
-        "mismatched_inserted": int(done.inserted[~matched].sum()),
+        "mismatched_inserted": int(done.truth.inserted[~matched].sum()),
     }
 
 
@@ -134,9 +135,9 @@ def _cells(offset: Array) -> np.ndarray:
     return _CELLS * y + x
 
 
-def _walls(done: Interaction, real: np.ndarray) -> list[int]:
+def _walls(done: Rollout, real: np.ndarray) -> list[int]:
     """Actions in which the peg met a wall, by the eighth of the circle that the wall pushes towards."""
-    force = done.trace.wrench_sensor[..., :3] - done.tare_sensor[:, None, None, :3]
+    force = done.felt.trace.wrench_sensor[..., :3] - done.felt.tare_sensor[:, None, None, :3]
     strongest = np.hypot(force[..., 0], force[..., 1]).argmax(-1)
     force = np.take_along_axis(force, strongest[..., None, None], 2)[:, :, 0]
     # A steady push is not straight down: the arm's inertia couples the axes of the controller's command.
@@ -148,30 +149,30 @@ def _walls(done: Interaction, real: np.ndarray) -> list[int]:
     return np.bincount(eighth[met], minlength=8).tolist()
 
 
-def _steady(done: Interaction, real: np.ndarray) -> float:
+def _steady(done: Rollout, real: np.ndarray) -> float:
     """Median over the interactions of what the arm steadily pushes sideways, over what it pushes down."""
-    force = done.trace.wrench_sensor[..., :3] - done.tare_sensor[:, None, None, :3]
+    force = done.felt.trace.wrench_sensor[..., :3] - done.felt.tare_sensor[:, None, None, :3]
     force = np.nanmedian(np.where(real[..., None, None], force, np.nan), (1, 2))
     return float(np.median(np.hypot(force[:, 0], force[:, 1]) / np.abs(force[:, 2])))
 
 
-def _left_plate(done: Interaction, real: np.ndarray) -> Array:
+def _left_plate(done: Rollout, real: np.ndarray) -> Array:
     low = (
-        np.asarray(done.trace.tip_pos_world)[..., 2]
+        np.asarray(done.felt.trace.tip_pos_world)[..., 2]
         < plate_top_m(Config().scene) - Config().task.insertion_depth_m
     )
     return (low & real).sum(1) > 0
 
 
-def _speed(done: Interaction) -> np.ndarray:
+def _speed(done: Rollout) -> np.ndarray:
     """Distance in the plane from the end of one action to that of the next, per second."""
-    way = np.diff(done.trace.tip_pos_world[..., :2], axis=1, prepend=done.estimate_world[:, None])
+    way = np.diff(done.felt.trace.tip_pos_world[..., :2], axis=1, prepend=done.felt.estimate_world[:, None])
     return np.linalg.norm(way, axis=-1) / 0.1
 
 
-def _force(done: Interaction) -> np.ndarray:
+def _force(done: Rollout) -> np.ndarray:
     """The largest force within each action, N."""
-    force = done.trace.wrench_sensor[..., :3] - done.tare_sensor[:, None, None, :3]
+    force = done.felt.trace.wrench_sensor[..., :3] - done.felt.tare_sensor[:, None, None, :3]
     return np.linalg.norm(force, axis=-1).max(-1)
 
 
@@ -180,14 +181,14 @@ def _rate(inserted: Array) -> list[float]:
     return [round(x, 3) for x in (row.value, row.low, row.high)]
 
 
-def _figure(done: dict[str, Interaction]) -> Figure:
+def _figure(done: dict[str, Rollout]) -> Figure:
     figure = Figure(figsize=(11, 6))
     axes = figure.subplots(2, 4).ravel()
     edges = np.linspace(-5, 5, 81)
     mesh = None
     for ax, (name, each) in zip(axes, done.items(), strict=True):
-        real = np.arange(ACTIONS) < each.length[:, None]
-        x, y = 100 * (each.trace.tip_pos_world[..., :2] - each.hole_pos_world[:, None])[real].T
+        real = np.arange(ACTIONS) < each.felt.length[:, None]
+        x, y = 100 * (each.felt.trace.tip_pos_world[..., :2] - each.truth.hole_pos_world[:, None])[real].T
         counts, *_ = np.histogram2d(x, y, bins=[edges, edges])
         mesh = ax.pcolormesh(edges, edges, np.ma.masked_equal(counts.T, 0), norm=LogNorm(1, 300))
         ax.plot(2.5 * np.array([-1, 1, 1, -1, -1]), 2.5 * np.array([-1, -1, 1, 1, -1]), color="#D55E00")

@@ -1,4 +1,4 @@
-"""A data set read with h5py alone: what is in a shard, and the forces of one interaction.
+"""A data set read with h5py alone: what is in a shard, and the forces of one rollout.
 
     python experiments/data/read_h5py.py DIR
 
@@ -21,7 +21,7 @@ def main(folder: Path) -> None:
     manifest = json.loads((folder / "manifest.json").read_text())
     if not manifest["complete"]:
         sys.exit(f"{folder} is not complete")
-    print(f"{manifest['request']['episodes']} interactions, policy {manifest['request']['policy']}")
+    print(f"{manifest['request']['episodes']} rollouts, policy {manifest['request']['policy']}")
     first = folder / manifest["shards"][0]["name"]
     with h5py.File(first, "r") as shard:
         shapes = list(shard.attrs["shapes"])

@@ -73,21 +73,21 @@ def exchanged(data: Episode, seed: int) -> Episode:
     order = np.random.default_rng(seed).permutation(n)
     other = np.empty(n, int)
     other[order] = np.roll(order, 1)
-    interaction = data.interaction
-    trace, felt = interaction.trace, jax.tree.map(lambda leaf: leaf[other], interaction.trace)
-    origin = interaction.estimate_world[:, None]
-    goal = _goal(interaction.trace, interaction.estimate_world)
+    rollout = data.rollout
+    trace, felt = rollout.felt.trace, jax.tree.map(lambda leaf: leaf[other], rollout.felt.trace)
+    origin = rollout.felt.estimate_world[:, None]
+    goal = _goal(rollout.felt.trace, rollout.felt.estimate_world)
     lag = (
         felt.tip_pos_world[..., :2]
-        - interaction.estimate_world[other][:, None]
-        - _goal(felt, interaction.estimate_world[other])
+        - rollout.felt.estimate_world[other][:, None]
+        - _goal(felt, rollout.felt.estimate_world[other])
     )
     tip = np.concatenate([origin + goal + lag, felt.tip_pos_world[..., 2:]], axis=-1)
     before = np.concatenate([np.zeros_like(goal[:, :1]), (goal + lag)[:, :-1]], axis=1)
     action = np.concatenate([goal - before, felt.action_world[..., 2:]], axis=-1)
     trace = replace(felt, tip_pos_world=tip, action_world=action)
-    tare = interaction.tare_sensor[other]
-    return replace(data, interaction=replace(interaction, trace=trace, tare_sensor=tare))
+    tare = rollout.felt.tare_sensor[other]
+    return replace(data, rollout=replace(rollout, felt=replace(rollout.felt, trace=trace, tare_sensor=tare)))
 
 
 def _goal(trace: Trace, estimate: Array) -> Float[np.ndarray, "n J 2"]:
@@ -116,7 +116,7 @@ def explained(said: Float[np.ndarray, "n 2"], truth: Float[np.ndarray, "n 2"]) -
 
 def _offset(data: Episode) -> Float[np.ndarray, "n 2"]:
     """From the estimate to the hole, cm."""
-    return 100 * np.asarray(data.interaction.hole_pos_world - data.interaction.estimate_world, float)
+    return 100 * np.asarray(data.rollout.truth.hole_pos_world - data.rollout.felt.estimate_world, float)
 
 
 def _said(sensor, data: Episode, config: Config) -> Float[np.ndarray, "n 2"]:

@@ -43,8 +43,8 @@ def main(counted_on: Path, sequences: Path, run: Path) -> None:
 
     counted = _counted(*observed(counted_on))
     data, ids, seen = observed(sequences)
-    counted_seen = replace(seen, match_model_logp=counted[data.interaction.peg_type[ids]])
-    itself = replace(seen, match_model_logp=_identity()[data.interaction.peg_type[ids]])
+    counted_seen = replace(seen, match_model_logp=counted[data.rollout.felt.peg_type[ids]])
+    itself = replace(seen, match_model_logp=_identity()[data.rollout.felt.peg_type[ids]])
     results = {}
     for name, observation, hard in (
         ("soft", seen, False),
@@ -60,7 +60,7 @@ def main(counted_on: Path, sequences: Path, run: Path) -> None:
 
 def _counted(data: Episode, ids: Int[np.ndarray, "n"], seen: Observation) -> Float[np.ndarray, "C C 2"]:
     """Ln H(o | hole, peg) by how often h_match's arg max came, one more of each: none is impossible."""
-    peg, hole = (np.asarray(leaf)[ids] for leaf in (data.interaction.peg_type, data.interaction.hole_type))
+    peg, hole = (np.asarray(leaf)[ids] for leaf in (data.rollout.felt.peg_type, data.rollout.truth.hole_type))
     counts = np.ones((TYPES, TYPES, 2))
     np.add.at(counts, (peg, hole, np.asarray(seen.match_logits).argmax(-1)), 1)
     return np.log(counts / counts.sum(-1, keepdims=True)).astype(np.float32)
@@ -73,8 +73,8 @@ def _identity() -> Float[np.ndarray, "C C 2"]:
 
 
 def _scores(type_logp: Float[np.ndarray, "n C"], data: Episode, ids: Int[np.ndarray, "n"]) -> dict:
-    interaction, number = data.interaction, np.asarray(data.number)[ids]
-    peg, hole = (np.asarray(leaf)[ids] for leaf in (interaction.peg_type, interaction.hole_type))
+    rollout, number = data.rollout, np.asarray(data.number)[ids]
+    peg, hole = (np.asarray(leaf)[ids] for leaf in (rollout.felt.peg_type, rollout.truth.hole_type))
     rows = np.arange(len(ids))
     # The filter begins with a third for each type; updates are products, so that another start is one more.
     start = np.where(np.arange(TYPES) == peg[:, None], 0.5, 0.25)

@@ -27,8 +27,8 @@ def main(sequences: Path, run: Path) -> None:
     data = store.load(sequences)
     ids = held_out.failed_attempts(data, shared.ACTIONS)
     seen = held_out.observe(sensor, data, ids, shared.ACTIONS, config, seed=0)
-    interaction = data.interaction
-    truth = np.asarray(interaction.hole_pos_world - interaction.estimate_world, float)[ids]
+    rollout = data.rollout
+    truth = np.asarray(rollout.truth.hole_pos_world - rollout.felt.estimate_world, float)[ids]
     factor = np.linalg.cholesky(np.asarray(seen.pos_noise_cov, float))
     error = np.linalg.solve(factor, (truth - np.asarray(seen.innovation, float))[..., None])[..., 0]
     number, sequence = np.asarray(data.number)[ids], np.asarray(data.sequence)[ids]

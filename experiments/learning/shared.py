@@ -53,7 +53,7 @@ def shown(data: Episode, seed: int = 0, batch: int = 256) -> Attempts:
     def some(episodes: Episode) -> Reading:
         def one(episode: Episode):
             key = jax.random.fold_in(root, episode.episode)
-            return read(episode.interaction, key, CONFIG.wrist, CONFIG.scene, rows=ACTIONS)
+            return read(episode.rollout.felt, key, CONFIG.wrist, CONFIG.scene, rows=ACTIONS)
 
         return jax.vmap(one)(episodes)
 
@@ -63,12 +63,12 @@ def shown(data: Episode, seed: int = 0, batch: int = 256) -> Attempts:
         parts.append(
             jax.tree.map(np.asarray, some(jax.tree.map(lambda leaf, r=rows: jnp.asarray(leaf[r]), data)))
         )
-    interaction = data.interaction
+    rollout = data.rollout
     return Attempts(
         jax.tree.map(lambda *leaves: np.concatenate(leaves)[:n], *parts),
-        100 * np.asarray(interaction.hole_pos_world - interaction.estimate_world, float),
-        np.asarray(interaction.peg_type),
-        np.asarray(interaction.hole_type),
+        100 * np.asarray(rollout.truth.hole_pos_world - rollout.felt.estimate_world, float),
+        np.asarray(rollout.felt.peg_type),
+        np.asarray(rollout.truth.hole_type),
     )
 
 

@@ -2,7 +2,7 @@
 
     python experiments/own/policy.py [TRIALS]
 
-A policy gives a command from what it knew at the start and what it sees now. It runs inside the engine's
+A policy gives a command from what it sees, and from what it knew at the start. It runs inside the engine's
 compiled controller, so it is written in JAX. One that remembers is a ``Policy(init, act)`` with a state.
 """
 
@@ -21,12 +21,12 @@ from mjx_fit.simulate.native import NativeEngine
 LINES, REACH_M, PUSH_M = 5, 0.015, 0.004
 
 
-def raster(start, key, seen):
+def raster(seen):
     """Sweeps to and fro along x, line by line in y, pressed on the plate."""
     line, along = jnp.divmod(seen.step / seen.horizon * LINES, 1.0)
     x = REACH_M * (2 * along - 1) * jnp.where(line % 2 == 0, 1, -1)
     y = REACH_M * (2 * line / (LINES - 1) - 1)
-    goal = start.estimate_world + jnp.array([x, y])
+    goal = seen.start.estimate_world + jnp.array([x, y])
     return jnp.append(goal - seen.tip_pos_world[:2], -PUSH_M)
 
 
@@ -38,7 +38,7 @@ def main(trials: int) -> None:
         engine = NativeEngine(config, granted.cpus(), policy)
         matched = np.asarray(drawn.peg_type == drawn.hole_type)
         done = engine.run(drawn, config.task.attempt_actions, matched)
-        rate = wilson(int(done.inserted[matched].sum()), int(matched.sum()))
+        rate = wilson(int(done.truth.inserted[matched].sum()), int(matched.sum()))
         print(f"{name}: {rate.value:.1%} ({rate.low:.1%} to {rate.high:.1%}) of {matched.sum()} inserted")
 
 

@@ -38,8 +38,8 @@ def main(data: Path, test: Path) -> None:
     sides = []
     for folder in (data, test):
         episodes = store.load(folder)
-        keep = ~episodes.interaction.inserted & episodes.interaction.valid & (episodes.number == 0)
-        failed = jax.tree.map(lambda leaf, keep=keep: leaf[keep], episodes.interaction)
+        keep = ~episodes.rollout.truth.inserted & episodes.rollout.truth.valid & (episodes.number == 0)
+        failed = jax.tree.map(lambda leaf, keep=keep: leaf[keep], episodes.rollout)
         offset = np.asarray(failed.hole_pos_world - failed.estimate_world, float)
         sides.append((features(failed), offset, jnp.asarray(episodes.estimate_cov[keep])))
     (x, y, _), (x_test, y_test, prior) = sides

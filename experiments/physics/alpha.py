@@ -53,11 +53,11 @@ def detectors() -> None:
             config, f"alpha: {kind}", np.append(peg, others[:, 0]), np.append(peg, others[:, 1])
         )
         done = make_engine("native", config).run(asked, config.task.attempt_actions)
-        matched = done.inserted[: len(peg)]
+        matched = done.truth.inserted[: len(peg)]
         results[kind] = {
             "matched": _rate(matched),
             **{name: _rate(matched[peg == i]) for i, name in enumerate(NAMES)},
-            "mismatched": _rate(done.inserted[len(peg) :]),
+            "mismatched": _rate(done.truth.inserted[len(peg) :]),
             "mean_error_mm": 1e3 * np.linalg.norm(asked.estimate_world - asked.hole_pos_world, axis=1).mean(),
         }
     value = results["disc"]["matched"]["value"]
@@ -73,7 +73,7 @@ def error() -> None:
     rows: dict[str, list] = {}
     for shape, name in enumerate(NAMES):
         asked = _at_distance(config, np.full(n, shape), 1e-3 * mm)
-        inserted = make_engine("native", config).run(asked, config.task.attempt_actions).inserted
+        inserted = make_engine("native", config).run(asked, config.task.attempt_actions).truth.inserted
         rows[name] = [{"error_mm": e, **_rate(inserted[mm == e])} for e in ERRORS_MM]
     shared.save("alpha_error", {"attempts_per_point": PER_ERROR, "rows": rows})
     shared.draw("alpha_error", lambda: _figure(rows))
@@ -95,7 +95,7 @@ def sensitivity() -> None:
 def _matched_rate(config: Config) -> dict[str, float]:
     peg = np.arange(3 * PER_SHAPE) % N_TYPES
     asked = shared.spiral_attempts(config, "alpha: sensitivity", peg, peg)
-    return _rate(make_engine("native", config).run(asked, config.task.attempt_actions).inserted)
+    return _rate(make_engine("native", config).run(asked, config.task.attempt_actions).truth.inserted)
 
 
 def _at_distance(config: Config, peg: np.ndarray, distance_m: np.ndarray) -> Attempt:

@@ -14,7 +14,7 @@ from mjx_fit.dataset.draws import draw_places
 from mjx_fit.policies import SPIRAL
 from mjx_fit.randomness import root_key
 from mjx_fit.report import script
-from mjx_fit.types import Attempt, Interaction
+from mjx_fit.types import Attempt, Rollout
 
 FOLDER = Path(__file__).parent
 
@@ -40,11 +40,11 @@ def spiral_attempts(config: Config, use: str, peg: np.ndarray, hole: np.ndarray)
     return Attempt(jnp.asarray(peg), jnp.asarray(hole), hole_pos, estimate, jnp.full(len(peg), SPIRAL), key)
 
 
-def force(interactions: Interaction) -> np.ndarray:
+def force(rollouts: Rollout) -> np.ndarray:
     """Norm of the tared force (n, samples), N, NaN behind an interaction's end."""
-    wrench = interactions.trace.wrench_sensor - interactions.tare_sensor[:, None, None]
+    wrench = rollouts.felt.trace.wrench_sensor - rollouts.felt.tare_sensor[:, None, None]
     norm = np.linalg.norm(wrench[..., :3], axis=-1)
-    real = np.arange(norm.shape[1]) < interactions.length[:, None]
+    real = np.arange(norm.shape[1]) < rollouts.felt.length[:, None]
     return np.where(real[..., None], norm, np.nan).reshape(len(norm), -1)
 
 

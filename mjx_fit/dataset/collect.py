@@ -1,4 +1,4 @@
-"""Collecting interactions: which peg meets which hole, where, and under which policy."""
+"""Collecting rollouts: which peg meets which hole, where, and under which policy."""
 
 import time
 from pathlib import Path
@@ -84,8 +84,8 @@ def _fill(
             content = shard_.encode(episodes, request)
             writer.write(new_shard(name, np.asarray(episodes.episode), content), content)
             done += 1
-            actions += int(episodes.interaction.length.sum())
-            inserted += int(episodes.interaction.inserted.sum())
+            actions += int(episodes.rollout.felt.length.sum())
+            inserted += int(episodes.rollout.truth.inserted.sum())
             speed = actions * SUBSTEPS / (time.monotonic() - began)
             words = [f"{inserted} inserted", f"{speed:,.0f} steps/s"]
             if simulate.broken:

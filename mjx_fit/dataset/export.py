@@ -13,6 +13,7 @@ from jaxtyping import Int
 
 from mjx_fit import config as config_
 from mjx_fit import files, locks
+from mjx_fit.config import Config
 from mjx_fit.dataset import manifest as manifest_
 from mjx_fit.dataset.episode import Episode, happened
 from mjx_fit.dataset.manifest import Manifest
@@ -24,7 +25,8 @@ from mjx_fit.policies import NAMES
 from mjx_fit.progress import Progress
 from mjx_fit.shapes import plate_top_m
 from mjx_fit.simulate.attempt_rules import START_HEIGHT_M
-from mjx_fit.types import SUBSTEPS, Interaction
+from mjx_fit.types import SUBSTEPS, Rollout
+from mjx_fit.wrist import in_contact
 
 _STATE = (
     "tip_pos_world",
@@ -72,8 +74,10 @@ def export(folder: Path, out: Path) -> None:
 
 def _write_npz(folder: Path, manifest: Manifest, path: Path) -> None:
     data = load(folder)
-    keep = happened(data)
-    arrays: dict[str, Any] = {name.replace("/", "_"): value[keep] for name, value in flat(data).items()}
+    keep, config = happened(data), config_.from_tree(manifest.request["config"])
+    arrays: dict[str, Any] = {
+        name.replace("/", "_"): value[keep] for name, value in flat(data, config).items()
+    }
     about = {name.replace("/", "_"): field._asdict() for name, field in FIELDS.items()}
     about |= {"shapes": list(manifest.shapes), "request": manifest.request, "versions": manifest.versions}
     with path.open("wb") as file:  # given a name, savez would add .npz to the temporary one
@@ -88,7 +92,6 @@ def _write_robomimic(folder: Path, manifest: Manifest, path: Path) -> None:
     sides that ``mjx-fit train`` divides the set into by default: all demonstrations of a sequence are on one.
     """
     config = config_.from_tree(manifest.request["config"])
-    top = plate_top_m(config.scene)
     total, buffer = 0, io.BytesIO()
     names: list[str] = []
     sequences: list[int] = []
@@ -105,7 +108,7 @@ def _write_robomimic(folder: Path, manifest: Manifest, path: Path) -> None:
             ]
             for row in np.flatnonzero(kept):
                 episode = jax.tree.map(lambda leaf, row=row: leaf[row], shard)
-                total += _add_demonstration(root, episode, top, manifest.shapes)
+                total += _add_demonstration(root, episode, config)
             progress(done)
         root.attrs["total"] = total
         for side, ids in _sides(np.array(sequences), config.train.validation_fraction).items():
@@ -120,25 +123,29 @@ def _sides(sequences: Int[np.ndarray, "n"], fraction: float) -> dict[str, Int[np
     return dict(zip(("train", "valid"), split(sequences, fraction, _SEED), strict=True))
 
 
-def _add_demonstration(root: h5py.Group, episode: Episode, plate_top: float, names: tuple[str, ...]) -> int:
-    interaction = episode.interaction
-    n = int(interaction.length)
+def _add_demonstration(root: h5py.Group, episode: Episode, config: Config) -> int:
+    names, plate_top = config.scene.names, plate_top_m(config.scene)
+    rollout = episode.rollout
+    n = int(rollout.felt.length)
     demo = root.create_group(f"demo_{int(episode.episode)}")
     demo.attrs["num_samples"] = n
-    for name in ("peg_type", "hole_type"):
-        demo.attrs[name] = names[int(getattr(interaction, name))]
-    demo.attrs["inserted"], demo.attrs["policy"] = bool(interaction.inserted), NAMES[int(episode.policy)]
-    for name in ("hole_pos_world", "estimate_world", "tare_sensor"):
-        demo.attrs[name] = getattr(interaction, name)
+    demo.attrs["peg_type"] = names[int(rollout.felt.peg_type)]
+    demo.attrs["hole_type"] = names[int(rollout.truth.hole_type)]
+    demo.attrs["inserted"], demo.attrs["policy"] = bool(rollout.truth.inserted), NAMES[int(episode.policy)]
+    demo.attrs["hole_pos_world"] = rollout.truth.hole_pos_world
+    demo.attrs["estimate_world"] = rollout.felt.estimate_world
+    demo.attrs["tare_sensor"] = rollout.felt.tare_sensor
     demo.attrs["sequence"], demo.attrs["number"] = int(episode.sequence), int(episode.number)
     demo.attrs["estimate_cov"] = episode.estimate_cov
     ended = np.arange(n) == n - 1
-    demo["actions"] = interaction.trace.action_world[:n]
-    demo["rewards"] = (ended & interaction.inserted).astype(np.float32)
+    demo["actions"] = rollout.felt.trace.action_world[:n]
+    demo["rewards"] = (ended & rollout.truth.inserted).astype(np.float32)
     demo["dones"] = ended.astype(np.int64)
-    first = _at_rest(interaction, plate_top)
+    first = _at_rest(rollout, plate_top)
+    clean = rollout.felt.trace.wrench_sensor - rollout.felt.tare_sensor
+    state = vars(rollout.felt.trace) | {"contact": in_contact(clean, config.wrist)}
     for name in _STATE:
-        after = np.asarray(getattr(interaction.trace, name)[:n])
+        after = np.asarray(state[name][:n])
         if after.ndim == 1:  # robomimic normalises vectors of floats alone
             after = after.astype(np.float32)[:, None]
         before = np.concatenate(
@@ -149,12 +156,12 @@ def _add_demonstration(root: h5py.Group, episode: Episode, plate_top: float, nam
     return n
 
 
-def _at_rest(interaction: Interaction, plate_top: float) -> dict[str, np.ndarray]:
+def _at_rest(rollout: Rollout, plate_top: float) -> dict[str, np.ndarray]:
     return {
-        "tip_pos_world": np.append(interaction.estimate_world, plate_top + START_HEIGHT_M),
+        "tip_pos_world": np.append(rollout.felt.estimate_world, plate_top + START_HEIGHT_M),
         "tip_quat_world": np.array([0.0, 1.0, 0.0, 0.0]),
         "tip_linvel_world": np.zeros(3),
         "tip_angvel_world": np.zeros(3),
-        "wrench_sensor": np.tile(interaction.tare_sensor, (SUBSTEPS, 1)),
+        "wrench_sensor": np.tile(rollout.felt.tare_sensor, (SUBSTEPS, 1)),
         "contact": np.array(False),
     }

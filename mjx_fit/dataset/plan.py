@@ -21,13 +21,13 @@ class Plan:
     """What is to be collected.
 
     Attributes:
-        episodes: Number of interactions, a multiple of ``sequence``.
+        episodes: Number of rollouts, a multiple of ``sequence``.
         steps: Most actions in one. A spiral is as long as it will be in use, ``task.attempt_actions``, or is
             cut off.
         policy: ``random``, ``spiral``, or ``mixed``: both in turn.
         engine: ``auto``, ``mjx`` or ``native``.
         seed: Root seed.
-        batch: Most interactions in one shard. Their sequences are simulated at once.
+        batch: Most rollouts in one shard. Their sequences are simulated at once.
         sequence: Attempts in a row of one peg at one hole. The first starts from the detector's estimate,
             later ones from estimates as a filter may have them by then; what follows an insertion is left
             out.

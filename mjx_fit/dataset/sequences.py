@@ -21,7 +21,7 @@ from mjx_fit.simulate.broken import report
 from mjx_fit.simulate.interface import Engine
 from mjx_fit.task.attempt_loop import Tried, Try, attempt_rounds
 from mjx_fit.task.learning import Update
-from mjx_fit.types import Array, Attempt, Belief, Interaction
+from mjx_fit.types import Array, Attempt, Belief, Felt, Rollout
 
 
 class Sequences:
@@ -65,7 +65,7 @@ class Sequences:
         return jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), whole)
 
 
-def _nothing_learned(beliefs: Belief, interactions: Interaction, keys: Key[Array, "n"]) -> Belief:
+def _nothing_learned(beliefs: Belief, felt: Felt, keys: Key[Array, "n"]) -> Belief:
     return beliefs
 
 
@@ -101,10 +101,10 @@ class _Batch:
 
     def record(self, tried: Tried) -> Episode:
         """Takes over what was learned; gives the round's episodes."""
-        done, policy = tried.interactions, np.asarray(tried.asked.attempts.policy)
+        done, policy = tried.rollouts, np.asarray(tried.asked.attempts.policy)
         number = np.full_like(self.ids, self._number)
         one = Episode(self.ids, self._sequences, number, policy, np.asarray(self._cov), done)
-        self._going = self._going & done.valid & ~done.inserted
+        self._going = self._going & done.truth.valid & ~done.truth.inserted
         self._belief, self._number = tried.beliefs, self._number + 1
         return jax.tree.map(lambda leaf: leaf[: self._wanted.sum()], one)
 
@@ -138,7 +138,7 @@ class _EachPolicy:
         actions: int,
         active: Bool[np.ndarray, "n"] | None = None,
         horizon: int | None = None,
-    ) -> Interaction:
+    ) -> Rollout:
         """See ``Engine.run``. A spiral's horizon is that of the task, whatever is asked for here."""
         kind, ids = np.asarray(attempts.policy), self._batch.ids
         active = np.ones(len(kind), bool) if active is None else active
@@ -158,11 +158,12 @@ def _with_axis(n: int, leaf: np.ndarray) -> np.ndarray:
     return np.zeros((len(leaf), n, *leaf.shape[1:]), leaf.dtype)
 
 
-def _padded(interactions: Interaction, steps: int) -> Interaction:
+def _padded(rollouts: Rollout, steps: int) -> Rollout:
     def pad(leaf):
         return np.pad(leaf, [(0, 0), (0, steps - leaf.shape[1]), *[(0, 0)] * (leaf.ndim - 2)])
 
-    return Interaction(**vars(interactions) | {"trace": jax.tree.map(pad, interactions.trace)})
+    felt = rollouts.felt
+    return replace(rollouts, felt=replace(felt, trace=jax.tree.map(pad, felt.trace)))
 
 
 def _chosen(chosen: Bool[np.ndarray, "n"], a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -13,11 +13,14 @@ import h5py
 import numpy as np
 
 from mjx_fit import config as config_
+from mjx_fit.config import Config
 from mjx_fit.dataset import shard_layout, shard_values
 from mjx_fit.dataset.episode import Episode
 from mjx_fit.dataset.manifest import FORMAT, Shard
 from mjx_fit.policies import NAMES
-from mjx_fit.types import Array, Interaction, Trace
+from mjx_fit.robot import ROBOTS
+from mjx_fit.types import Felt, Rollout, Trace, Truth
+from mjx_fit.wrist import touched
 
 
 class Field(NamedTuple):
@@ -56,7 +59,7 @@ FIELDS = {
     "trace/tip_quat_world": Field("1", "world", "n J 4", "orientation of the tip, w x y z"),
     "trace/tip_linvel_world": Field("m/s", "world", "n J 3", "linear velocity of the tip"),
     "trace/tip_angvel_world": Field("rad/s", "world", "n J 3", "angular velocity of the peg"),
-    "trace/contact": Field("1", "-", "n J", "whether a contact force acted at any moment of the action"),
+    "trace/contact": Field("1", "-", "n J", "whether the force, tared, says so: wrist.contact_force_n"),
     "trace/action_world": Field("m", "world", "n J 3", "desired change of the tip's position"),
     "length": Field(
         "1",
@@ -73,9 +76,9 @@ FIELDS = {
         "N, N·m", "sensor", "n 6", "clean reading at rest in free space before the interaction"
     ),
     "end_qpos": Field(
-        "rad", "-", "n 7", "joint angles at the end; where it broke, before the action that broke it"
+        "rad", "-", "n joints", "joint angles at the end; where it broke, before the action that broke it"
     ),
-    "end_qvel": Field("rad/s", "-", "n 7", "joint velocities at the end"),
+    "end_qvel": Field("rad/s", "-", "n joints", "joint velocities at the end"),
     "valid": Field("1", "-", "n", "false where the simulation turned non-finite"),
 }
 
@@ -90,7 +93,12 @@ FRAMES = (
 ACTION_S = 0.1
 
 _OWN = ("episode", "sequence", "number", "policy", "estimate_cov")
-"""Fields of the episode; the others are of its interaction."""
+"""Fields of the episode; the others are of its rollout."""
+
+_FELT = ("length", "tare_sensor", "estimate_world", "peg_type")
+
+CONTACT = "trace/contact"
+"""Follows from the wrenches: written for other readers, checked and not used by ours."""
 
 
 def encode(episodes: Episode, request: dict[str, Any]) -> bytes:
@@ -100,15 +108,16 @@ def encode(episodes: Episode, request: dict[str, Any]) -> bytes:
         episodes: Stacked (n,), NumPy arrays.
         request: What the data set was asked to be; kept in the shard so that it explains itself.
     """
-    names = config_.from_tree(request["config"]).scene.names
+    config = config_.from_tree(request["config"])
+    values = flat(episodes, config)
     buffer = io.BytesIO()
     with h5py.File(buffer, "w", libver=_HDF5) as file:
         file.attrs["format"] = FORMAT
-        file.attrs["shapes"], file.attrs["policies"] = list(names), list(NAMES)
+        file.attrs["shapes"], file.attrs["policies"] = list(config.scene.names), list(NAMES)
         file.attrs["frames"], file.attrs["action_s"] = FRAMES, ACTION_S
         file.attrs["request"] = json.dumps(request)
         for name, field in FIELDS.items():
-            value = _get(episodes, name)
+            value = values[name]
             # One episode of a trace is one chunk: read alone, nothing else is unpacked with it.
             chunks = (1, *value.shape[1:]) if name.startswith("trace/") else value.shape
             dataset = file.create_dataset(
@@ -137,25 +146,29 @@ def decode(content: bytes, shard: Shard, request: dict[str, Any]) -> Episode:
     """
     try:
         with h5py.File(io.BytesIO(content), "r") as file:
-            shard_layout.require(file, _shapes(shard.episodes, request["steps"]), len(content))
+            shard_layout.require(file, _shapes(shard.episodes, request), len(content))
             fields = {name: np.asarray(file[name]) for name in FIELDS}
     except shard_layout.LayoutError:
         raise
     except (OSError, LookupError, RuntimeError, ValueError, TypeError, AttributeError) as error:
         raise ValueError(f"it is no shard: {' '.join(str(error).split())[:120]}") from None
+    contact = fields.pop(CONTACT)
     episodes = _from_fields(fields)
+    shard_values.require_flags(contact, shard.first_episode)
     shard_values.require(episodes, shard.first_episode, request["sequence"])
     return episodes
 
 
-def flat(episodes: Episode) -> dict[str, Array]:
+def flat(episodes: Episode, config: Config) -> dict[str, np.ndarray]:
     """The fields by their names in a file."""
-    return {name: _get(episodes, name) for name in FIELDS}
+    contact = touched(episodes.rollout.felt, config.wrist)
+    return {name: contact if name == CONTACT else _get(episodes, name) for name in FIELDS}
 
 
-def _shapes(n: int, steps: int) -> dict[str, shard_layout.Shape]:
-    """The shape of each field, of n episodes of so many actions at most."""
-    axes = {"n": n, "J": steps}
+def _shapes(n: int, request: dict[str, Any]) -> dict[str, shard_layout.Shape]:
+    """The shape of each field, of n episodes."""
+    robot = ROBOTS[config_.from_tree(request["config"]).scene.robot]
+    axes = {"n": n, "J": request["steps"], "joints": len(robot.joints)}
     return {
         name: tuple(axes[axis] if axis in axes else int(axis) for axis in field.shape.split())
         for name, field in FIELDS.items()
@@ -163,13 +176,15 @@ def _shapes(n: int, steps: int) -> dict[str, shard_layout.Shape]:
 
 
 def _get(episodes: Episode, name: str) -> np.ndarray:
-    value: Any = episodes if name in _OWN else episodes.interaction
-    for part in name.split("/"):
-        value = getattr(value, part)
-    return np.asarray(value)
+    rollout, last = episodes.rollout, name.rpartition("/")[2]
+    if name.startswith("trace/"):
+        value: Any = rollout.felt.trace
+    else:
+        value = episodes if name in _OWN else rollout.felt if name in _FELT else rollout.truth
+    return np.asarray(getattr(value, last))
 
 
 def _from_fields(fields: dict[str, np.ndarray]) -> Episode:
-    own = {name: fields.pop(name) for name in _OWN}
+    own, felt = ({name: fields.pop(name) for name in names} for names in (_OWN, _FELT))
     trace = {name.removeprefix("trace/"): fields.pop(name) for name in list(fields) if "trace/" in name}
-    return Episode(**own, interaction=Interaction(trace=Trace(**trace), **fields))
+    return Episode(**own, rollout=Rollout(Felt(Trace(**trace), **felt), Truth(**fields)))

@@ -22,7 +22,7 @@ def require(episodes: Episode, first_episode: int, sequence: int) -> None:
     Raises:
         ValueError: They do not; the message names the field and the episode.
     """
-    data = episodes.interaction
+    data = episodes.rollout
     ids = first_episode + np.arange(len(episodes.episode))
     for name, values, right in (
         ("episode", episodes.episode, ids),
@@ -32,16 +32,26 @@ def require(episodes: Episode, first_episode: int, sequence: int) -> None:
         _require(name, values, values == right, ids, "its ids must be those that the manifest says")
     for name, values, end in (
         ("policy", episodes.policy, len(NAMES)),
-        ("peg_type", data.peg_type, N_TYPES),
-        ("hole_type", data.hole_type, N_TYPES),
-        ("length", data.length, data.trace.contact.shape[1] + 1),
+        ("peg_type", data.felt.peg_type, N_TYPES),
+        ("hole_type", data.truth.hole_type, N_TYPES),
+        ("length", data.felt.length, data.felt.trace.action_world.shape[1] + 1),
     ):
         _require(name, values, (values >= 0) & (values < end), ids, f"it must be from 0 to {end - 1}")
-    for name, flags in (("inserted", data.inserted), ("valid", data.valid), ("contact", data.trace.contact)):
+    for name, flags in (("inserted", data.truth.inserted), ("valid", data.truth.valid)):
         _require(name, flags, np.asarray(flags).view(np.uint8) < 2, ids, "it must be true or false")
-    place = np.asarray(data.hole_pos_world)
+    place = np.asarray(data.truth.hole_pos_world)
     _require("hole_pos_world", place, np.isfinite(place), ids, "it must be finite")
     _require_numbers(episodes, ids)
+
+
+def require_flags(contact: np.ndarray, first_episode: int) -> None:
+    """Make sure that the contact bits of a shard are some.
+
+    Raises:
+        ValueError: A byte is neither 0 nor 1; the message names the episode.
+    """
+    ids = first_episode + np.arange(len(contact))
+    _require("contact", contact, contact.view(np.uint8) < 2, ids, "it must be true or false")
 
 
 def _require_numbers(episodes: Episode, ids: np.ndarray) -> None:

@@ -9,13 +9,15 @@ from typing import Any
 import jax
 import numpy as np
 
+from mjx_fit import config as config_
 from mjx_fit import files
 from mjx_fit.dataset import manifest as manifest_
 from mjx_fit.dataset import shard as shard_
 from mjx_fit.dataset.episode import Episode, happened
 from mjx_fit.dataset.manifest import Manifest, Shard
 from mjx_fit.errors import RequestError
-from mjx_fit.types import Array
+from mjx_fit.types import Array, Rollout
+from mjx_fit.wrist import touched
 
 _LOST = "nothing says what the shards should be; collect them again into another folder"
 
@@ -133,29 +135,31 @@ def describe(folder: Path) -> dict[str, Any]:
     manifest, data = manifest_.read(folder), load(folder)
     request = manifest.request
     keep = happened(data)
-    done = jax.tree.map(lambda leaf: leaf[keep], data.interaction)
+    done: Rollout = jax.tree.map(lambda leaf: leaf[keep], data.rollout)
+    felt, truth = done.felt, done.truth
+    wrist = config_.from_tree(request["config"]).wrist
     pairs: dict[str, dict[str, int]] = {}
-    for peg, hole, inserted in zip(done.peg_type, done.hole_type, done.inserted, strict=True):
+    for peg, hole, inserted in zip(felt.peg_type, truth.hole_type, truth.inserted, strict=True):
         row = pairs.setdefault(
             f"{manifest.shapes[peg]}-{manifest.shapes[hole]}", {"episodes": 0, "inserted": 0}
         )
         row["episodes"] += 1
         row["inserted"] += int(inserted)
-    matched = done.peg_type == done.hole_type
+    matched = np.asarray(felt.peg_type == truth.hole_type)
     return {
         "policy": request["policy"],
         "engine": request["engine"],
         "seed": request["seed"],
         "episodes": len(keep),
         "sequences": len(np.unique(data.sequence)),
-        "not_performed": int((data.interaction.length == 0).sum()),
-        "invalid": int((~data.interaction.valid).sum()),
+        "not_performed": int((data.rollout.felt.length == 0).sum()),
+        "invalid": int((~data.rollout.truth.valid).sum()),
         "steps": request["steps"],
-        "actions": int(done.length.sum()),
-        "contact_fraction": _mean(done.trace.contact[_real(done.length, request["steps"])]),
+        "actions": int(felt.length.sum()),
+        "contact_fraction": _mean(touched(felt, wrist)[_real(felt.length, request["steps"])]),
         "success_rate": {
-            "matched": _mean(done.inserted[matched]),
-            "mismatched": _mean(done.inserted[~matched]),
+            "matched": _mean(truth.inserted[matched]),
+            "mismatched": _mean(truth.inserted[~matched]),
         },
         "pairs": dict(sorted(pairs.items())),
         "part": "{} of {}".format(*manifest.part),

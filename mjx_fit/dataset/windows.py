@@ -1,4 +1,4 @@
-"""Training examples: random windows of stored interactions, with fresh sensor noise and a fresh prior.
+"""Training examples: random windows of stored rollouts, with fresh sensor noise and a fresh prior.
 
 Section "Differentiable Filter Training" of the paper. Sampling is pure and jitted; the draws of an episode
 depend on the key and the episode's index alone, never on the batch that it is in.
@@ -46,7 +46,7 @@ class Sample:
 
 def usable(data: Episode) -> Bool[np.ndarray, "episodes"]:
     """Which episodes can be trained on: simulated without fault, and at least ``MIN_ACTIONS`` long."""
-    return np.asarray(happened(data)) & (np.asarray(data.interaction.length) >= MIN_ACTIONS)
+    return np.asarray(happened(data)) & (np.asarray(data.rollout.felt.length) >= MIN_ACTIONS)
 
 
 def split(
@@ -142,15 +142,15 @@ def windows_of(
 
 def _sample_one(episode: Episode, key: Key[Array, ""], config: Config) -> tuple[Sample, Bool[Array, ""]]:
     """A window, and whether it is one to be mirrored."""
-    interaction = episode.interaction
+    rollout = episode.rollout
     count_key, start_key, noise_key, prior_key, side_key = jax.random.split(key, 5)
     train = config.train
     drawn = jax.random.randint(count_key, (), train.min_window, train.max_window + 1)
-    count = jnp.minimum(drawn, interaction.length)
-    start = jax.random.randint(start_key, (), 0, interaction.length - count + 1)
+    count = jnp.minimum(drawn, rollout.felt.length)
+    start = jax.random.randint(start_key, (), 0, rollout.felt.length - count + 1)
     sample = Sample(
         reading=read(
-            interaction,
+            rollout.felt,
             noise_key,
             config.wrist,
             config.scene,
@@ -159,9 +159,9 @@ def _sample_one(episode: Episode, key: Key[Array, ""], config: Config) -> tuple[
             count=count,
         ),
         prior=_prior(episode, prior_key),
-        hole_type=interaction.hole_type,
-        hole_pos_world=interaction.hole_pos_world,
-        failed=~(interaction.inserted & (start + count == interaction.length)),
+        hole_type=rollout.truth.hole_type,
+        hole_pos_world=rollout.truth.hole_pos_world,
+        failed=~(rollout.truth.inserted & (start + count == rollout.felt.length)),
     )
     return sample, jax.random.bernoulli(side_key)
 
@@ -181,7 +181,7 @@ def _prior(episode: Episode, key: Key[Array, ""]) -> Belief:
 
     Drawing μ0 afresh would show the sensor two detector readings where a real attempt has one.
     """
-    estimate = episode.interaction.estimate_world
+    estimate = episode.rollout.felt.estimate_world
     # uniform() may return 0 but never 1: a type of probability 0 would make the loss infinite.
     draws = 1 - jax.random.uniform(key, (N_TYPES,), estimate.dtype)
     return Belief(estimate, episode.estimate_cov, jnp.log(draws / draws.sum()))

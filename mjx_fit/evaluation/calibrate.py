@@ -95,7 +95,9 @@ def _trials_of(
 
 def _actions_read(episodes: Episode, config: Config) -> int:
     """Actions in a whole attempt: as many as the task has, or as were stored."""
-    return min(config.task.attempt_actions, int(np.asarray(episodes.interaction.trace.contact).shape[1]))
+    return min(
+        config.task.attempt_actions, int(np.asarray(episodes.rollout.felt.trace.action_world).shape[1])
+    )
 
 
 def summarise(trials: _Trials, actions: int, names: tuple[str, ...]) -> list[Row]:

@@ -23,7 +23,7 @@ from mjx_fit.task.methods import ASSEMBLY, Method, chosen
 from mjx_fit.task.table import Table
 from mjx_fit.task.trials import draw_trials
 from mjx_fit.training.trained_sensor import TrainedSensor
-from mjx_fit.types import Interaction
+from mjx_fit.types import Rollout
 from mjx_fit.wrist import peak_force
 
 ATTEMPT_BATCH = 256
@@ -57,9 +57,9 @@ def _attempt(request: Request, here: outcome.Header) -> Result:
             ids = np.arange(start, start + batch)
             hole_pos, estimate, wiggle, _ = draw_places(root, jnp.asarray(ids), config.detector)
             attempts = spirals_at(peg_type[ids % n], hole_type[ids % n], hole_pos, estimate, wiggle)
-            interactions = engine.run(attempts, actions, ids < n)
-            report(interactions, attempts, ids, actions, config, dumps)
-            rows += _attempt_rows(interactions, ids[ids < n], config.scene.names)
+            rollouts = engine.run(attempts, actions, ids < n)
+            report(rollouts, attempts, ids, actions, config, dumps)
+            rows += _attempt_rows(rollouts, ids[ids < n], config.scene.names)
             progress(len(rows), f"{sum(row['inserted'] for row in rows)} inserted")
     return outcome.write(request.out, here, results.summarise_attempt(rows), rows)
 
@@ -142,18 +142,18 @@ def _attempt_pairs(trials: int) -> tuple[Int[np.ndarray, "n"], Int[np.ndarray, "
 
 
 def _attempt_rows(
-    interactions: Interaction, ids: Int[np.ndarray, "n"], names: tuple[str, ...]
+    rollouts: Rollout, ids: Int[np.ndarray, "n"], names: tuple[str, ...]
 ) -> list[dict[str, Any]]:
-    error = np.linalg.norm(interactions.estimate_world - interactions.hole_pos_world, axis=1)
-    force = peak_force(interactions)
+    error = np.linalg.norm(rollouts.felt.estimate_world - rollouts.truth.hole_pos_world, axis=1)
+    force = peak_force(rollouts.felt)
     return [
         {
             "trial": int(trial),
-            "pair": [names[interactions.peg_type[i]], names[interactions.hole_type[i]]],
-            "matched": bool(interactions.peg_type[i] == interactions.hole_type[i]),
-            "inserted": bool(interactions.inserted[i]),
-            "valid": bool(interactions.valid[i]),
-            "length": int(interactions.length[i]),
+            "pair": [names[rollouts.felt.peg_type[i]], names[rollouts.truth.hole_type[i]]],
+            "matched": bool(rollouts.felt.peg_type[i] == rollouts.truth.hole_type[i]),
+            "inserted": bool(rollouts.truth.inserted[i]),
+            "valid": bool(rollouts.truth.valid[i]),
+            "length": int(rollouts.felt.length[i]),
             "peak_force_n": float(force[i]),
             "error_m": float(error[i]),
         }

@@ -47,9 +47,9 @@ def failed_attempts(data: Episode, actions: int) -> Int[np.ndarray, "n"]:
     Raises:
         RequestError: There is none.
     """
-    interaction = data.interaction
-    whole = np.asarray(interaction.length) >= actions
-    ids = np.flatnonzero(np.asarray(happened(data)) & ~np.asarray(interaction.inserted) & whole)
+    rollout = data.rollout
+    whole = np.asarray(rollout.felt.length) >= actions
+    ids = np.flatnonzero(np.asarray(happened(data)) & ~np.asarray(rollout.truth.inserted) & whole)
     if not len(ids):
         raise RequestError(f"--data: no failed attempt of {actions} actions is in it: there must be one")
     return ids
@@ -90,7 +90,7 @@ def _observed(
 ) -> Observation:
     """What a sensor says of the first actions of a batch."""
     keys = jax.vmap(jax.random.fold_in, (None, 0))(root, episodes.episode)
-    return nnx.merge(graph, state)(readings(episodes.interaction, keys, config, actions))
+    return nnx.merge(graph, state)(readings(episodes.rollout.felt, keys, config, actions))
 
 
 def posterior(
@@ -110,14 +110,14 @@ def posterior(
         with_prior: Filter; otherwise, frame by frame, take the observed position for the truth, R its
             covariance.
     """
-    interaction = jax.tree.map(lambda leaf: jnp.asarray(np.asarray(leaf)[ids]), data.interaction)
-    estimate, cov = interaction.estimate_world, jnp.asarray(np.asarray(data.estimate_cov)[ids])
+    rollout = jax.tree.map(lambda leaf: jnp.asarray(np.asarray(leaf)[ids]), data.rollout)
+    estimate, cov = rollout.felt.estimate_world, jnp.asarray(np.asarray(data.estimate_cov)[ids])
     types = jnp.full((len(ids), N_TYPES), -jnp.log(N_TYPES))
     prior = Belief(estimate, cov, types)
     if with_prior:
         belief = update_position(prior, observation)
         alpha = success_probability(config, cov)
-        belief = update_type(belief, observation, interaction.peg_type, alpha, hard=config.task.hard_match)
+        belief = update_type(belief, observation, rollout.felt.peg_type, alpha, hard=config.task.hard_match)
         belief = replace(belief, type_logp=_over_sequences(belief.type_logp, data, ids))
     else:
         belief = Belief(estimate + observation.innovation, jnp.asarray(observation.pos_noise_cov), types)
@@ -148,9 +148,9 @@ def rows(
     names: tuple[str, ...],
 ) -> list[dict[str, Any]]:
     """One row for each attempt, ready for a result file; ``names`` are those of the shapes."""
-    interaction = data.interaction
+    rollout = data.rollout
     truth, start = (
-        np.asarray(leaf, float)[ids] for leaf in (interaction.hole_pos_world, interaction.estimate_world)
+        np.asarray(leaf, float)[ids] for leaf in (rollout.truth.hole_pos_world, rollout.felt.estimate_world)
     )
     belief = after.belief
     error = truth - np.asarray(belief.pos_mean_world, float)
@@ -161,7 +161,7 @@ def rows(
     nll = gaussian_nll(truth, np.asarray(belief.pos_mean_world), np.asarray(belief.pos_cov))
     nll, match = rounded(np.asarray(nll)), rounded(np.asarray(after.match_probability))
     types = np.exp(np.asarray(belief.type_logp, float))
-    peg, hole = (np.asarray(leaf)[ids] for leaf in (interaction.peg_type, interaction.hole_type))
+    peg, hole = (np.asarray(leaf)[ids] for leaf in (rollout.felt.peg_type, rollout.truth.hole_type))
     return [
         {
             "trial": int(data.sequence[i]),

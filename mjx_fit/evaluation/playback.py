@@ -190,14 +190,14 @@ def _steps(
 def _step_of(round_: Round, row: int, so_far: tuple[Step, ...]) -> Step:
     """A row of a round."""
     peg = int(round_.before.peg[row])
-    happened = jax.tree.map(lambda leaf: np.asarray(leaf)[row], round_.interactions)
+    happened = jax.tree.map(lambda leaf: np.asarray(leaf)[row], round_.rollouts)
     newly = np.flatnonzero(round_.after.filled[row] & ~round_.before.filled[row])
     return Step(
         number=len(so_far) + 1,
         peg=peg,
         attempt=1 + sum(step.peg == peg for step in so_far),
         hole=int(round_.chosen[row]),
-        interaction=happened,
+        rollout=happened,
         before=jax.tree.map(lambda leaf: leaf[row], round_.before.beliefs),
         after=jax.tree.map(lambda leaf: leaf[row], round_.learned.beliefs),
         filled=round_.before.filled[row],

@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float, Int
 
 from mjx_fit.config import Config
 from mjx_fit.errors import require
-from mjx_fit.types import Belief, Interaction
+from mjx_fit.types import Belief, Rollout
 
 
 @dataclass(frozen=True)
@@ -19,7 +19,7 @@ class Step:
         peg: Number of the peg in hand, from 0.
         attempt: Number of the attempt with it, from 1.
         hole: Which hole was tried.
-        interaction: What happened.
+        rollout: What happened.
         before: What was believed of all n holes as it began.
         after: What was believed once it had been learned from.
         filled: Which holes were filled as it began.
@@ -30,7 +30,7 @@ class Step:
     peg: int
     attempt: int
     hole: int
-    interaction: Interaction
+    rollout: Rollout
     before: Belief
     after: Belief
     filled: Bool[np.ndarray, "n"]

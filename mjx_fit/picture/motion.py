@@ -88,7 +88,7 @@ def _move(number: int, step: Step, start, tip, clear: float, fps: int) -> Iterat
 
 
 def _attempt(number: int, step: Step, path, fps: int, speed: float) -> Iterator[Moment]:
-    length = int(step.interaction.length)
+    length = int(step.rollout.felt.length)
     frames = max(2, round(length / ACTIONS_PER_S / speed * fps))
     for at in np.linspace(0, length, frames):
         whole, rest = min(int(at), length - 1), at - min(int(at), length - 1)
@@ -98,23 +98,23 @@ def _attempt(number: int, step: Step, path, fps: int, speed: float) -> Iterator[
 
 def _learn(number: int, step: Step, tip, clear: float, fps: int) -> Iterator[Moment]:
     filled = step.filled.copy()
-    done = bool(step.interaction.inserted) or step.helped is not None
+    done = bool(step.rollout.truth.inserted) or step.helped is not None
     if done:
         filled[step.hole if step.helped is None else step.helped] = True
     up = np.stack([tip, [*tip[:2], clear]])
     for share in _smooth(round(LEARN_S * fps)):
         belief = jax.tree.map(lambda a, b, share=share: (1 - share) * a + share * b, step.before, step.after)
         yield Moment(
-            number, "learn", float(step.interaction.length), _along(up, share), belief, filled, not done
+            number, "learn", float(step.rollout.felt.length), _along(up, share), belief, filled, not done
         )
 
 
 def _path(step: Step, start_height_m: float) -> Float[np.ndarray, "steps 3"]:
     """Where the tip was before the first action and after each."""
-    tips = np.array(step.interaction.trace.tip_pos_world[: int(step.interaction.length)])
-    first = np.array([*step.interaction.estimate_world, start_height_m])
+    tips = np.array(step.rollout.felt.trace.tip_pos_world[: int(step.rollout.felt.length)])
+    first = np.array([*step.rollout.felt.estimate_world, start_height_m])
     path = np.concatenate([first[None], tips])
-    if not step.interaction.valid:  # where a world that broke went last is nowhere
+    if not step.rollout.truth.valid:  # where a world that broke went last is nowhere
         path[-1] = path[-2]
     return path
 

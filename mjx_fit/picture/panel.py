@@ -79,11 +79,11 @@ class Panel:
             return f"moves to hole {step.hole + 1}"
         if moment.phase == "attempt":
             return f"tries hole {step.hole + 1}"
-        if step.interaction.inserted:
+        if step.rollout.truth.inserted:
             return f"inserted into hole {step.hole + 1}"
         if step.helped is not None:
             return f"failed; a human inserts it into hole {step.helped + 1}"
-        if not step.interaction.valid:
+        if not step.rollout.truth.valid:
             return "the simulation broke; nothing is learned"
         return "failed; learns from what was felt"
 
@@ -144,7 +144,7 @@ class Panel:
         x = left + (right - left) * np.arange(len(force)) * _EVERY / SUBSTEPS / actions
         for (_, colour), values in zip(_FORCES, force.T, strict=True):
             self._line(draw, list(zip(x.tolist(), height(values).tolist(), strict=True)), colour, 2)
-        if step.interaction.inserted and moment.phase == "learn":
+        if step.rollout.truth.inserted and moment.phase == "learn":
             self._line(draw, [(x[-1], ceiling), (x[-1], bottom)], "#0072B2", 2)
 
     def _levels(self) -> list[float]:
@@ -177,11 +177,13 @@ class Panel:
 
 def _force(step: Step) -> Float[np.ndarray, "samples 3"]:
     """Tared and clean, in the sensor's frame."""
-    interaction = step.interaction
-    wrench = np.asarray(interaction.trace.wrench_sensor)[: int(interaction.length)] - interaction.tare_sensor
+    rollout = step.rollout
+    wrench = (
+        np.asarray(rollout.felt.trace.wrench_sensor)[: int(rollout.felt.length)] - rollout.felt.tare_sensor
+    )
     force = wrench.reshape(-1, 6)[::_EVERY, :3]
     # What a world that broke felt last is no force.
-    return force if interaction.valid else force[: -(SUBSTEPS // _EVERY)]
+    return force if rollout.truth.valid else force[: -(SUBSTEPS // _EVERY)]
 
 
 def _hex(kind: int) -> str:

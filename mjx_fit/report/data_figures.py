@@ -8,9 +8,11 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
+from mjx_fit.config import Config
 from mjx_fit.report import style
 from mjx_fit.settings import N_TYPES
-from mjx_fit.types import Interaction
+from mjx_fit.types import Rollout
+from mjx_fit.wrist import touched
 
 VIEW_CM = 6.0
 """Half width of the picture of visited positions."""
@@ -18,14 +20,14 @@ _COLOURS = ("#0072B2", "#009E73", "#CC79A7", style.MISMATCHED_COLOUR)
 """Of the matched shapes and of all that do not match."""
 
 
-def interaction_lengths(data: Interaction, names: tuple[str, ...]) -> Figure:
+def interaction_lengths(data: Rollout, names: tuple[str, ...]) -> Figure:
     """How many pegs were not inserted yet, action by action, by shape where peg and hole match.
 
     Kaplan and Meier's estimate, since interactions of different policies are cut off at different lengths.
     """
-    matched, peg = np.asarray(data.peg_type == data.hole_type), np.asarray(data.peg_type)
-    length, inserted = np.asarray(data.length), np.asarray(data.inserted)
-    actions = np.arange(1, data.trace.contact.shape[1] + 1)
+    matched, peg = np.asarray(data.felt.peg_type == data.truth.hole_type), np.asarray(data.felt.peg_type)
+    length, inserted = np.asarray(data.felt.length), np.asarray(data.truth.inserted)
+    actions = np.arange(1, data.felt.trace.action_world.shape[1] + 1)
     figure, ax = style.axes()
     groups = [(f"{name} in {name}", matched & (peg == i)) for i, name in enumerate(names)]
     for (name, which), colour in zip([*groups, ("mismatched", ~matched)], _COLOURS, strict=True):
@@ -42,9 +44,9 @@ def interaction_lengths(data: Interaction, names: tuple[str, ...]) -> Figure:
     return figure
 
 
-def visited_positions(data: Interaction) -> Figure:
+def visited_positions(data: Rollout) -> Figure:
     """Where the tip was relative to the true hole, all actions of all interactions together."""
-    tip = np.asarray(data.trace.tip_pos_world)[..., :2] - np.asarray(data.hole_pos_world)[:, None]
+    tip = np.asarray(data.felt.trace.tip_pos_world)[..., :2] - np.asarray(data.truth.hole_pos_world)[:, None]
     x, y = 100 * tip[_real(data)].T
     counts, edges, _ = np.histogram2d(x, y, bins=np.linspace(-VIEW_CM, VIEW_CM, 61), density=False)
     figure, ax = style.axes(4.2)
@@ -59,19 +61,21 @@ def visited_positions(data: Interaction) -> Figure:
     return figure
 
 
-def forces_by_pair(data: Interaction, names: tuple[str, ...]) -> Figure:
+def forces_by_pair(data: Rollout, config: Config) -> Figure:
     """Force of the peg on the plate by pair: what half and what 90 % of the samples lie within.
 
-    Of actions with some contact; one sample in ten is looked at.
+    Actions with some contact alone; one sample in ten is looked at.
     """
     tared = (
-        np.asarray(data.trace.wrench_sensor)[:, :, ::10, :3] - np.asarray(data.tare_sensor)[:, None, None, :3]
+        np.asarray(data.felt.trace.wrench_sensor)[:, :, ::10, :3]
+        - np.asarray(data.felt.tare_sensor)[:, None, None, :3]
     )
-    seen = _real(data) & np.asarray(data.trace.contact)
+    seen = touched(data.felt, config.wrist)
+    names = config.scene.names
     figure, ax = style.axes(4.6)
     labels = []
     for row, (peg, hole) in enumerate(product(range(N_TYPES), repeat=2)):
-        pair = (np.asarray(data.peg_type) == peg) & (np.asarray(data.hole_type) == hole)
+        pair = (np.asarray(data.felt.peg_type) == peg) & (np.asarray(data.truth.hole_type) == hole)
         labels.append(f"{names[peg]} in {names[hole]}")
         force = np.linalg.norm(tared[seen & pair[:, None]], axis=-1).ravel()
         if not len(force):
@@ -88,6 +92,6 @@ def forces_by_pair(data: Interaction, names: tuple[str, ...]) -> Figure:
     return figure
 
 
-def _real(data: Interaction) -> Bool[np.ndarray, "n J"]:
+def _real(data: Rollout) -> Bool[np.ndarray, "n J"]:
     """Which actions were performed."""
-    return np.arange(data.trace.contact.shape[1]) < np.asarray(data.length)[:, None]
+    return np.arange(data.felt.trace.action_world.shape[1]) < np.asarray(data.felt.length)[:, None]

@@ -11,6 +11,7 @@ import yaml
 from pydantic import TypeAdapter
 
 from mjx_fit import bounded_json
+from mjx_fit import config as config_
 from mjx_fit.dataset import manifest as manifest_
 from mjx_fit.dataset import store
 from mjx_fit.dataset.episode import happened
@@ -127,8 +128,9 @@ def of_dataset(slug: str, folder: Path) -> Section:
     """
     manifest, episodes = manifest_.read(folder), store.load(folder)
     keep = happened(episodes)
-    data = jax.tree.map(lambda leaf: leaf[keep], episodes.interaction)
-    if not len(data.length):
+    data = jax.tree.map(lambda leaf: leaf[keep], episodes.rollout)
+    asked = config_.from_tree(manifest.request["config"])
+    if not len(data.felt.length):
         raise RequestError(f"report: {folder} holds no valid interaction; nothing can be shown")
     shown: list[Drawing] = [
         (
@@ -145,7 +147,7 @@ def of_dataset(slug: str, folder: Path) -> Section:
             "forces",
             "Forces by pair in actions with some contact, moments without it included: median (dot), middle "
             "half (bar) and middle 90 % (line) of the samples.",
-            lambda: data_figures.forces_by_pair(data, manifest.shapes),
+            lambda: data_figures.forces_by_pair(data, asked),
         ),
     ]
     pictures = _pictures(slug, shown)

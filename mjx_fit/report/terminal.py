@@ -5,7 +5,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from mjx_fit.evaluation.results import Result
-from mjx_fit.training import kinship
+from mjx_fit.sensors.trained_sensor import away_from_training
 
 
 def print_summary(result: Result) -> None:
@@ -32,4 +32,4 @@ def _note(result: Result) -> str:
     differs = result.request.get("differs_from_training")
     if differs is None and result.request.get("sensor"):
         return "which settings the sensor was trained with is not known: the result does not say"
-    return kinship.away_from_training(differs or [])
+    return away_from_training(differs or [])

@@ -1,13 +1,11 @@
 """A policy inside a rollout: what it is shown before each action, and what it keeps from one to the next."""
 
-from dataclasses import replace
-
 import jax
 import jax.numpy as jnp
 from jaxtyping import Float, Int, Key
 
 from mjx_fit import wrist as wrist_
-from mjx_fit.policies import Policy, PolicyInput, State, start_of
+from mjx_fit.policies import Policy, PolicyInput, PolicyStart, State, start_of
 from mjx_fit.settings import WristConfig
 from mjx_fit.simulate.attempt_rules import Tip
 from mjx_fit.types import SUBSTEPS, Array, Attempt, pytree
@@ -22,32 +20,30 @@ class Memory:
 
     Attributes:
         state: The policy's.
-        tare_sensor: The sensor's reading in free space, as it was measured, N and N·m.
+        start: What it knew from the start.
+        key: The attempt's.
+        tare_sensor: The sensor's clean reading in free space, N and N·m.
         wrench_sensor: Clean wrenches of the action before, N and N·m.
-        noise: Source of the sensor's noise.
     """
 
     state: State
+    start: PolicyStart
+    key: Key[Array, ""]
     tare_sensor: Float[Array, "6"]
     wrench_sensor: Float[Array, "50 6"]
-    noise: Key[Array, ""]
 
 
-def begin(policy: Policy, wrist: WristConfig, attempt: Attempt, tare_sensor: Float[Array, "6"]) -> Memory:
+def begin(policy: Policy, attempt: Attempt, tare_sensor: Float[Array, "6"]) -> Memory:
     """The memory before the first action; the wrench is that of free space."""
-    noise, tare_key = jax.random.split(jax.random.fold_in(attempt.key, _NOISE))
-    return Memory(
-        state=policy.init(start_of(attempt), attempt.key),
-        tare_sensor=wrist_.measured_tare(tare_sensor, tare_key, wrist),
-        wrench_sensor=jnp.broadcast_to(tare_sensor, (SUBSTEPS, 6)),
-        noise=noise,
-    )
+    start = start_of(attempt)
+    wrench = jnp.broadcast_to(tare_sensor, (SUBSTEPS, 6))
+    return Memory(policy.init(start, attempt.key), start, attempt.key, tare_sensor, wrench)
 
 
 def act(
     policy: Policy, wrist: WristConfig, horizon: int, memory: Memory, tip: Tip, step: Int[Array, ""]
-) -> tuple[Memory, Float[Array, "3"]]:
-    """The policy's command (m) for one action, and the memory with its new state.
+) -> tuple[State, Float[Array, "3"]]:
+    """The policy's new state and its command (m) for one action.
 
     Args:
         policy: The policy.
@@ -57,9 +53,12 @@ def act(
         tip: The tip as the action begins.
         step: Number j of the action.
     """
-    key = jax.random.fold_in(memory.noise, step)
-    wrench = wrist_.measured(memory.wrench_sensor, memory.tare_sensor, key, wrist)
+    tare_key, noise_key = jax.random.split(jax.random.fold_in(memory.key, _NOISE))
+    tare = wrist_.measured_tare(memory.tare_sensor, tare_key, wrist)
+    wrench = wrist_.measured(memory.wrench_sensor, tare, jax.random.fold_in(noise_key, step), wrist)
     seen = PolicyInput(
+        start=memory.start,
+        key=memory.key,
         step=step,
         tip_pos_world=tip.pos_world,
         tip_quat_world=tip.quat_world,
@@ -69,5 +68,4 @@ def act(
         contact=wrist_.in_contact(wrench, wrist),
         horizon=horizon,
     )
-    state, command = policy.act(memory.state, seen)
-    return replace(memory, state=state), command
+    return policy.act(memory.state, seen)

@@ -15,7 +15,7 @@ from mjx_fit.kinematics import Chain, inverse
 from mjx_fit.settings import SceneConfig
 from mjx_fit.shapes import plate_top_m
 from mjx_fit.simulate import plausible
-from mjx_fit.types import SUBSTEPS, Array, Attempt, Interaction, Trace, pytree
+from mjx_fit.types import SUBSTEPS, Array, Attempt, Felt, Rollout, Trace, Truth, pytree
 
 START_HEIGHT_M = 0.002
 """Height of the tip over the plate at which an attempt starts, at rest."""
@@ -74,12 +74,7 @@ def tip_of(arm: ArmState) -> Tip:
     return Tip(arm.tip_pos_world, control.tip_quaternion(arm), velocity[:3], velocity[3:])
 
 
-def trace_row(
-    tip: Tip,
-    wrench_sensor: Float[Array, "*n 50 6"],
-    contact: Bool[Array, "*n"],
-    action_world: Float[Array, "*n 3"],
-) -> Trace:
+def trace_row(tip: Tip, wrench_sensor: Float[Array, "*n 50 6"], action_world: Float[Array, "*n 3"]) -> Trace:
     """What is recorded of an action: its wrenches and command, and the tip at its end."""
     return Trace(
         wrench_sensor=wrench_sensor,
@@ -87,7 +82,6 @@ def trace_row(
         tip_quat_world=tip.quat_world,
         tip_linvel_world=tip.linvel_world,
         tip_angvel_world=tip.angvel_world,
-        contact=contact,
         action_world=action_world,
     )
 
@@ -137,8 +131,8 @@ def is_inserted(
     return deep & (x**2 + y**2 < BESIDE_M**2)
 
 
-def nothing_done(attempts: Attempt, actions: int, joints: int) -> Interaction:
-    """Interactions of length 0, as NumPy arrays to write into."""
+def nothing_done(attempts: Attempt, actions: int, joints: int) -> Rollout:
+    """Rollouts of length 0, as NumPy arrays to write into."""
     n = len(attempts.peg_type)
 
     def zeros(*shape: int) -> np.ndarray:
@@ -150,19 +144,21 @@ def nothing_done(attempts: Attempt, actions: int, joints: int) -> Interaction:
         tip_quat_world=zeros(actions, 4),
         tip_linvel_world=zeros(actions, 3),
         tip_angvel_world=zeros(actions, 3),
-        contact=np.zeros((n, actions), bool),
         action_world=zeros(actions, 3),
     )
-    return Interaction(
+    felt = Felt(
         trace=trace,
         length=np.zeros(n, np.int32),
-        inserted=np.zeros(n, bool),
+        tare_sensor=zeros(6),
+        estimate_world=np.asarray(attempts.estimate_world),
         peg_type=np.asarray(attempts.peg_type),
+    )
+    truth = Truth(
         hole_type=np.asarray(attempts.hole_type),
         hole_pos_world=np.asarray(attempts.hole_pos_world),
-        estimate_world=np.asarray(attempts.estimate_world),
-        tare_sensor=zeros(6),
+        inserted=np.zeros(n, bool),
+        valid=np.ones(n, bool),
         end_qpos=zeros(joints),
         end_qvel=zeros(joints),
-        valid=np.ones(n, bool),
     )
+    return Rollout(felt, truth)

@@ -107,7 +107,7 @@ class Block:
         self._robot = scene.robot
         self.batch = batch = batch_at_rest(scene, attempts, qpos, threads=1)
         self.qpos, self.qvel, self._ctrl = (batch.bind(name) for name in ("qpos", "qvel", "ctrl"))
-        self._sensordata, self._contact_force = batch.bind("sensordata"), batch.bind("qfrc_constraint")
+        self._sensordata = batch.bind("sensordata")
         self.tip_pos_world = batch.bind("site_xpos")[:, layout.tip]
         self._fields = []
         for name, where in layout.slices.items():
@@ -119,7 +119,7 @@ class Block:
         self._running = None  # all: then no list is looked at, which is some per cent faster
         self.show(np.arange(len(qpos)), rows)
         self.wrench = np.empty((SUBSTEPS, len(qpos), 6), np.float32)
-        self._pushed, self._applied = np.zeros((2, SUBSTEPS, *qpos.shape), np.float32)
+        self._applied = np.zeros((SUBSTEPS, *qpos.shape), np.float32)
         batch.forward()
         self.tare_sensor = self._sensordata.astype(np.float32)
 
@@ -155,7 +155,6 @@ class Block:
         self._applied[substep] = self._ctrl
         self.batch.step(self._running, stage=_OBSERVED)
         self.wrench[substep] = self._sensordata
-        self._pushed[substep] = self._contact_force
 
     def finite(self) -> Bool[np.ndarray, "m"]:
         """Whether the state is finite (m,), and so were all torques of its last action.
@@ -168,7 +167,3 @@ class Block:
     def at_limit(self) -> Bool[np.ndarray, "m"]:
         """Whether some joint was at its torque limit (m,) as the last action ended."""
         return np.asarray(plausible.at_limit(self._applied[-1], self._robot))
-
-    def touched(self) -> Bool[np.ndarray, "m"]:
-        """Whether a contact force acted (m,) at any step of the last action."""
-        return (self._pushed != 0).any((0, 2))

@@ -43,8 +43,8 @@ class Brain:
         layout: How the inputs of the controller lie in a row of numbers.
         start: From attempts (rows,), the joint angles (rows, joints) at which they start, rad.
         begin: From attempts and what their sensors read in free space (rows, 6), the policy's memory.
-        act: From that memory, packed inputs, the number of the action and the horizon: the memory, the
-            policy's command and the goal that it gives the tip, (rows, 3) each, m.
+        act: From that memory, packed inputs, the number of the action and the horizon: the policy's state,
+            its command and the goal that it gives the tip, (rows, 3) each, m.
         torque: From packed inputs and goals, joint torques (rows, joints), N·m.
         tip: From packed inputs, the tips.
     """
@@ -54,7 +54,7 @@ class Brain:
         self._policy, self._robot = policy, scene.robot
         chain = chain_of(scene.models[0], scene.robot)
         self.start = jax.jit(partial(attempt_rules.start_qpos, chain, scene=config.scene))
-        self.begin = jax.jit(jax.vmap(partial(acting.begin, policy, config.wrist)))
+        self.begin = jax.jit(jax.vmap(partial(acting.begin, policy)))
         self.act = jax.jit(jax.vmap(self._act, (0, 0, None, None)), static_argnums=3)
         self.torque = jax.jit(self._torque)
         self.tip = jax.jit(jax.vmap(self._tip))
@@ -71,8 +71,8 @@ class Brain:
 
     def _act(self, memory: Memory, packed: Float[Array, "k"], step, horizon: int):
         tip = self._tip(packed)
-        memory, command = acting.act(self._policy, self.config.wrist, horizon, memory, tip, step)
-        return memory, command, tip.pos_world + command
+        state, command = acting.act(self._policy, self.config.wrist, horizon, memory, tip, step)
+        return state, command, tip.pos_world + command
 
     def _tip(self, packed: Float[Array, "k"]) -> Tip:
         return attempt_rules.tip_of(self.layout.unpack(packed))

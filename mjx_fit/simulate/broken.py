@@ -19,7 +19,7 @@ from mjx_fit.simulate import broken_file
 from mjx_fit.simulate.interface import Engine
 from mjx_fit.simulate.native import NativeEngine
 from mjx_fit.simulate.plausible import reason
-from mjx_fit.types import Attempt, Interaction
+from mjx_fit.types import Attempt, Rollout
 
 _PLAIN = ("peg_type", "hole_type", "hole_pos_world", "estimate_world", "policy")
 """Fields of an attempt that are plain arrays."""
@@ -29,7 +29,7 @@ MOST_LINES = 10
 
 
 def report(
-    interactions: Interaction,
+    rollouts: Rollout,
     attempts: Attempt,
     ids: Int[np.ndarray, "n"],
     horizon: int,
@@ -41,7 +41,7 @@ def report(
     The first ``MOST_LINES`` are named with what went wrong, the others counted.
 
     Args:
-        interactions: What came of a batch (n,).
+        rollouts: What came of a batch (n,).
         attempts: What it was asked, with n rows or more.
         ids: Episode or trial ids of the batch.
         horizon: Actions that the policy planned for.
@@ -51,13 +51,13 @@ def report(
     Returns:
         How many there are.
     """
-    broken = np.flatnonzero(~interactions.valid)
+    broken = np.flatnonzero(~rollouts.truth.valid)
     for place, i in enumerate(broken):
         path = inside(folder.parent, folder.name) / f"broken-{ids[i]:08d}.npz"
         arrays = {
-            "qpos": interactions.end_qpos[i],
-            "qvel": interactions.end_qvel[i],
-            "step": interactions.length[i] - 1,
+            "qpos": rollouts.truth.end_qpos[i],
+            "qvel": rollouts.truth.end_qvel[i],
+            "step": rollouts.felt.length[i] - 1,
             "horizon": horizon,
             "config": config_.to_yaml(config),
             "key": jax.random.key_data(attempts.key[i]),
@@ -66,7 +66,7 @@ def report(
         files.replace_with(path, lambda temporary, arrays=arrays: _save(temporary, arrays))
         if place < MOST_LINES:
             _say(
-                f"episode {ids[i]}: {reason(interactions, int(i), config.scene)} in action {arrays['step']}; "
+                f"episode {ids[i]}: {reason(rollouts, int(i), config.scene)} in action {arrays['step']}; "
                 f"it is left out, and its state before that action is in {path}"
             )
     if len(broken) > MOST_LINES:
@@ -79,7 +79,7 @@ def kept_in(folder: Path) -> int:
     return sum(1 for _ in folder.glob("broken-*.npz"))
 
 
-def replay(path: Path) -> Interaction:
+def replay(path: Path) -> Rollout:
     """Does the action that broke a world again, in the C engine, from the state before it.
 
     Args:
@@ -119,13 +119,13 @@ class Reporting:
         actions: int,
         active: Bool[np.ndarray, "n"] | None = None,
         horizon: int | None = None,
-    ) -> Interaction:
+    ) -> Rollout:
         """See ``Engine.run``."""
-        interactions = self._engine.run(attempts, actions, active, horizon)
-        ids = self._seen + np.arange(len(interactions.length))
-        report(interactions, attempts, ids, horizon or actions, self._config, self._folder)
+        rollouts = self._engine.run(attempts, actions, active, horizon)
+        ids = self._seen + np.arange(len(rollouts.felt.length))
+        report(rollouts, attempts, ids, horizon or actions, self._config, self._folder)
         self._seen += len(ids)
-        return interactions
+        return rollouts
 
 
 def _say(message: str) -> None:

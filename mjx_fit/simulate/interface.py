@@ -5,7 +5,7 @@ from typing import Protocol
 import numpy as np
 from jaxtyping import Bool
 
-from mjx_fit.types import Attempt, Interaction
+from mjx_fit.types import Attempt, Rollout
 
 
 class Engine(Protocol):
@@ -23,7 +23,7 @@ class Engine(Protocol):
         actions: int,
         active: Bool[np.ndarray, "n"] | None = None,
         horizon: int | None = None,
-    ) -> Interaction:
+    ) -> Rollout:
         """Runs every attempt until its peg is inserted or its actions are used up.
 
         Args:

@@ -23,7 +23,7 @@ from mjx_fit.simulate.plausible import at_limit
 from mjx_fit.simulate.requests import ANY_POLICY, MOST_THREADS, require_attempts, require_count
 from mjx_fit.simulate.stages import accelerate, advance, models_of, placed, stacked_models
 from mjx_fit.simulate.threads import on_threads, silence_mujoco
-from mjx_fit.types import SUBSTEPS, Array, Attempt, Interaction
+from mjx_fit.types import SUBSTEPS, Array, Attempt, Felt, Rollout, Truth
 
 _WITHOUT_EMITTERS = {"xla_cpu_use_fusion_emitters": False}
 
@@ -91,7 +91,7 @@ class MjxEngine:
         actions: int,
         active: Bool[np.ndarray, "n"] | None = None,
         horizon: int | None = None,
-    ) -> Interaction:
+    ) -> Rollout:
         """See ``Engine.run``."""
         numerics.require()
         actions, horizon, active = require_attempts(
@@ -101,7 +101,7 @@ class MjxEngine:
         rows = self._rows(n)
         rollout = self._executable(attempts, rows, actions, horizon)
         starts = range(0, n, rows)
-        done: dict[int, Interaction] = {}
+        done: dict[int, Rollout] = {}
 
         def run_part(start: int) -> None:
             interrupts.check()
@@ -130,9 +130,7 @@ class MjxEngine:
             self._compiled[rows, actions, horizon] = lowered.compile()
         return self._compiled[rows, actions, horizon]
 
-    def _rollout(
-        self, attempts: Attempt, active: Bool[Array, "n"], actions: int, horizon: int
-    ) -> Interaction:
+    def _rollout(self, attempts: Attempt, active: Bool[Array, "n"], actions: int, horizon: int) -> Rollout:
         pair = pair_index(attempts.peg_type, attempts.hole_type)
         models = models_of(self._models, pair)
         qpos = attempt_rules.start_qpos(self._chain, attempts, self.scene.config)
@@ -164,7 +162,7 @@ class World:
         active: Bool[Array, ""],
         actions: int,
         horizon: int,
-    ) -> Interaction:
+    ) -> Rollout:
         """One attempt, from a posture; a world that is not active stands still."""
         data = placed(model, qpos, attempt.hole_pos_world, self.scene.plate_top_m)
         tare = _free_reading(model, data)
@@ -173,10 +171,10 @@ class World:
             data, running, limited, memory = carry
             arm = arm_state(model, data, self.scene)
             tip = attempt_rules.tip_of(arm)
-            memory, command = acting.act(self.policy, self.config.wrist, horizon, memory, tip, step)
-            after, (wrench, touched) = self.hold(model, data, arm.tip_pos_world + command)
+            state, command = acting.act(self.policy, self.config.wrist, horizon, memory, tip, step)
+            after, wrench = self.hold(model, data, arm.tip_pos_world + command)
             tip = attempt_rules.tip_of(arm_state(model, after, self.scene))
-            row = attempt_rules.trace_row(tip, wrench, jnp.any(touched), command)
+            row = attempt_rules.trace_row(tip, wrench, command)
             finite = jnp.isfinite(after.qpos).all() & jnp.isfinite(after.qvel).all()
             # Asked of the state after the action: one more output of a step, and XLA rounds all of it
             # otherwise.
@@ -184,33 +182,36 @@ class World:
             verdict = attempt_rules.judge(tip, attempt.hole_pos_world, finite, limit, limited, self.config)
             data = jax.tree.map(partial(jnp.where, running & verdict.valid), after, data)
             row = jax.tree.map(lambda leaf: jnp.where(running, leaf, jnp.zeros_like(leaf)), row)
-            memory = replace(memory, wrench_sensor=wrench)
+            memory = replace(memory, state=state, wrench_sensor=wrench)
             carry = data, running & ~verdict.over, verdict.limited, memory
             return carry, (row, running, running & verdict.inserted, running & ~verdict.valid)
 
-        carry = data, active, jnp.int32(0), acting.begin(self.policy, self.config.wrist, attempt, tare)
+        carry = data, active, jnp.int32(0), acting.begin(self.policy, attempt, tare)
         (end, *_), (trace, ran, inserted, broke) = jax.lax.scan(act, carry, jnp.arange(actions))
-        return Interaction(
+        felt = Felt(
             trace=trace,
             length=ran.sum(),
-            inserted=inserted.any(),
+            tare_sensor=jnp.where(active, tare, 0),
+            estimate_world=attempt.estimate_world,
             peg_type=attempt.peg_type,
+        )
+        truth = Truth(
             hole_type=attempt.hole_type,
             hole_pos_world=attempt.hole_pos_world,
-            estimate_world=attempt.estimate_world,
-            tare_sensor=jnp.where(active, tare, 0),
+            inserted=inserted.any(),
+            valid=~broke.any(),
             end_qpos=jnp.where(active, end.qpos, 0),
             end_qvel=jnp.where(active, end.qvel, 0),
-            valid=~broke.any(),
         )
+        return Rollout(felt, truth)
 
     def hold(
         self, model: mjx.Model, data: mjx.Data, goal_pos_world: Float[Array, "3"]
-    ) -> tuple[mjx.Data, tuple[Float[Array, "50 6"], Bool[Array, "50"]]]:
+    ) -> tuple[mjx.Data, Float[Array, "50 6"]]:
         """Pulls the tip to a goal for one action: 50 steps of control and physics.
 
-        Needs and leaves data whose position and velocity stages are current. Returns the wrench (N, N·m) and
-        whether a contact force acted, step by step.
+        Needs and leaves data whose position and velocity stages are current. Returns the wrench (N, N·m),
+        step by step.
         """
         torque = worlds_last(partial(control.torque, gains=self.config.control, robot=self.scene.robot))
 

@@ -24,7 +24,7 @@ from mjx_fit.simulate.block import Block, batch_at_rest
 from mjx_fit.simulate.brain import ROWS, Brain, padded, rows_for
 from mjx_fit.simulate.requests import ANY_POLICY, MOST_THREADS, require_attempts, require_count
 from mjx_fit.simulate.threads import on_threads, parts_of, silence_mujoco
-from mjx_fit.types import SUBSTEPS, Attempt, Interaction
+from mjx_fit.types import SUBSTEPS, Attempt, Rollout
 
 OnStep = Callable[[Int[np.ndarray, "m"], Batch], None]
 
@@ -67,7 +67,7 @@ class NativeEngine:
         actions: int,
         active: Bool[np.ndarray, "n"] | None = None,
         horizon: int | None = None,
-    ) -> Interaction:
+    ) -> Rollout:
         """See ``Engine.run``."""
         numerics.require()
         actions, horizon, active = require_attempts(
@@ -94,7 +94,7 @@ class NativeEngine:
         qvel: Float[np.ndarray, "m joints"],
         step: int,
         horizon: int,
-    ) -> Interaction:
+    ) -> Rollout:
         """One action of a few attempts, up to 512, from any state: only its row is filled.
 
         The policy acts as from the state in which it begins, with nothing measured before.
@@ -120,13 +120,13 @@ class NativeEngine:
         qpos = np.concatenate([start[: len(part)] for start, part in zip(starts, parts, strict=True)])
         return batch_at_rest(self.scene, attempts, qpos, self._threads)
 
-    def _part(self, attempts: Attempt, ids: Int[np.ndarray, "m"], done: Interaction) -> "_Part":
+    def _part(self, attempts: Attempt, ids: Int[np.ndarray, "m"], done: Rollout) -> "_Part":
         """The attempts with these ids at their start; what comes of them is written into ``done``."""
         rows = padded(attempts, ids)
         start = np.asarray(self._brain.start(attempts=rows))[: len(ids)]
         own = jax.tree.map(lambda leaf: leaf[: len(ids)], rows)
         block = Block(self.scene, self._brain.layout, own, start, len(rows.peg_type))
-        done.tare_sensor[ids] = block.tare_sensor
+        done.felt.tare_sensor[ids] = block.tare_sensor
         memory = self._brain.begin(rows, padded(block.tare_sensor, np.arange(len(ids))))
         return _Part(self._brain, block, memory, np.asarray(own.hole_pos_world), ids, done, self._on_step)
 
@@ -150,7 +150,7 @@ class _Part:
     memory: Memory
     hole_pos_world: Float[np.ndarray, "m 2"]
     ids: Int[np.ndarray, "m"]
-    done: Interaction
+    done: Rollout
     on_step: OnStep | None
 
     def __post_init__(self) -> None:
@@ -166,13 +166,13 @@ class _Part:
             horizon: Actions that the policy plans for.
         """
         before = self.block.qpos.copy(), self.block.qvel.copy()
-        memory, command, goal = self.brain.act(self.memory, self.block.packed(), step, horizon)
+        state, command, goal = self.brain.act(self.memory, self.block.packed(), step, horizon)
         for substep in range(SUBSTEPS):
             self.block.step(np.asarray(self.brain.torque(self.block.packed(), goal)), substep)
             if self.on_step is not None:
                 self.on_step(self.ids, self.block.batch)
         felt = padded(self.block.wrench.swapaxes(0, 1), self._shown)
-        self.memory = replace(memory, wrench_sensor=felt)
+        self.memory = replace(self.memory, state=state, wrench_sensor=felt)
         over = np.asarray(self._recorded(step, np.asarray(command), before).over)
         self._leave_out(over)
         return not bool(over.all())
@@ -182,19 +182,18 @@ class _Part:
         block, done, running = self.block, self.done, self._running
         place, ids = np.searchsorted(self._shown, running), self.ids[running]
         tip = jax.tree.map(lambda leaf: np.asarray(leaf)[place], self.brain.tip(block.packed()))
-        wrench, contact = block.wrench.swapaxes(0, 1)[running], block.touched()[running]
-        row = attempt_rules.trace_row(tip, wrench, contact, command[place])
-        for stored, now in zip(jax.tree.leaves(done.trace), jax.tree.leaves(row), strict=True):
+        row = attempt_rules.trace_row(tip, block.wrench.swapaxes(0, 1)[running], command[place])
+        for stored, now in zip(jax.tree.leaves(done.felt.trace), jax.tree.leaves(row), strict=True):
             stored[ids, step] = now
         at_limit, limited = block.at_limit()[running], self._limited[running]
         verdict = attempt_rules.judge(
             tip, self.hole_pos_world[running], block.finite()[running], at_limit, limited, self.brain.config
         )
         self._limited[running] = verdict.limited
-        done.length[ids] = step + 1
-        done.valid[ids], done.inserted[ids] = verdict.valid, verdict.inserted
+        done.felt.length[ids] = step + 1
+        done.truth.valid[ids], done.truth.inserted[ids] = verdict.valid, verdict.inserted
         for stored, now, old in zip(
-            (done.end_qpos, done.end_qvel), (block.qpos, block.qvel), before, strict=True
+            (done.truth.end_qpos, done.truth.end_qvel), (block.qpos, block.qvel), before, strict=True
         ):
             stored[ids] = np.where(verdict.valid[:, None], now[running], old[running])
         return verdict
@@ -206,7 +205,7 @@ class _Part:
         self._running = self._running[~over]
         self.block.run_only(self._running)
         rows = rows_for(len(self._running))
-        if rows < len(self.memory.noise):
+        if rows < len(self.memory.key):
             self.memory = padded(self.memory, np.searchsorted(self._shown, self._running))
             self._shown = self._running
             self.block.show(self._shown, rows)

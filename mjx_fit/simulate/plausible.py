@@ -13,10 +13,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from mjx_fit.rates import ACTION_S
 from mjx_fit.robot import Robot
 from mjx_fit.settings import SceneConfig
 from mjx_fit.shapes import plate_top_m
-from mjx_fit.types import Array, Interaction
+from mjx_fit.types import Array, Rollout
 
 MOST_TILT_DEG = 45.0
 """Largest angle between the tip's orientation and straight down with its sides along the world's axes: up to
@@ -27,8 +28,6 @@ BELOW_FLOOR_M = 0.002
 
 LIMIT_ACTIONS = 20
 """Actions in a row, at the end of each of which some joint is at its torque limit, that are too many."""
-
-_ACTION_S = 0.1
 
 # Straight down is the quaternion (0, 1, 0, 0), so x is the cosine of half the angle to it.
 _LEAST_X = math.cos(math.radians(MOST_TILT_DEG) / 2)
@@ -63,9 +62,9 @@ def actions_at_limit(before: Int[Array, "*n"], now: Bool[Array, "*n"]) -> Int[Ar
     return (before + 1) * now
 
 
-def reason(done: Interaction, i: int, scene: SceneConfig) -> str:
+def reason(done: Rollout, i: int, scene: SceneConfig) -> str:
     """Says why interaction i of a batch is not valid: a clause that "in action 3" may follow."""
-    trace, last = done.trace, int(done.length[i]) - 1
+    trace, last = done.felt.trace, int(done.felt.length[i]) - 1
     position, quaternion = (np.asarray(leaf)[i, last] for leaf in (trace.tip_pos_world, trace.tip_quat_world))
     felt = position, quaternion, trace.wrench_sensor[i, last], trace.action_world[i, last]
     if not all(np.isfinite(leaf).all() for leaf in felt):
@@ -73,10 +72,10 @@ def reason(done: Interaction, i: int, scene: SceneConfig) -> str:
     if _is_tilted(quaternion):
         angle = math.degrees(2 * math.acos(min(1.0, abs(float(quaternion[1])))))
         return f"the peg tilted by {angle:.1f} degrees (at most {MOST_TILT_DEG:.0f} are believed)"
-    if _has_left(position, np.asarray(done.hole_pos_world)[i], scene):
+    if _has_left(position, np.asarray(done.truth.hole_pos_world)[i], scene):
         return "the peg left the plate"
     if last + 1 >= LIMIT_ACTIONS:
-        return f"a joint had been at its torque limit for {LIMIT_ACTIONS * _ACTION_S:.1f} s"
+        return f"a joint had been at its torque limit for {LIMIT_ACTIONS * ACTION_S:.1f} s"
     return "the simulation turned non-finite"
 
 

@@ -10,7 +10,7 @@ is cut in two: ``observe`` ends one, ``accelerate`` begins the next.
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 from mujoco import mjx
 
 from mjx_fit.scene import Scene
@@ -28,15 +28,13 @@ def placed(
 
 def advance(
     model: mjx.Model, data: mjx.Data, torque: Float[Array, "joints"]
-) -> tuple[mjx.Data, tuple[Float[Array, "6"], Bool[Array, ""]]]:
+) -> tuple[mjx.Data, Float[Array, "6"]]:
     """One step under joint torques (N·m).
 
-    Needs and leaves data whose position and velocity stages are current. Returns the wrench (N, N·m) and
-    whether a contact force acted.
+    Needs and leaves data whose position and velocity stages are current. Returns the wrench (N, N·m).
     """
     data = accelerate(model, data.replace(ctrl=torque))
-    sample = data.sensordata, jnp.any(data.qfrc_constraint != 0)
-    return observe(model, contact.integrate(model, data)), sample
+    return observe(model, contact.integrate(model, data)), data.sensordata
 
 
 def observe(model: mjx.Model, data: mjx.Data) -> mjx.Data:

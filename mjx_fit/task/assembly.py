@@ -18,7 +18,7 @@ from mjx_fit.task.attempt_loop import attempt_rounds
 from mjx_fit.task.learning import Update, filter_update
 from mjx_fit.task.methods import Method, of_rows
 from mjx_fit.task.table import State, Table
-from mjx_fit.types import Interaction
+from mjx_fit.types import Rollout
 
 
 @dataclass(frozen=True)
@@ -28,14 +28,14 @@ class Round:
     Attributes:
         before: As the attempt began.
         chosen: (R,), the hole that was tried.
-        interactions: (R,), what happened; meaningless for a row that was not active.
+        rollouts: (R,), what happened; meaningless for a row that was not active.
         learned: As it had been learned from, the peg still in hand.
         after: As the next attempt begins.
     """
 
     before: State
     chosen: Int[np.ndarray, "R"]
-    interactions: Interaction
+    rollouts: Rollout
     learned: State
     after: State
 
@@ -55,7 +55,7 @@ def rounds(table: Table, engine: Engine, update: Update) -> Iterator[Round]:
         table.learn(tried)
         learned = table.now()
         table.record(tried)
-        yield Round(before, table.choice.hole, tried.interactions, learned, table.now())
+        yield Round(before, table.choice.hole, tried.rollouts, learned, table.now())
 
 
 def update_of_rows(

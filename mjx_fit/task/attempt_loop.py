@@ -9,8 +9,8 @@ from jaxtyping import Bool, Float, Int, Key
 
 from mjx_fit.policies import SPIRAL
 from mjx_fit.simulate.interface import Engine
-from mjx_fit.task.learning import Update
-from mjx_fit.types import Array, Attempt, Belief, Interaction
+from mjx_fit.task.learning import Update, after_failures
+from mjx_fit.types import Array, Attempt, Belief, Rollout
 
 
 @dataclass(frozen=True)
@@ -36,12 +36,12 @@ class Tried:
 
     Attributes:
         asked: What was tried.
-        interactions: (R,), what happened; meaningless for a row that was not active.
+        rollouts: (R,), what happened; meaningless for a row that was not active.
         beliefs: (R,), the posterior; likewise.
     """
 
     asked: Try
-    interactions: Interaction
+    rollouts: Rollout
     beliefs: Belief
 
 
@@ -58,11 +58,11 @@ def attempt_rounds(
         actions: Most actions in one attempt.
     """
     while (asked := next_try()) is not None:
-        interactions = engine.run(asked.attempts, actions, asked.active)
+        rollouts = engine.run(asked.attempts, actions, asked.active)
         beliefs = asked.beliefs
         if asked.noise_keys is not None:
-            beliefs = update(beliefs, interactions, asked.noise_keys)
-        yield Tried(asked, interactions, beliefs)
+            beliefs = after_failures(update, beliefs, rollouts, asked.noise_keys)
+        yield Tried(asked, rollouts, beliefs)
 
 
 def spirals_at(

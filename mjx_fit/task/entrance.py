@@ -9,19 +9,19 @@ import numpy as np
 from mjx_fit.errors import RequestError
 from mjx_fit.settings import N_TYPES
 from mjx_fit.traces import require_readable
-from mjx_fit.types import Belief, Interaction
+from mjx_fit.types import Belief, Felt
 
 _SUM_TOLERANCE = 1e-3
 
 
-def require_update(beliefs: Belief, interactions: Interaction, keys: Any) -> None:
-    """Makes sure that beliefs (n,) can be updated by interactions (n,) with these keys of noise (n,).
+def require_update(beliefs: Belief, felt: Felt, keys: Any) -> None:
+    """Makes sure that n beliefs can be updated by what was felt in n attempts, with n keys of noise.
 
     Raises:
         RequestError: A field has another shape, or a value that is not allowed; the message names it.
     """
-    require_readable(interactions)
-    n = len(interactions.length)
+    require_readable(felt)
+    n = len(felt.length)
     require_beliefs(beliefs, n)
     if not jnp.issubdtype(keys.dtype, jax.dtypes.prng_key) or keys.shape != (n,):
         _refuse("keys", f"{keys.dtype} {keys.shape}", f"they must be ({n},), as jax.random.key makes them")

@@ -20,7 +20,7 @@ from mjx_fit.simulate.interface import Engine
 from mjx_fit.task.attempt_loop import Tried, Try, attempt_rounds, spirals_at
 from mjx_fit.task.learning import Update
 from mjx_fit.task.methods import KNOWN_VARIANCE_M2, HoleMethod, of_rows
-from mjx_fit.types import Array, Belief, Interaction
+from mjx_fit.types import Array, Belief, Felt
 from mjx_fit.wrist import peak_force
 
 
@@ -100,8 +100,8 @@ class HoleTable:
         """Counts the attempts and takes over the beliefs of the rows that were active."""
         active = tried.asked.active
         self._attempts += active
-        self._forces.append(np.where(active, peak_force(tried.interactions), np.nan))
-        self._inserted_at[active & tried.interactions.inserted] = len(self._forces)
+        self._forces.append(np.where(active, peak_force(tried.rollouts.felt), np.nan))
+        self._inserted_at[active & tried.rollouts.truth.inserted] = len(self._forces)
 
         def taken(old, new):
             return np.where(active.reshape(-1, *[1] * (old.ndim - 1)), new, old)
@@ -156,13 +156,13 @@ def update_of_rows(methods: tuple[HoleMethod, ...], updates: Mapping[str, Update
         updates: What each method that learns makes of a failed attempt, by its name.
     """
 
-    def update(belief: Belief, done: Interaction, keys: Key[Array, "R"]) -> Belief:
-        parts, n = [], len(done.length) // len(methods)
+    def update(belief: Belief, felt: Felt, keys: Key[Array, "R"]) -> Belief:
+        parts, n = [], len(felt.length) // len(methods)
         for m, method in enumerate(methods):
             own = slice(m * n, (m + 1) * n)
-            before, felt = (jax.tree.map(lambda leaf, own=own: leaf[own], tree) for tree in (belief, done))
+            before, now = (jax.tree.map(lambda leaf, own=own: leaf[own], tree) for tree in (belief, felt))
             learns = method.name in updates
-            parts.append(updates[method.name](before, felt, keys[own]) if learns else before)
+            parts.append(updates[method.name](before, now, keys[own]) if learns else before)
         return jax.tree.map(lambda *new: np.concatenate([np.asarray(leaf) for leaf in new]), *parts)
 
     return update

@@ -16,11 +16,15 @@ from mjx_fit.filters.success import success_probability
 from mjx_fit.sensors.model import ContactSensor
 from mjx_fit.task.entrance import require_update
 from mjx_fit.traces import require_readable
-from mjx_fit.types import Array, Belief, Interaction, Reading
+from mjx_fit.types import Array, Belief, Felt, Reading, Rollout
 from mjx_fit.wrist import read
 
-Update = Callable[[Belief, Interaction, Key[Array, "n"]], Belief]
-"""Beliefs about n holes before and after an attempt at each; keys are of the sensors' noise."""
+Update = Callable[[Belief, Felt, Key[Array, "n"]], Belief]
+"""The posterior of n holes, given what was felt in an attempt at each that failed.
+
+Keys are sources of the noise that a simulated F/T sensor adds. It raises ``RequestError`` where a field is
+not what it must be.
+"""
 
 
 def filter_update(
@@ -31,95 +35,94 @@ def filter_update(
 ) -> Update:
     """Makes the update of position and type, from the failure itself and from what the sensor says of it.
 
-    Beliefs whose attempt succeeded, or is not valid, stay as they are.
-
     Args:
         config: Gives α, the wrist's noise and the plate's height.
         sensor: The trained sensor; None: no row reads its trace.
         learns_position: Whether the trace updates the position, of all rows or of each.
         learns_type: Whether the trace updates the type; the failure does so all the same.
-
-    The update raises ``RequestError`` where a field of a belief or an interaction is not what it must be.
     """
     numerics.require()
     hard = config.task.hard_match
     graph, state = nnx.split(sensor) if sensor is not None else (None, None)
 
-    def learn(state, beliefs, interactions, keys, learns_position, learns_type):
-        failed = interactions.valid & ~interactions.inserted
+    def learn(state, beliefs, felt, keys, learns_position, learns_type):
         alpha = success_probability(config, beliefs.pos_cov)
-        updated = update_type(beliefs, None, interactions.peg_type, alpha, hard=hard)
-        if graph is not None:
-            observation = nnx.merge(graph, state)(readings(interactions, keys, config))
-            moved = update_position(beliefs, observation)
-            felt = update_type(beliefs, observation, interactions.peg_type, alpha, hard=hard)
-            updated = Belief(
-                pos_mean_world=_where(learns_position, moved.pos_mean_world, beliefs.pos_mean_world),
-                pos_cov=_where(learns_position, moved.pos_cov, beliefs.pos_cov),
-                type_logp=_where(learns_type, felt.type_logp, updated.type_logp),
-            )
-        return jax.tree.map(lambda new, old: _where(failed, new, old), updated, beliefs)
+        updated = update_type(beliefs, None, felt.peg_type, alpha, hard=hard)
+        if graph is None:
+            return updated
+        observation = nnx.merge(graph, state)(readings(felt, keys, config))
+        moved = update_position(beliefs, observation)
+        typed = update_type(beliefs, observation, felt.peg_type, alpha, hard=hard)
+        return Belief(
+            pos_mean_world=where_rows(learns_position, moved.pos_mean_world, beliefs.pos_mean_world),
+            pos_cov=where_rows(learns_position, moved.pos_cov, beliefs.pos_cov),
+            type_logp=where_rows(learns_type, typed.type_logp, updated.type_logp),
+        )
 
     compiled = jax.jit(learn)
 
-    def update(beliefs: Belief, interactions: Interaction, keys: Key[Array, "n"]) -> Belief:
-        require_update(beliefs, interactions, keys)
-        n = len(interactions.length)
+    def update(beliefs: Belief, felt: Felt, keys: Key[Array, "n"]) -> Belief:
+        require_update(beliefs, felt, keys)
+        n = len(felt.length)
         # Traced, not constants: rows of any traits are computed alike.
         position, kind = (np.broadcast_to(one, n).copy() for one in (learns_position, learns_type))
-        return compiled(state, beliefs, interactions, keys, position, kind)
+        return compiled(state, beliefs, felt, keys, position, kind)
 
     return update
 
 
 def frame_update(config: Config, sensor: ContactSensor) -> Update:
-    """Makes the update of the frame-by-frame baseline: what its sensor says of the last attempt, and R.
-
-    It checks what it is given, as ``filter_update`` does.
-    """
+    """Makes the update of the frame-by-frame baseline: what its sensor says of the last attempt, and R."""
     numerics.require()
     graph, state = nnx.split(sensor)
 
     @jax.jit
-    def update(state, beliefs: Belief, interactions: Interaction, keys: Key[Array, "n"]) -> Belief:
-        seen = nnx.merge(graph, state)(readings(interactions, keys, config))
-        failed = interactions.valid & ~interactions.inserted
-        mean = interactions.estimate_world + seen.innovation
-        return replace(
-            beliefs,
-            pos_mean_world=_where(failed, mean, beliefs.pos_mean_world),
-            pos_cov=_where(failed, seen.pos_noise_cov, beliefs.pos_cov),
-        )
+    def learn(state, beliefs: Belief, felt: Felt, keys: Key[Array, "n"]) -> Belief:
+        seen = nnx.merge(graph, state)(readings(felt, keys, config))
+        mean = felt.estimate_world + seen.innovation
+        return replace(beliefs, pos_mean_world=mean, pos_cov=seen.pos_noise_cov)
 
-    def checked(beliefs: Belief, interactions: Interaction, keys: Key[Array, "n"]) -> Belief:
-        require_update(beliefs, interactions, keys)
-        return update(state, beliefs, interactions, keys)
+    def update(beliefs: Belief, felt: Felt, keys: Key[Array, "n"]) -> Belief:
+        require_update(beliefs, felt, keys)
+        return learn(state, beliefs, felt, keys)
 
-    return checked
+    return update
+
+
+def after_failures(update: Update, beliefs: Belief, rollouts: Rollout, keys: Key[Array, "n"]) -> Belief:
+    """The posterior after simulated attempts: of those that failed, by the update; the others keep theirs.
+
+    What was felt in an attempt that succeeded, or diverged, is not shown to the update.
+    """
+    failed = np.asarray(rollouts.truth.failed)
+    length = np.where(failed, rollouts.felt.length, 0).astype(np.int32)
+    learnt = update(beliefs, replace(rollouts.felt, length=length), keys)
+    return jax.tree.map(lambda new, old: where_rows(failed, new, old), learnt, beliefs)
 
 
 def readings(
-    interactions: Interaction, keys: Key[Array, "n"], config: Config, count: Int[Array, ""] | None = None
+    felt: Felt, keys: Key[Array, "n"], config: Config, count: Int[Array, ""] | None = None
 ) -> Reading:
     """What the sensors are shown of attempts (n,): tared, with the wrist's noise from these keys.
 
     Args:
-        interactions: The attempts.
+        felt: The attempts.
         keys: Sources of the noise.
         config: Gives the noise of the wrist and the scene.
         count: Actions to read; the others are padding, so that it compiles once. None: all.
 
     Raises:
-        RequestError: An interaction cannot be read (``mjx_fit.traces``).
+        RequestError: An attempt cannot be read (``mjx_fit.traces``).
     """
-    require_readable(interactions)
-    rows = interactions.trace.contact.shape[1]
+    require_readable(felt)
+    rows = felt.trace.action_world.shape[1]
 
-    def one(interaction: Interaction, key: Key[Array, ""]) -> Reading:
-        return read(interaction, key, config.wrist, config.scene, rows=rows, count=count)
+    def one(attempt: Felt, key: Key[Array, ""]) -> Reading:
+        return read(attempt, key, config.wrist, config.scene, rows=rows, count=count)
 
-    return jax.vmap(one)(interactions, keys)
+    return jax.vmap(one)(felt, keys)
 
 
-def _where(condition: Bool[Array, "n"], new: Array, old: Array) -> Array:
+def where_rows(condition: Bool[Array, "n"], new: Array, old: Array) -> Array:
+    """Row by row the new value or the old one."""
     return jnp.where(condition.reshape(-1, *[1] * (new.ndim - 1)), new, old)

@@ -19,7 +19,7 @@ from mjx_fit.task.diary import Diary, believed
 from mjx_fit.task.methods import Method, of_rows
 from mjx_fit.task.revealed import reveal_hole, reveal_match
 from mjx_fit.task.trials import Trials
-from mjx_fit.types import Belief, Interaction
+from mjx_fit.types import Belief, Rollout
 from mjx_fit.wrist import peak_force
 
 
@@ -120,8 +120,8 @@ class Table:
         open_rows = rows[self.active]
         for leaf, new in zip(jax.tree.leaves(self._beliefs), jax.tree.leaves(tried.beliefs), strict=True):
             leaf[open_rows, chosen[open_rows]] = np.asarray(new)[open_rows]
-        happened = tried.interactions
-        failed = self.active & np.asarray(happened.valid & ~happened.inserted)
+        happened = tried.rollouts
+        failed = self.active & np.asarray(happened.truth.valid & ~happened.truth.inserted)
         told = rows[failed & self._of("learns_truth")]
         reveal_hole(self._beliefs, self._world, (told, chosen[told]))
         told = rows[failed & self._of("learns_match")]
@@ -131,7 +131,7 @@ class Table:
     def record(self, tried: Tried) -> None:
         """Counts the attempts, fills holes, lets a human help at the cap, and hands out the next pegs."""
         chosen = self.choice.hole
-        rows, inserted = np.flatnonzero(self.active), np.asarray(tried.interactions.inserted)
+        rows, inserted = np.flatnonzero(self.active), np.asarray(tried.rollouts.truth.inserted)
         peg, hole = self.pegs_done[rows], chosen[rows]
         self._attempts[rows, peg] += 1
         self._tries[rows, hole] += 1
@@ -166,7 +166,7 @@ class Table:
         """What each row believes of one of its holes."""
         return jax.tree.map(lambda leaf: leaf[np.arange(len(chosen)), chosen], self._beliefs)
 
-    def _note(self, interactions: Interaction, before: Belief) -> None:
+    def _note(self, rollouts: Rollout, before: Belief) -> None:
         """What was tried and why, what was believed of it before and after, and how hard it pressed."""
         chosen, rows = self.choice.hole, np.flatnonzero(self.active)
         position = self._world["hole_pos_world"][np.arange(len(chosen)), chosen]
@@ -178,7 +178,7 @@ class Table:
             "next_best": self.choice.next_best,
             "match_probability": match,
             "error_cm": error,
-            "peak_force_n": np.round(peak_force(interactions), 1),
+            "peak_force_n": np.round(peak_force(rollouts.felt), 1),
             "match_after": match_after,
             "error_after_cm": error_after,
         }

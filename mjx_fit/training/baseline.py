@@ -83,7 +83,7 @@ def _require_memory(episodes: int, steps: int, config: Config) -> None:
 
 
 def _say_what_is_left_out(data: Episode) -> None:
-    invalid = np.asarray(~data.interaction.valid)
+    invalid = np.asarray(~data.rollout.truth.valid)
     if invalid.any():
         print(
             f"mjx-fit: {invalid.sum():,} of {len(invalid):,} interactions are not valid: left out",

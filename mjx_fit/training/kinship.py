@@ -1,6 +1,6 @@
 """Whether a sensor may be judged on a data set: not on holes that it was trained on, nor in another world."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, NotRequired
 
@@ -42,7 +42,7 @@ WORLD = ("scene", "control")
 def first_hole(data: Episode) -> dict[str, Any]:
     """The hole of the first sequence, which tells the seed: draws depend on it and on the number alone."""
     row = int(np.argmin(np.asarray(data.sequence)))
-    position = np.asarray(data.interaction.hole_pos_world)[row]
+    position = np.asarray(data.rollout.truth.hole_pos_world)[row]
     return {"sequence": int(data.sequence[row]), "pos_world": [round(float(x), 7) for x in position]}
 
 
@@ -83,7 +83,7 @@ def shares_holes(told: dict[str, Any], data: Episode, fingerprint: str) -> bool:
     if hole is None:
         return False
     same = np.asarray(data.sequence) == hole["sequence"]
-    places = np.asarray(data.interaction.hole_pos_world)[same]
+    places = np.asarray(data.rollout.truth.hole_pos_world)[same]
     return bool(np.isclose(places, hole["pos_world"], rtol=0, atol=1e-6).all(axis=-1).any())
 
 
@@ -106,21 +106,6 @@ def require_new(run: Path, data: Episode, fingerprint: str) -> None:
         raise RequestError(
             "--data: the holes that the run was trained at are not allowed: collect with another --seed"
         )
-
-
-def away_from_training(differences: Sequence[str]) -> str:
-    """In what the settings in use differ from those that a sensor was trained with, in a line; or nothing.
-
-    Args:
-        differences: Of the training's configuration and the one in use, from ``config.differences``; those of
-            the network and of training are not looked at.
-    """
-    words = [" ".join(str(one).split()) for one in differences]
-    words = [one for one in words if not one.startswith(("sensor.", "train."))]
-    if not words:
-        return ""
-    more = f" (and {len(words) - 1} more)" if len(words) > 1 else ""
-    return f"settings differ from the sensor's training: {words[0]}{more}"
 
 
 def require_world(request: dict[str, Any], config: Config) -> None:

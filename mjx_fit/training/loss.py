@@ -45,7 +45,7 @@ def filter_loss(observation: Observation, sample: Sample) -> Loss:
     """The loss of each window after one update from its own prior, any batch axes.
 
     The type is updated with H taken softly, which can be differentiated, and with α = 0, that is T = 1: a
-    window is cut from a random interaction, and how often such a cut would succeed is not known.
+    window is cut from a random rollout, and how often such a cut would succeed is not known.
     """
     never_succeeds = jnp.zeros_like(sample.prior.type_logp)
     return _after_update(sample.prior, observation, sample, never_succeeds)[1]

@@ -101,15 +101,15 @@ def require_sound(data: Episode, keep: Bool[np.ndarray, "episodes"]) -> None:
         RequestError: One has a window of another size, a type that does not exist, or a number that is not
             finite.
     """
-    interaction = data.interaction
-    window = interaction.trace.wrench_sensor.shape[2:]
+    rollout = data.rollout
+    window = rollout.felt.trace.wrench_sensor.shape[2:]
     if window != (SUBSTEPS, WRENCH_AXES):
         raise RequestError(
             f"--data: wrench_sensor: windows of shape {window} are not allowed: "
             f"a sensor reads {(SUBSTEPS, WRENCH_AXES)}"
         )
     for name in ("peg_type", "hole_type"):
-        types = np.asarray(getattr(interaction, name))[keep]
+        types = np.asarray(getattr(rollout, name))[keep]
         wrong = types[(types < 0) | (types >= N_TYPES)]
         if len(wrong):
             raise RequestError(
