@@ -180,6 +180,12 @@ def test_later_attempts_start_from_what_a_sensor_believes(native, tmp_path):
         collect(tmp_path / "wide", wide, policy="random")
 
 
+def test_the_engine_is_the_one_that_the_plan_names(collect, tmp_path):
+    with pytest.raises(RequestError, match="--engine: mjx is not allowed with an engine native"):
+        collect(tmp_path / "new", engine="mjx")
+    assert not (tmp_path / "new").exists()
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [

@@ -2,6 +2,7 @@ import dataclasses
 import os
 import subprocess
 import sys
+from typing import Any
 
 import imageio_ffmpeg
 import jax
@@ -23,6 +24,7 @@ from mjx_fit.picture.motion import HOME_M, moments
 from mjx_fit.picture.panel import Panel
 from mjx_fit.picture.puppet import RADIUS_90, TYPE_RGB, Puppet, mixed
 from mjx_fit.settings import NAMES, SHAPES
+from mjx_fit.training.trained_sensor import TrainedSensor
 
 TASK = dataclasses.replace(Config().task, n_holes=3, max_attempts=4)
 CONFIG = dataclasses.replace(Config(), task=TASK)
@@ -100,6 +102,27 @@ def test_what_comes_after_the_attempt_in_question_is_not_played(result):
     tried = [hole for holes in row["tried"] for hole in holes]
     assert [step.hole for step in again.steps] == tried[:2]
     assert len(record(CONFIG, "failure_only", 1, 5, attempt=3).steps) == 3
+
+
+def test_nothing_is_played_before_it_is_taken_nor_after_it_is_closed():
+    engine = PathEngine()
+    playing = playback.record(CONFIG, Pick("failure_only", 1), 5, engine)
+    assert engine.seen == []
+    assert [len(next(playing).steps), len(engine.seen)] == [1, 1]
+    assert [len(next(playing).steps), len(engine.seen)] == [2, 2]
+    playing.close()
+    assert len(engine.seen) == 2
+
+
+def test_a_result_is_replayed_with_the_sensor_that_it_was_made_with(result):
+    network: Any = object()
+    result.request["sensor"] = "made with"
+    with pytest.raises(RequestError, match="--run: the result was made with another sensor"):
+        playback.replay(result, Pick("oracle", 0), PathEngine(), TrainedSensor(network, CONFIG, "another"))
+    again = playback.replay(
+        result, Pick("oracle", 0), PathEngine(), TrainedSensor(network, CONFIG, "made with")
+    )
+    assert len(list(again)) == sum(result.trials[3]["attempts"])
 
 
 def test_a_single_attempt_of_a_recording(played):
