@@ -34,6 +34,8 @@ def collect(args: argparse.Namespace) -> None:
 
     config = _config(args)
     asked = {field.name: getattr(args, field.name) for field in fields(Plan) if field.name != "sensor"}
+    if args.actions is None:
+        asked["actions"] = config.task.attempt_actions
     update, sensor = (None, "") if args.run is None else _update(config, args.run)
     plan = Plan(**asked, sensor=sensor)
     collect(config, args.out, plan, update)
@@ -106,6 +108,8 @@ def train(args: argparse.Namespace) -> None:
     from mjx_fit.training.baseline import train_from
 
     config = _config(args)
+    if not args.config:
+        print(_other_trainings())
     run_folder.require_members(args.members)
     if args.epochs is not None:
         require("--epochs", args.epochs, 1, MAX_EPOCHS)
@@ -121,6 +125,19 @@ def train(args: argparse.Namespace) -> None:
             print(f"{folder}: nothing was left to do: {ended}")
         elif ended.startswith("stopped early"):
             print(f"{folder}: {ended}")
+
+
+def _other_trainings() -> str:
+    """What ``train`` does without a preset, and which presets there are."""
+    from mjx_fit import resources
+
+    folder = resources.folder("configs")
+    folder = folder.relative_to(Path.cwd()) if folder.is_relative_to(Path.cwd()) else folder
+    return (
+        "train: as the weights that come with the package, on a CPU; other presets, by --config: "
+        f"{folder / 'quick.yaml'} (no frame-by-frame baseline: a third less time), "
+        f"{folder / 'paper.yaml'} (the paper's sensor, 5000 epochs: for an accelerator)"
+    )
 
 
 def evaluate_attempt(args: argparse.Namespace) -> None:
@@ -215,7 +232,14 @@ def _recording(args: argparse.Namespace, watch: "Callable[[Recording], None] | N
 def bench(args: argparse.Namespace) -> None:
     from mjx_fit.bench.run import bench
 
-    bench(_config(args), args.json)
+    bench(_config(args, preset="paper"), args.json)
+
+
+def config_keys(args: argparse.Namespace) -> None:
+    from mjx_fit.config_table import as_json, as_text, keys
+
+    table = keys(_config(args))
+    print(json.dumps(as_json(table), indent=1) if args.json else as_text(table))
 
 
 def info(args: argparse.Namespace) -> None:

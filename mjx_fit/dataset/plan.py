@@ -15,6 +15,20 @@ from mjx_fit.settings import SensorConfig, TrainConfig
 from mjx_fit.simulate.select import resolve
 from mjx_fit.simulate.threads import even_batch
 
+STORED_ACTIONS = "steps"
+"""What data sets call ``Plan.actions``, from the beginning."""
+_STORED_SENSOR = SensorConfig(noise="peg", contact_features=False, places=0)
+_STORED_TRAIN = TrainConfig(
+    epochs=5000,
+    batch_size=128,
+    learning_rate=1e-4,
+    schedule="constant",
+    weight_decay=0.0,
+    mirror=False,
+    baseline_share=1.0,
+)
+"""What data sets hold in these sections, whatever the defaults are: their bytes and digests depend on it."""
+
 
 @dataclass(frozen=True)
 class Plan:
@@ -22,9 +36,8 @@ class Plan:
 
     Attributes:
         episodes: Number of interactions, a multiple of ``sequence``.
-        steps: Most actions in one. A spiral is as long as it will be in use, ``task.attempt_actions``, or is
-            cut off.
-        policy: ``random``, ``spiral``, or ``mixed``: both in turn.
+        actions: Most actions in one. A spiral is as long as an attempt, ``task.attempt_actions``, or cut off.
+        policy: ``spiral``, ``random``, or ``mixed``: both in turn.
         engine: ``auto``, ``mjx`` or ``native``.
         seed: Root seed.
         batch: Most interactions in one shard. Their sequences are simulated at once.
@@ -38,8 +51,8 @@ class Plan:
     """
 
     episodes: int = 3000
-    steps: int = 200
-    policy: str = "random"
+    actions: int = 100
+    policy: str = "spiral"
     engine: str = "auto"
     seed: int = 0
     batch: int = 250
@@ -76,16 +89,16 @@ class Plan:
     def request(self, config: Config) -> dict[str, Any]:
         """What makes the whole what it is, JSON-ready: the same in all its parts.
 
-        How a sensor is built and trained is left at its defaults: no interaction depends on that, but on the
-        sensor that was made, which is named.
+        No interaction depends on how a sensor is built and trained, but on the sensor that was made, which is
+        named: the sections ``sensor`` and ``train`` are always the same.
         """
-        config = replace(config, sensor=SensorConfig(), train=TrainConfig())
-        whole = ("episodes", "steps", "policy", "seed", "batch", "sequence")
         return {
-            **{name: getattr(self, name) for name in whole},
+            "episodes": self.episodes,
+            STORED_ACTIONS: self.actions,
+            **{name: getattr(self, name) for name in ("policy", "seed", "batch", "sequence")},
             **({"sensor": self.sensor} if self.sensor else {}),
             "engine": resolve(self.engine),
-            "config": config_.to_tree(config),
+            "config": config_.to_tree(replace(config, sensor=_STORED_SENSOR, train=_STORED_TRAIN)),
         }
 
 
@@ -93,13 +106,13 @@ def plan_of(manifest: Manifest) -> Plan:
     """What a data set was asked to be."""
     index, of = manifest.part
     asked = {name: value for name, value in manifest.request.items() if name != "config"}
-    return Plan(**asked, shard_index=index, num_shards=of)
+    return Plan(actions=asked.pop(STORED_ACTIONS), **asked, shard_index=index, num_shards=of)
 
 
 def check(plan: Plan) -> None:
     require_seed(plan.seed)
     require("--episodes", plan.episodes, 1, MAX_EPISODES)
-    require("--steps", plan.steps, 1, MAX_ACTIONS)
+    require("--actions", plan.actions, 1, MAX_ACTIONS)
     if plan.policy not in POLICIES:
         raise RequestError(
             f"--policy: {shown(plan.policy)} is not allowed: it must be one of {', '.join(POLICIES)}"

@@ -85,7 +85,7 @@ class Sequences:
 
     def _run(self, attempts: Attempt, ids: Int[np.ndarray, "n"], going: Bool[np.ndarray, "n"]) -> Interaction:
         """Runs the attempts of each policy with as many actions as it has."""
-        kind, steps = np.asarray(attempts.policy), self._plan.steps
+        kind, steps = np.asarray(attempts.policy), self._plan.actions
         done = None
         for policy in np.unique(kind):
             mine = kind == policy
