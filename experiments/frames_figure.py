@@ -93,6 +93,7 @@ def _draw_frame(ax: Any, on_image: Any, frame: Frame, name: str, place: tuple, l
         arrow = {"arrowstyle": "-|>", "color": AXES[letter], "lw": 2.6, "mutation_scale": 15}
         ax.annotate("", end, start, arrowprops={**arrow, "shrinkA": 0, "shrinkB": 0})
         text = start + (end - start) * (1 + 20 / max(np.linalg.norm(end - start), 20))
+        text = end + [32, 0] if letter == "z" else text  # aside: one frame's z ends where another's begins
         ax.text(*text, letter, color=AXES[letter], ha="center", va="center", weight="bold", size=12)
     ax.plot(*start, "o", color="black", ms=5)
     ax.annotate(
