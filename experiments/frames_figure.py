@@ -42,7 +42,7 @@ def push(model: Any, posture: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     tip = data.site("tip").xpos.copy()
     moved, force, tare = np.linspace(-DEPTH_M, DEPTH_M, STEPS), np.empty(STEPS), 0.0
     for i, height in enumerate(moved):
-        data.mocap_pos[0] = tip + [ASIDE_M, ASIDE_M, height]
+        data.mocap_pos[0] = tip + np.array([ASIDE_M, ASIDE_M, height])
         data.qfrc_applied[:] = data.qfrc_bias + STIFFNESS * (posture - data.qpos) - DAMPING * data.qvel
         mujoco.mj_step(model, data)
         force[i] = data.sensordata[2]
@@ -93,7 +93,9 @@ def _draw_frame(ax: Any, on_image: Any, frame: Frame, name: str, place: tuple, l
         arrow = {"arrowstyle": "-|>", "color": AXES[letter], "lw": 2.6, "mutation_scale": 15}
         ax.annotate("", end, start, arrowprops={**arrow, "shrinkA": 0, "shrinkB": 0})
         text = start + (end - start) * (1 + 20 / max(np.linalg.norm(end - start), 20))
-        text = end + [32, 0] if letter == "z" else text  # aside: one frame's z ends where another's begins
+        text = (
+            end + np.array([32, 0]) if letter == "z" else text
+        )  # aside: one frame's z ends where another's begins
         ax.text(*text, letter, color=AXES[letter], ha="center", va="center", weight="bold", size=12)
     ax.plot(*start, "o", color="black", ms=5)
     ax.annotate(
@@ -123,7 +125,7 @@ def main(path: str) -> None:
     hole = np.array([*HOLE_M, plate_top_m(config)])
     physics = simulation_scene(config).models[0]
     posture = np.asarray(
-        jax.jit(lambda tip: inverse(chain_of(physics), tip))(jnp.asarray(hole + [0, 0, ABOVE_M]))
+        jax.jit(lambda tip: inverse(chain_of(physics), tip))(jnp.asarray(hole + np.array([0, 0, ABOVE_M])))
     )
     moved, force = push(physics, posture)
     print(f"F_z free {force[moved < -DEPTH_M / 2].mean():+.2f} N, pressed by 2 mm {force[-1]:+.2f} N")
