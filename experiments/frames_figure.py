@@ -93,9 +93,8 @@ def _draw_frame(ax: Any, on_image: Any, frame: Frame, name: str, place: tuple, l
         arrow = {"arrowstyle": "-|>", "color": AXES[letter], "lw": 2.6, "mutation_scale": 15}
         ax.annotate("", end, start, arrowprops={**arrow, "shrinkA": 0, "shrinkB": 0})
         text = start + (end - start) * (1 + 20 / max(np.linalg.norm(end - start), 20))
-        text = (
-            end + np.array([32, 0]) if letter == "z" else text
-        )  # aside: one frame's z ends where another's begins
+        if letter == "z":  # aside: one ends where another begins
+            text = end + np.array([44 if axis[2] < 0 else -26, 0])
         ax.text(*text, letter, color=AXES[letter], ha="center", va="center", weight="bold", size=12)
     ax.plot(*start, "o", color="black", ms=5)
     ax.annotate(

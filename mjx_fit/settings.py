@@ -374,3 +374,16 @@ class TrainConfig:
     validation_fraction: Annotated[float, Field(ge=0.001, le=0.9)] = 0.1
     patience: Annotated[int, Field(ge=0, le=1_000_000, json_schema_extra=_EPOCHS)] = 0
     baseline_share: Annotated[float, Field(ge=0, le=1)] = 0.5
+
+
+FIRST_SENSOR = SensorConfig(noise="peg", contact_features=False, places=0)
+FIRST_TRAIN = TrainConfig(
+    epochs=5000,
+    batch_size=128,
+    learning_rate=1e-4,
+    schedule="constant",
+    weight_decay=0.0,
+    mirror=False,
+    baseline_share=1.0,
+)
+"""The paper's, which were the first defaults: what a key means where a stored file is older than the key."""

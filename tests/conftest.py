@@ -21,6 +21,32 @@ COMPILED = "JAX_COMPILATION_CACHE_DIR"
 os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=1")
 
 
+LONG = {
+    *("bench", "boxes", "calibration", "checkpoint", "cli", "collect", "compiled", "constraints", "crash"),
+    *("damaged_checkpoint", "demo", "door", "engines", "examples", "export", "export_readers", "files"),
+    *(
+        "going_on",
+        "interrupts",
+        "machine_paths",
+        "memory",
+        "mirror",
+        "numerics",
+        "package",
+        "paper",
+        "parity",
+    ),
+    *("picture", "plausible", "reader", "requests", "sensors", "shapes", "store", "torch_twin", "training"),
+    *("view", "windows", "attention", "hole", "loss", "task"),
+}
+"""Modules that compile an engine or a training, or start processes: ``make quick`` leaves them out."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        if item.path.stem.removeprefix("test_") in LONG:
+            item.add_marker("long")
+
+
 def pytest_configure(config: pytest.Config) -> None:
     """What one test compiled the others load, as commands do (``runtime``).
 

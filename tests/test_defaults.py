@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+from pathlib import Path
 
 import pytest
 
@@ -9,7 +10,9 @@ from mjx_fit import cli, commands, config, resources
 from mjx_fit.arguments import parser
 from mjx_fit.config import Config
 from mjx_fit.dataset.plan import Plan, plan_of
+from mjx_fit.errors import RequestError
 from mjx_fit.settings import SensorConfig, TrainConfig
+from mjx_fit.training.checkpoint import load_sensor
 
 REQUESTS = "481ff6510812a7506d807c74c881258c"
 """Digest of two requests as they were stored when the paper's sensor and training were the defaults."""
@@ -121,3 +124,19 @@ def test_other_trainings_are_named_with_files_that_exist(monkeypatch, tmp_path):
         for name in ("quick.yaml", "paper.yaml"):
             path = next(word for word in said.split() if word.endswith(name))
             assert (where / path).is_file()
+
+
+def test_a_key_that_a_stored_run_lacks_means_what_it_meant_then(tmp_path):
+    """``tests/earlier_run`` is older than noise, places and schedule."""
+    folder = Path(__file__).parent / "earlier_run"
+    stored = config.load_stored(folder / "config.yaml")
+    assert (stored.sensor.noise, stored.sensor.contact_features, stored.sensor.places) == ("peg", False, 0)
+    assert (stored.train.schedule, stored.train.mirror, stored.train.weight_decay) == ("constant", False, 0)
+    assert (stored.sensor.width, stored.train.epochs) == (8, 2)
+    load_sensor(folder)
+    (tmp_path / "c.yaml").write_text(config.to_yaml(Config()))
+    assert config.load_stored(tmp_path / "c.yaml") == Config()
+    for text in ("sensor: 3", "train: {colour: 1}"):
+        (tmp_path / "c.yaml").write_text(text)
+        with pytest.raises(RequestError, match=r"^config: (sensor|train)"):
+            config.load_stored(tmp_path / "c.yaml")

@@ -11,23 +11,12 @@ from mjx_fit.dataset.manifest import Manifest
 from mjx_fit.dataset.manifest_schema import MAX_ACTIONS, MAX_BATCH, MAX_EPISODES, MAX_SEQUENCE
 from mjx_fit.errors import RequestError, require, shown
 from mjx_fit.randomness import require_seed
-from mjx_fit.settings import SensorConfig, TrainConfig
+from mjx_fit.settings import FIRST_SENSOR, FIRST_TRAIN
 from mjx_fit.simulate.select import resolve
 from mjx_fit.simulate.threads import even_batch
 
 STORED_ACTIONS = "steps"
 """What data sets call ``Plan.actions``, from the beginning."""
-_STORED_SENSOR = SensorConfig(noise="peg", contact_features=False, places=0)
-_STORED_TRAIN = TrainConfig(
-    epochs=5000,
-    batch_size=128,
-    learning_rate=1e-4,
-    schedule="constant",
-    weight_decay=0.0,
-    mirror=False,
-    baseline_share=1.0,
-)
-"""What data sets hold in these sections, whatever the defaults are: their bytes and digests depend on it."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +79,7 @@ class Plan:
         """What makes the whole what it is, JSON-ready: the same in all its parts.
 
         No interaction depends on how a sensor is built and trained, but on the sensor that was made, which is
-        named: the sections ``sensor`` and ``train`` are always the same.
+        named: the sections ``sensor`` and ``train`` are always the same: bytes and digests depend on them.
         """
         return {
             "episodes": self.episodes,
@@ -98,7 +87,7 @@ class Plan:
             **{name: getattr(self, name) for name in ("policy", "seed", "batch", "sequence")},
             **({"sensor": self.sensor} if self.sensor else {}),
             "engine": resolve(self.engine),
-            "config": config_.to_tree(replace(config, sensor=_STORED_SENSOR, train=_STORED_TRAIN)),
+            "config": config_.to_tree(replace(config, sensor=FIRST_SENSOR, train=FIRST_TRAIN)),
         }
 
 

@@ -171,7 +171,7 @@ def replay(
     trials = result.request.get("trials")
     if not isinstance(trials, int) or trials <= max(number for _, number in rows):
         raise RequestError(f"result: request.trials: {trials!r} is not allowed: it must count its trials")
-    config = config_.from_tree(result.config)
+    config = config_.from_stored(result.config)
     engine = make_engine(result.engine, config)
     pieces = parts.pieces(trials, len(names), engine.name)
     ids = next(piece for piece in pieces if trial in piece)
