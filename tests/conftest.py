@@ -16,8 +16,8 @@ hypothesis.settings.load_profile("mjx_fit")
 
 COMPILED = "JAX_COMPILATION_CACHE_DIR"
 
-# Small computations are kept, too: JAX keeps what compiled for a second or more, and a command that a test starts
-# compiles a dozen that took less, 2 s of its 5.7 s.
+# Small computations are kept, too: JAX keeps what took a second or more to compile, and a command that a test
+# starts compiles a dozen that took less: 2 s of its 5.7 s.
 KEPT_FROM_S = "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"
 
 # Most of the time of the slowest tests is compiling, much of it LLVM polishing code that runs once. At
