@@ -83,7 +83,12 @@ def parser() -> argparse.ArgumentParser:
 
     _data(parsers.add_parser("data", help="look at a data set, check, join or convert it"))
 
-    train = _command(parsers, "train", commands.train, "train sensors and noise models; resumes by itself")
+    train = _command(
+        parsers,
+        "train",
+        commands.train,
+        "train sensors and noise models, as the weights that ship; presets by --config",
+    )
     train.add_argument("--data", type=path, required=True, metavar="DIR")
     train.add_argument("--out", type=path, required=True, metavar="RUN")
     train.add_argument(

@@ -108,8 +108,6 @@ def train(args: argparse.Namespace) -> None:
     from mjx_fit.training.baseline import train_from
 
     config = _config(args)
-    if not args.config:
-        print(_other_trainings())
     run_folder.require_members(args.members)
     if args.epochs is not None:
         require("--epochs", args.epochs, 1, MAX_EPOCHS)
@@ -125,16 +123,18 @@ def train(args: argparse.Namespace) -> None:
             print(f"{folder}: nothing was left to do: {ended}")
         elif ended.startswith("stopped early"):
             print(f"{folder}: {ended}")
+    if not args.config:
+        print(_other_trainings())
 
 
 def _other_trainings() -> str:
-    """What ``train`` does without a preset, and which presets there are."""
+    """What ``train`` has done without a preset, and which presets there are."""
     from mjx_fit import resources
 
     folder = resources.folder("configs")
     folder = folder.relative_to(Path.cwd()) if folder.is_relative_to(Path.cwd()) else folder
     return (
-        "train: as the weights that come with the package, on a CPU; other presets, by --config: "
+        "trained as the weights that come with the package; other presets, by --config: "
         f"{folder / 'quick.yaml'} (no frame-by-frame baseline: a third less time), "
         f"{folder / 'paper.yaml'} (the paper's sensor, 5000 epochs: for an accelerator)"
     )

@@ -9,6 +9,7 @@ import pytest
 from mjx_fit import cli, commands, config, resources
 from mjx_fit.arguments import parser
 from mjx_fit.config import Config
+from mjx_fit.dataset.manifest import Manifest
 from mjx_fit.dataset.plan import Plan, plan_of
 from mjx_fit.errors import RequestError
 from mjx_fit.settings import SensorConfig, TrainConfig
@@ -62,12 +63,10 @@ def test_stored_requests_do_not_follow_the_defaults():
     ]
     assert hashlib.md5((json.dumps(asked) + "\n").encode()).hexdigest() == REQUESTS
 
-    class Stored:
-        request, part = asked[0], (1, 3)
-
-    assert plan_of(Stored) == Plan(12, 7, "mixed", "native", 3, 4, 2, shard_index=1, num_shards=3)
-    assert "--actions 7 --policy mixed" in plan_of(Stored).command("d")
-    assert "--steps" not in plan_of(Stored).command("d")
+    plan = plan_of(Manifest(asked[0], (1, 3), {}, ()))
+    assert plan == Plan(12, 7, "mixed", "native", 3, 4, 2, shard_index=1, num_shards=3)
+    assert "--actions 7 --policy mixed" in plan.command(Path("d"))
+    assert "--steps" not in plan.command(Path("d"))
 
 
 def test_train_without_a_preset_is_the_training_that_ships():
