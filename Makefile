@@ -1,16 +1,19 @@
-# Seven verbs: demo, test, lint, bench, docs, paper, clean. Each works in a fresh clone.
+# Eight verbs: demo, test, quick, lint, bench, docs, paper, clean. Each works in a fresh clone.
 PYTHON ?= python3
 VENV := .venv
 RUN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: demo test lint bench docs paper clean
+.PHONY: demo test quick lint bench docs paper clean
 
 demo: $(READY)
 	$(RUN)/mjx-fit demo
 
 test: lint
 	$(RUN)/pytest -n 2 --dist loadfile
+
+quick: $(READY)
+	$(RUN)/pytest -n 2 --dist loadfile -m "not slow and not gpu and not long"
 
 lint: $(READY)
 	$(RUN)/ruff check .

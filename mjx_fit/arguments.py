@@ -54,10 +54,12 @@ def parser() -> argparse.ArgumentParser:
     collect.add_argument(
         "--episodes", type=int, default=3000, metavar="N", help="interactions (default 3000)"
     )
-    collect.add_argument(
-        "--steps", type=int, default=200, metavar="J", help="most actions in one (default 200)"
+    length = collect.add_mutually_exclusive_group()
+    length.add_argument(
+        "--actions", type=int, metavar="J", help="most actions in one (default: task.attempt_actions, 100)"
     )
-    collect.add_argument("--policy", default="random", help="random, spiral or mixed (default random)")
+    length.add_argument("--steps", dest="actions", type=int, help=argparse.SUPPRESS)  # its former name
+    collect.add_argument("--policy", default="spiral", help="spiral, random or mixed (default spiral)")
     collect.add_argument(
         "--batch", type=int, default=250, metavar="B", help="most interactions in one file (default 250)"
     )
@@ -81,10 +83,17 @@ def parser() -> argparse.ArgumentParser:
 
     _data(parsers.add_parser("data", help="look at a data set, check, join or convert it"))
 
-    train = _command(parsers, "train", commands.train, "train sensors and noise models; goes on by itself")
+    train = _command(
+        parsers,
+        "train",
+        commands.train,
+        "train sensors and noise models, as the weights that ship; presets by --config",
+    )
     train.add_argument("--data", type=path, required=True, metavar="DIR")
     train.add_argument("--out", type=path, required=True, metavar="RUN")
-    train.add_argument("--epochs", type=int, metavar="N", help="instead of the configuration's")
+    train.add_argument(
+        "--epochs", type=int, metavar="N", help="passes over the data (default: train.epochs, 30)"
+    )
     train.add_argument("--seed", type=int, default=0, metavar="S", help="root seed (default 0)")
     train.add_argument(
         "--members", type=int, default=1, metavar="K", help="train K sensors at once, into RUN/member-0, ..."
@@ -114,6 +123,10 @@ def parser() -> argparse.ArgumentParser:
     bench = _command(parsers, "bench", commands.bench, "speed of the engines, side by side")
     bench.add_argument("--json", action="store_true")
     _configurable(bench)
+
+    keys = _command(parsers, "config", commands.config_keys, "every key, with its unit, range and default")
+    keys.add_argument("--json", action="store_true")
+    _with_config(keys)
 
     info = _command(parsers, "info", commands.info, "versions, devices and the engine that auto means")
     info.add_argument("--json", action="store_true")
@@ -246,13 +259,17 @@ def _configurable(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--threads", type=int, metavar="N", help="most CPU threads (default: all that it may use)"
     )
+    _with_config(parser)
+
+
+def _with_config(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--config",
         type=path,
         action="append",
         default=[],
         metavar="FILE",
-        help="YAML with what differs from the defaults (of demo and paper: from their preset); repeatable, "
+        help="YAML with what differs from the defaults (demo, paper, bench: from their preset); repeatable, "
         "later ones win",
     )
     parser.add_argument(

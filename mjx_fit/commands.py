@@ -37,6 +37,8 @@ def collect(args: argparse.Namespace) -> None:
 
     config = _config(args)
     asked = {field.name: getattr(args, field.name) for field in fields(Plan) if field.name != "sensor"}
+    if args.actions is None:
+        asked["actions"] = config.task.attempt_actions
     plan, update = Plan(**asked), None
     if args.run is not None:
         sensor = load_trained_sensor(args.run)
@@ -115,6 +117,21 @@ def train(args: argparse.Namespace) -> None:
             print(f"{folder}: nothing was left to do: {ended}")
         elif ended.startswith("stopped early"):
             print(f"{folder}: {ended}")
+    if not args.config:
+        print(_other_trainings())
+
+
+def _other_trainings() -> str:
+    """What ``train`` has done without a preset, and which presets there are."""
+    from mjx_fit import resources
+
+    folder = resources.folder("configs")
+    folder = folder.relative_to(Path.cwd()) if folder.is_relative_to(Path.cwd()) else folder
+    return (
+        "trained as the weights that come with the package; other presets, by --config: "
+        f"{folder / 'quick.yaml'} (no frame-by-frame baseline: a third less time), "
+        f"{folder / 'paper.yaml'} (the paper's sensor, 5000 epochs: for an accelerator)"
+    )
 
 
 def evaluate_attempt(args: argparse.Namespace) -> None:
@@ -207,14 +224,21 @@ def _played(args: argparse.Namespace) -> "Generator[Recording]":
         engine, sensor = make_engine(args.engine, config), load_trained_sensor(_run(args))
         return playback.record(config, pick, args.seed, engine, sensor)
     result = results.read(args.result)
-    engine = make_engine(result.engine, config_.from_tree(result.config))
+    engine = make_engine(result.engine, config_.from_stored(result.config))
     return playback.replay(result, pick, engine, load_trained_sensor(_run(args)))
 
 
 def bench(args: argparse.Namespace) -> None:
     from mjx_fit.bench.run import bench
 
-    bench(_config(args), args.json)
+    bench(_config(args, preset="paper"), args.json)
+
+
+def config_keys(args: argparse.Namespace) -> None:
+    from mjx_fit.config_table import as_json, as_text, keys
+
+    table = keys(_config(args))
+    print(json.dumps(as_json(table), indent=1) if args.json else as_text(table))
 
 
 def info(args: argparse.Namespace) -> None:

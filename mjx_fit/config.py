@@ -17,6 +17,8 @@ from pydantic.dataclasses import dataclass
 from mjx_fit import limits, schema_errors, strict_yaml
 from mjx_fit.errors import RequestError, shortened, shown
 from mjx_fit.settings import (
+    FIRST_SENSOR,
+    FIRST_TRAIN,
     STRICT,
     ControlConfig,
     DetectorConfig,
@@ -67,6 +69,33 @@ def load(path: Path | Sequence[Path] | None = None, overrides: Sequence[str] = (
     for override in overrides:
         _set(tree, override)
     return from_tree(tree)
+
+
+def load_stored(path: Path) -> Config:
+    """The configuration that a run was stored with.
+
+    Args:
+        path: Its YAML file.
+
+    Raises:
+        RequestError: The file cannot be read, or a key or value is not allowed.
+    """
+    return from_stored(_read(path))
+
+
+def from_stored(tree: dict[str, Any]) -> Config:
+    """The configuration in a stored file; keys that are younger than it mean what went without saying then.
+
+    Raises:
+        RequestError: A key or value is not allowed.
+    """
+    then = {"sensor": FIRST_SENSOR, "train": FIRST_TRAIN}
+    filled = {
+        name: dataclasses.asdict(section) | tree[name]
+        for name, section in then.items()
+        if isinstance(tree.get(name), dict)
+    }
+    return from_tree(tree | filled)
 
 
 def from_tree(tree: dict[str, Any]) -> Config:

@@ -34,6 +34,27 @@ def in_words(error: ValidationError, schema: type) -> str:
     return f"{field}: {shown(given)} is not allowed: {_allowed(_annotation(place, schema)) or first['msg']}"
 
 
+def plain_and_limits(annotation: Any) -> tuple[Any, dict[str, Any]]:
+    """An annotation without its metadata, and what those say.
+
+    Returns:
+        The plain annotation; of ``ge``, ``le``, ``multiple_of``, ``min_length``, ``max_length`` and ``unit``
+        those that are stated.
+    """
+    if get_origin(annotation) is not Annotated:
+        return annotation, {}
+    plain, *rest = get_args(annotation)
+    limits = {
+        name: getattr(one, name)
+        for field in rest
+        for one in getattr(field, "metadata", ())
+        for name in ("ge", "le", "multiple_of", "min_length", "max_length")
+        if hasattr(one, name)
+    }
+    units = {name: unit for field in rest for name, unit in (field.json_schema_extra or {}).items()}
+    return plain, limits | units
+
+
 def _dotted(place: tuple[int | str, ...]) -> str:
     parts = (str(part) for part in place)
     return ".".join(shortened(part) if part.isprintable() else shown(part) for part in parts)
@@ -60,16 +81,7 @@ def _keys(node: Any) -> list[str]:
 
 def _allowed(node: Any) -> str:
     """What a field that is annotated so may be, or nothing."""
-    limits = {}
-    if get_origin(node) is Annotated:
-        node, *rest = get_args(node)
-        limits = {
-            name: getattr(one, name)
-            for field in rest
-            for one in getattr(field, "metadata", ())
-            for name in ("ge", "le", "multiple_of")
-            if hasattr(one, name)
-        }
+    node, limits = plain_and_limits(node)
     if node in (int, float) and {"ge", "le"} <= limits.keys():
         what = "a whole number" if node is int else "a number"
         times = f" and a multiple of {limits['multiple_of']}" if "multiple_of" in limits else ""

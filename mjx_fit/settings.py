@@ -5,7 +5,7 @@ upright and over its plate. Where numbers bound each other, ``mjx_fit.limits`` s
 """
 
 from itertools import pairwise
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, Field, model_validator
 from pydantic.dataclasses import dataclass
@@ -21,7 +21,12 @@ Rates = tuple[Annotated[float, Field(ge=0, le=0.999999)], ...]
 Push = Annotated[float, Field(ge=0.0005, le=0.02)]
 Wiggle = Annotated[float, Field(ge=0, le=0.01)]
 Spread = Annotated[float, Field(ge=0.0001, le=0.02)]
-Window = Annotated[int, Field(ge=1, le=1000)]
+_PER_S2: dict[str, Any] = {"unit": "1/s²"}
+_ACTIONS: dict[str, Any] = {"unit": "actions"}
+_ATTEMPTS: dict[str, Any] = {"unit": "attempts"}
+_EPOCHS: dict[str, Any] = {"unit": "epochs"}
+"""Units of keys whose names do not end in one."""
+Window = Annotated[int, Field(ge=1, le=1000, json_schema_extra=_ACTIONS)]
 MAX_EPOCHS = 1_000_000
 Channels = Annotated[int, Field(ge=1, le=512)]
 
@@ -34,7 +39,7 @@ _SUCCESS_BY_ERROR = (
 
 STRICT = ConfigDict(extra="forbid", strict=True)
 
-Metres = Annotated[float, Field(ge=-0.03, le=0.03)]
+Metres = Annotated[float, Field(ge=-0.03, le=0.03, json_schema_extra={"unit": "m"})]
 Corners = tuple[Metres, Metres, Metres, Metres]
 LEAST_SIDE_M = 0.001
 """Of a rectangle: what is thinner bends, and a rigid body does not."""
@@ -98,16 +103,16 @@ class SceneConfig:
 
     Attributes:
         robot: Name of the arm (``mjx_fit.robot``).
-        shapes: Of pegs and holes; three of them, as many as there are types.
-        clearance_m: Gap between peg and hole on each side.
-        plate_half_width_m: Half the side of the square hole box. A detector error of 2.83 cm, a spiral of
+        shapes: Cross-sections of pegs and holes. Three of them, as many as there are types.
+        clearance_m: Gap between peg and hole per side.
+        plate_half_width_m: Half the side of the square socket. A detector error of 2.83 cm, a spiral of
             1.5 cm and half a peg (2 cm for ours) must stay inside it.
-        hole_depth_m: Depth of the hole down to its floor.
-        peg_length_m: Length of the peg behind the sensor.
-        friction: Coulomb coefficient between peg and box: two dry, smooth plastics or machined metals.
+        hole_depth_m: Depth of the hole to its floor.
+        peg_length_m: Length of the peg below the sensor.
+        friction: Coulomb friction, peg and socket. As of two dry, smooth plastics or metals.
         contact_time_s: MuJoCo's solref time constant. At ten simulation steps the force of a sliding peg is
             mostly smooth; at three it is a train of single-step spikes.
-        contact_width_m: MuJoCo's solimp width: a quarter of the default clearance at most.
+        contact_width_m: MuJoCo's solimp width. Keep it below a quarter of the clearance.
         max_contacts: Contact slots of one world in MJX.
     """
 
@@ -120,7 +125,7 @@ class SceneConfig:
     friction: Annotated[float, Field(ge=0, le=2)] = 0.3
     contact_time_s: Annotated[float, Field(ge=0.004, le=0.05)] = 0.01
     contact_width_m: Annotated[float, Field(ge=0.00001, le=0.001)] = 0.00025
-    max_contacts: Annotated[int, Field(ge=4, le=64)] = 8
+    max_contacts: Annotated[int, Field(ge=4, le=64, json_schema_extra={"unit": "contacts"})] = 8
 
     @model_validator(mode="after")
     def _names_differ(self) -> "SceneConfig":
@@ -139,18 +144,18 @@ class ControlConfig:
     """Operational-space control, 500 Hz torque.
 
     Attributes:
-        kp_position: Stiffness over inertia, 1/s², of the tip's position. At 2000 a peg that was caught on an
-            edge met the joints' torque limits, and tilted by 36°; at 1400 none did by more than 3°.
-        kp_orientation: The same for its orientation.
-        damping_ratio: ζ of both. 1 would be critical if position and rotation did not move each other; they
-            do, and 1.2 keeps the overshoot of a 2 cm step below 5 % wherever a hole may be.
-        kp_posture: As ``kp_position`` for the joints, in the null space of the task, critically damped.
+        kp_position: Position stiffness over inertia. At 2000 a peg that was caught on an edge met the joints'
+            torque limits, and tilted by 36°; at 1400 none did by more than 3°.
+        kp_orientation: Rotation stiffness over inertia.
+        damping_ratio: Damping ratio ζ of both. 1 would be critical if position and rotation did not move each
+            other; they do, and 1.2 keeps the overshoot of a 2 cm step below 5 % wherever a hole may be.
+        kp_posture: Posture stiffness over inertia. It acts in the null space of the task, critically damped.
     """
 
-    kp_position: Annotated[float, Field(ge=50, le=1400)] = 600.0
-    kp_orientation: Annotated[float, Field(ge=100, le=4000)] = 600.0
+    kp_position: Annotated[float, Field(ge=50, le=1400, json_schema_extra=_PER_S2)] = 600.0
+    kp_orientation: Annotated[float, Field(ge=100, le=4000, json_schema_extra=_PER_S2)] = 600.0
     damping_ratio: Annotated[float, Field(ge=0.5, le=5)] = 1.2
-    kp_posture: Annotated[float, Field(ge=0, le=400)] = 10.0
+    kp_posture: Annotated[float, Field(ge=0, le=400, json_schema_extra=_PER_S2)] = 10.0
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -158,14 +163,14 @@ class SpiralConfig:
     """Algorithm 4 of the paper.
 
     Attributes:
-        radius_m: r_max, radius at the end of the spiral.
-        turns: n_rot, revolutions in one attempt; 40 are already more than the tip follows.
-        push_m: δz, how far below the tip the goal lies.
-        wiggle_m: σ, standard deviation of the wiggle per axis; at most ``push_m``, since 0.8 σ of it is up.
+        radius_m: Radius r_max at the end.
+        turns: Revolutions n_rot in one attempt. 40 are already more than the end effector follows.
+        push_m: Depth δz of the goal below the TCP.
+        wiggle_m: Exploration noise σ per axis. At most ``push_m``, since 0.8 σ of it points up.
     """
 
     radius_m: Annotated[float, Field(ge=0.0001, le=0.18)] = 0.015
-    turns: Annotated[float, Field(ge=0.01, le=40)] = 2.0
+    turns: Annotated[float, Field(ge=0.01, le=40, json_schema_extra={"unit": "turns"})] = 2.0
     push_m: Push = 0.004
     wiggle_m: Wiggle = 0.00125
 
@@ -175,14 +180,14 @@ class RandomConfig:
     """The random policy of data collection: sweeps between random way-points, pressed on the plate.
 
     Attributes:
-        reach_m: Way-points are uniform in a square of this half width around the estimate.
-        actions_per_sweep: Actions from one way-point to the next.
-        push_m: How far below the tip the goal lies.
-        wiggle_m: Standard deviation of the wiggle per axis.
+        reach_m: Half width of the way-point square. Way-points are uniform in it, around the estimate.
+        actions_per_sweep: Actions between two way-points.
+        push_m: Depth of the goal below the TCP.
+        wiggle_m: Exploration noise σ per axis.
     """
 
     reach_m: Annotated[float, Field(ge=0.0001, le=0.18)] = 0.025
-    actions_per_sweep: Annotated[int, Field(ge=1, le=1000)] = 12
+    actions_per_sweep: Annotated[int, Field(ge=1, le=1000, json_schema_extra=_ACTIONS)] = 12
     push_m: Push = 0.004
     wiggle_m: Wiggle = 0.00125
 
@@ -192,9 +197,9 @@ class DetectorConfig:
     """The simulated hole detector.
 
     Attributes:
-        kind: ``square``: uniform per axis; ``disc``: direction uniform and radius uniform.
-        half_width_m: Largest error per axis (square) or largest radius (disc).
-        prior_std_m: Standard deviation per axis that the belief starts with: Σ0 = σ_init I, σ_init = 1 cm².
+        kind: Distribution of the error. ``square``: uniform per axis; ``disc``: direction and radius uniform.
+        half_width_m: Largest error per axis or radius. Per axis for ``square``, radius for ``disc``.
+        prior_std_m: Initial σ of the belief per axis. Σ0 = σ_init I with σ_init = 1 cm².
     """
 
     kind: Literal["square", "disc"] = "square"
@@ -204,11 +209,12 @@ class DetectorConfig:
 
 @dataclass(frozen=True, config=STRICT)
 class SequenceConfig:
-    """Estimates from which the second and later attempts of a collected sequence start: as a filter's may be.
+    """Estimates from which later attempts of a collected sequence start, spread as a filter's may be.
 
     Attributes:
-        min_std_m: Least standard deviation of the estimate along an axis of its covariance.
-        max_std_m: Largest one; both are drawn between these, log-uniform, their direction uniform.
+        min_std_m: Smallest σ of a drawn estimate. It is the one along an axis of the covariance.
+        max_std_m: Largest σ of a drawn estimate. Both are drawn between these, log-uniform, their direction
+            uniform.
     """
 
     min_std_m: Spread = 0.001
@@ -226,18 +232,17 @@ class WristConfig:
     """The force/torque sensor. Noise: Robotiq FT 300-S, 1 σ per sample.
 
     Attributes:
-        force_noise_n: Fx, Fy, Fz.
-        torque_xy_noise_nm: Tx, Ty.
-        torque_z_noise_nm: Tz.
-        tare_samples: Samples that are averaged when the sensor is tared; 100,000 take 200 s.
-        contact_force_n: The peg is in contact during an action if the root mean square of the measured force,
-            tared, exceeds this. Noise alone measures √3 σ.
+        force_noise_n: Noise σ of Fx, Fy and Fz.
+        torque_xy_noise_nm: Noise σ of Tx and Ty.
+        torque_z_noise_nm: Noise σ of Tz.
+        tare_samples: Samples averaged for the tare. 100,000 take 200 s.
+        contact_force_n: RMS force that counts as contact. Over one action, tared; noise alone is √3 σ.
     """
 
     force_noise_n: Annotated[float, Field(ge=0, le=30)] = 0.1
     torque_xy_noise_nm: Annotated[float, Field(ge=0, le=3)] = 0.005
     torque_z_noise_nm: Annotated[float, Field(ge=0, le=3)] = 0.003
-    tare_samples: Annotated[int, Field(ge=1, le=100_000)] = 50
+    tare_samples: Annotated[int, Field(ge=1, le=100_000, json_schema_extra={"unit": "samples"})] = 50
     contact_force_n: Annotated[float, Field(ge=0.01, le=50)] = 1.0
 
 
@@ -251,24 +256,27 @@ class TaskConfig:
 
     Attributes:
         n_holes: Holes, and pegs, in one assembly.
-        max_attempts: Attempts at one peg before a human helps.
-        attempt_actions: J, actions in one attempt.
-        insertion_depth_m: Inserted: the tip is at least this far below the plate's top, in the hole.
-        success_probability: α of the outcome model, for cross, rectangle and square: the success rate of a
-            matched attempt. The default is what ``evaluate attempt --trials 1000`` measured with everything
-            else at its default; measure it anew when you change the detector, the scene or the control.
-        outcome_model: α ``constant`` per shape, as in the paper, or by the ``covariance`` of the belief: the
-            mean of ``success_by_error`` over what is believed (``mjx_fit.filters.success``).
-        error_knots_m: Distances of the estimate from the hole at which ``success_by_error`` is known.
-        success_by_error: Success rate of a matched attempt at those distances, for cross, rectangle and
+        max_attempts: Attempts before a human helps. At one peg.
+        attempt_actions: Length J of one attempt.
+        insertion_depth_m: Depth that counts as inserted. The end effector is at least this far below the
+            plate's top, in the hole.
+        success_probability: Success rate α of each shape. α of the outcome model: the success rate of a
+            matched attempt, for cross, rectangle and square. The default is what
+            ``evaluate attempt --trials 1000`` measured with everything else at its default; measure it again
+            when you change the detector, the scene or the control.
+        outcome_model: How success is predicted. α is ``constant`` per shape, as in the paper, or follows
+            from the ``covariance`` of the belief: the mean of ``success_by_error`` over the belief
+            (``mjx_fit.filters.success``).
+        error_knots_m: Errors at which α is known. Distances of the estimate from the hole.
+        success_by_error: Success rates at these errors. Of a matched attempt, for cross, rectangle and
             square: what ``experiments/physics/alpha.py error`` measured with everything else at its default.
-        hard_match: Update the type with h_match's arg max, as in Algorithm 3; otherwise with the mean over
+        hard_match: Update the type by the arg max. h_match's, as in Algorithm 3; otherwise by the mean over
             its probabilities, as in training. H is learned with the latter, and is too sure for the former.
     """
 
-    n_holes: Annotated[int, Field(ge=1, le=8)] = 5
-    max_attempts: Annotated[int, Field(ge=1, le=1000)] = 30
-    attempt_actions: Annotated[int, Field(ge=1, le=400)] = 100
+    n_holes: Annotated[int, Field(ge=1, le=8, json_schema_extra={"unit": "holes"})] = 5
+    max_attempts: Annotated[int, Field(ge=1, le=1000, json_schema_extra=_ATTEMPTS)] = 30
+    attempt_actions: Annotated[int, Field(ge=1, le=400, json_schema_extra=_ACTIONS)] = 100
     insertion_depth_m: Annotated[float, Field(ge=0.001, le=0.025)] = 0.01
     success_probability: tuple[Probability, Probability, Probability] = (0.118, 0.162, 0.117)
     outcome_model: Literal["constant", "covariance"] = "constant"
@@ -300,21 +308,21 @@ class SensorConfig:
     """The learned sensors: encoders e1 and e2, heads h_pos and h_match.
 
     Attributes:
-        width: Size of the outputs of e1 and e2, and of a token.
-        conv_channels: Channels of the five layers of the wrench encoder.
+        width: Size of encoder outputs and tokens.
+        conv_channels: Channels of the wrench encoder. One for each of its five layers.
         layers: Transformer layers.
         heads: Attention heads.
-        feedforward: Width inside the transformer's feed-forward part.
-        dropout: Rate in the transformer while training.
-        positional: Whether tokens carry their place in time.
-        causal: Whether attention looks at the past only.
-        noise: What R depends on: the ``peg`` alone, as in the paper, or the ``trace`` as well.
-        reference: From where positions are measured: the ``estimate``, or the ``final`` position of the tip,
-            which makes it the frame-by-frame baseline. ``mjx-fit train`` trains both.
-        contact_features: Whether a token is told, beside the wrench itself, its mean and spread and the
-            centre of pressure.
-        places: Weighted means, over the attempt, of where the tip was and where it was pressed, that join
-            what the maximum over time gives; 0: none, as in the paper.
+        feedforward: Width of the feed-forward part.
+        dropout: Dropout rate of the transformer.
+        positional: Encode the place in time.
+        causal: Attend to the past only.
+        noise: What the noise model R depends on. The ``peg`` alone, as in the paper, or the ``trace``, too.
+        reference: Origin of measured positions. The ``estimate``, or the ``final`` position of the end
+            effector, which makes it the frame-by-frame baseline. ``mjx-fit train`` trains both.
+        contact_features: Add contact features to tokens. Mean and spread of the wrench, and the centre of
+            pressure; the paper's tokens hold the wrench alone.
+        places: Weighted mean positions; 0: none. Means, over the attempt, of where the end effector was and
+            where it was pressed, that join what the maximum over time gives. The paper has none.
     """
 
     width: Annotated[int, Field(ge=4, le=512, multiple_of=4)] = 64
@@ -325,10 +333,10 @@ class SensorConfig:
     dropout: Annotated[float, Field(ge=0, le=0.9)] = 0.0
     positional: bool = False
     causal: bool = False
-    noise: Literal["peg", "trace"] = "peg"
+    noise: Literal["peg", "trace"] = "trace"
     reference: Literal["estimate", "final"] = "estimate"
-    contact_features: bool = False
-    places: Annotated[int, Field(ge=0, le=64)] = 0
+    contact_features: bool = True
+    places: Annotated[int, Field(ge=0, le=64)] = 8
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -336,35 +344,51 @@ class TrainConfig:
     """Training of the differentiable filters.
 
     Attributes:
-        epochs: Passes over the training episodes, one window from each per pass.
+        epochs: Passes over the training data. One window from each episode per pass.
         batch_size: Windows in one step.
-        learning_rate: Adam's, the largest; no weight moves farther than that in a step.
-        schedule: Of the learning rate: ``constant``, or ``cosine``, a half wave from 1 to 0 over all epochs.
+        learning_rate: Adam's largest learning rate. No weight moves farther than that in a step.
+        schedule: Schedule of the learning rate. ``constant``, or ``cosine``: a half wave from 1 to 0 over all
+            epochs.
         adam_b2: Adam's β2.
-        weight_decay: AdamW's.
-        mirror: Show every second window mirrored in the robot's plane of symmetry.
-        min_window: Shortest window, actions.
-        max_window: Longest window, actions; windows are padded to this.
-        sequence: Attempts in a row at one hole that one example goes through, each with the belief that the
-            ones before have left; 1: every window alone, from the prior that was stored with it. For more the
+        weight_decay: AdamW's weight decay.
+        mirror: Mirror every second window. In the robot's plane of symmetry; for shapes that are their own
+            mirror image alone.
+        min_window: Shortest window.
+        max_window: Longest window. Shorter ones are padded to this.
+        sequence: Attempts chained in one example. In a row at one hole, each with the belief that the ones
+            before have left; 1: every window alone, from the prior that was stored with it. For more the
             data must be collected with as many (``--sequence``) and with a sensor's own beliefs (``--run``),
-            and windows should be whole attempts: where the second began tells what the first had told.
-        validation_fraction: Share of the episodes kept for validation.
-        patience: Epochs without a better validation NLL after which training stops early; 0: never.
-        baseline_share: Epochs of the frame-by-frame baseline, which ``mjx-fit train`` trains behind the
-            sensor, as a share of ``epochs``; 0: leave it out.
+            and windows should be whole attempts: where the second began says what the first had said.
+        validation_fraction: Share of validation episodes.
+        patience: Epochs without gain; 0: no limit. Training stops early after this many without a better
+            validation NLL.
+        baseline_share: Baseline's share of the epochs. The frame-by-frame baseline is trained after the
+            sensor; 0: leave it out.
     """
 
-    epochs: Annotated[int, Field(ge=1, le=MAX_EPOCHS)] = 5000
-    batch_size: Annotated[int, Field(ge=1, le=16_384)] = 128
-    learning_rate: Annotated[float, Field(ge=1e-12, le=1)] = 1e-4
-    schedule: Literal["constant", "cosine"] = "constant"
+    epochs: Annotated[int, Field(ge=1, le=MAX_EPOCHS, json_schema_extra=_EPOCHS)] = 30
+    batch_size: Annotated[int, Field(ge=1, le=16_384, json_schema_extra={"unit": "windows"})] = 32
+    learning_rate: Annotated[float, Field(ge=1e-12, le=1)] = 1e-3
+    schedule: Literal["constant", "cosine"] = "cosine"
     adam_b2: Annotated[float, Field(ge=0.1, le=0.99999)] = 0.99
-    weight_decay: Annotated[float, Field(ge=0, le=10)] = 0.0
-    mirror: bool = False
+    weight_decay: Annotated[float, Field(ge=0, le=10)] = 0.01
+    mirror: bool = True
     min_window: Window = 20
     max_window: Window = 100
-    sequence: Annotated[int, Field(ge=1, le=30)] = 1
+    sequence: Annotated[int, Field(ge=1, le=30, json_schema_extra=_ATTEMPTS)] = 1
     validation_fraction: Annotated[float, Field(ge=0.001, le=0.9)] = 0.1
-    patience: Annotated[int, Field(ge=0, le=1_000_000)] = 0
-    baseline_share: Annotated[float, Field(ge=0, le=1)] = 1.0
+    patience: Annotated[int, Field(ge=0, le=1_000_000, json_schema_extra=_EPOCHS)] = 0
+    baseline_share: Annotated[float, Field(ge=0, le=1)] = 0.5
+
+
+FIRST_SENSOR = SensorConfig(noise="peg", contact_features=False, places=0)
+FIRST_TRAIN = TrainConfig(
+    epochs=5000,
+    batch_size=128,
+    learning_rate=1e-4,
+    schedule="constant",
+    weight_decay=0.0,
+    mirror=False,
+    baseline_share=1.0,
+)
+"""The paper's, which were the first defaults: what a key means where a stored file is older than the key."""

@@ -13,7 +13,7 @@ from mjx_fit.files import LOCK
 from mjx_fit.simulate.interface import Engine
 from mjx_fit.task.learning import Update
 
-PLAN = Plan(episodes=10, steps=3, policy="mixed", engine="native", seed=5, batch=5)
+PLAN = Plan(episodes=10, actions=3, policy="mixed", engine="native", seed=5, batch=5)
 
 
 class Collector:

@@ -16,9 +16,39 @@ hypothesis.settings.load_profile("mjx_fit")
 
 COMPILED = "JAX_COMPILATION_CACHE_DIR"
 
+# Small computations are kept, too: JAX keeps what took a second or more to compile, and a command that a test
+# starts compiles a dozen that took less: 2 s of its 5.7 s.
+KEPT_FROM_S = "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"
+
 # Most of the time of the slowest tests is compiling, much of it LLVM polishing code that runs once. At
 # level 0 rounding differs enough for trainings to part. `XLA_FLAGS= make test` tests what commands run.
 os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=1")
+
+
+LONG = {
+    *("bench", "boxes", "calibration", "checkpoint", "cli", "collect", "compiled", "constraints", "crash"),
+    *("damaged_checkpoint", "demo", "door", "engines", "examples", "export", "export_readers", "files"),
+    *(
+        "going_on",
+        "interrupts",
+        "machine_paths",
+        "memory",
+        "mirror",
+        "numerics",
+        "package",
+        "paper",
+        "parity",
+    ),
+    *("picture", "plausible", "reader", "requests", "sensors", "shapes", "store", "torch_twin", "training"),
+    *("view", "windows", "attention", "hole", "loss", "task"),
+}
+"""Modules that compile an engine or a training, or start processes: ``make quick`` leaves them out."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        if item.path.stem.removeprefix("test_") in LONG:
+            item.add_marker("long")
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -31,6 +61,8 @@ def pytest_configure(config: pytest.Config) -> None:
         config.add_cleanup(folder.cleanup)
         os.environ[COMPILED] = folder.name
     jax.config.update("jax_compilation_cache_dir", os.environ[COMPILED])
+    os.environ[KEPT_FROM_S] = "0"
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0)
 
 
 @pytest.fixture(scope="session")

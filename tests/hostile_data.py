@@ -37,7 +37,7 @@ def episodes() -> Episode:
 
 def write(folder: Path, change: Change | None = None, **fields: Any) -> Path:
     """A data set of one shard, changed, with a manifest that holds the changed shard's digest."""
-    request = Plan(episodes=EPISODES, steps=STEPS, engine="native").request(Config())
+    request = Plan(episodes=EPISODES, actions=STEPS, engine="native").request(Config())
     content = encode(episodes(), request)
     if change is not None:
         buffer = io.BytesIO(content)
@@ -49,7 +49,7 @@ def write(folder: Path, change: Change | None = None, **fields: Any) -> Path:
 
 def write_content(folder: Path, content: bytes, request: dict[str, Any] | None = None, **fields: Any) -> Path:
     """A data set whose shard has this content."""
-    request = request or Plan(episodes=EPISODES, steps=STEPS, engine="native").request(Config())
+    request = request or Plan(episodes=EPISODES, actions=STEPS, engine="native").request(Config())
     shard = replace(new_shard(NAME, np.arange(EPISODES), content), **fields)
     made = replace(new_manifest(request, (0, 1)), complete=True, shards=(shard,))
     folder.mkdir()
@@ -60,7 +60,7 @@ def write_content(folder: Path, content: bytes, request: dict[str, Any] | None =
 
 def manifest() -> Manifest:
     """Of such a data set."""
-    request = Plan(episodes=EPISODES, steps=STEPS, engine="native").request(Config())
+    request = Plan(episodes=EPISODES, actions=STEPS, engine="native").request(Config())
     shard = new_shard(NAME, np.arange(EPISODES), b"content")
     return replace(new_manifest(request, (0, 1)), complete=True, shards=(shard,))
 

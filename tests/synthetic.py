@@ -9,6 +9,10 @@ import numpy as np
 from mjx_fit.dataset.episode import Episode
 from mjx_fit.types import Felt, Rollout, Trace, Truth
 
+PAPER_SENSOR = {"noise": "peg", "contact_features": False, "places": 0}
+PAPER_TRAINING = {"schedule": "constant", "weight_decay": 0.0, "mirror": False, "baseline_share": 1.0}
+"""What the paper's sensor and training have where the defaults differ, but for sizes."""
+
 
 def make_rollouts(
     episodes: int = 24, actions: int = 16, seed: int = 0, min_length: int = 8, sequence: int = 1

@@ -6,6 +6,7 @@ import jax
 import mujoco
 import numpy as np
 import pytest
+from synthetic import PAPER_SENSOR, PAPER_TRAINING
 
 from mjx_fit.bench import reference, run, training
 from mjx_fit.bench.engines import CONTENDERS, attempts_of
@@ -55,8 +56,10 @@ def test_a_row_says_what_the_contract_says():
 def test_a_training_step_is_timed_on_windows_of_all_lengths():
     small = replace(
         CONFIG,
-        sensor=SensorConfig(width=8, conv_channels=(4, 4, 4, 4, 4), layers=1, heads=2, feedforward=8),
-        train=TrainConfig(batch_size=16, min_window=3, max_window=12),
+        sensor=SensorConfig(
+            width=8, conv_channels=(4, 4, 4, 4, 4), layers=1, heads=2, feedforward=8, **PAPER_SENSOR
+        ),
+        train=TrainConfig(batch_size=16, min_window=3, max_window=12, **PAPER_TRAINING),
     )
     reading = training.sample_of(small).reading
     counts = np.asarray(reading.mask).sum(1)

@@ -11,7 +11,7 @@ from flax import nnx
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
-from synthetic import make_episodes, with_truth, with_unit_quaternions
+from synthetic import PAPER_SENSOR, make_episodes, with_truth, with_unit_quaternions
 
 from mjx_fit.config import Config
 from mjx_fit.errors import RequestError
@@ -84,7 +84,8 @@ def test_an_observation_is_of_the_first_actions_with_the_noise_of_the_episode():
     data, config = make_episodes(20, actions=16, min_length=16), Config()
     data = dataclasses.replace(data, rollout=with_unit_quaternions(data.rollout))
     sensor = ContactSensor(
-        SensorConfig(width=8, layers=1, feedforward=8, conv_channels=(4, 4, 4, 4, 4)), nnx.Rngs(0)
+        SensorConfig(width=8, layers=1, feedforward=8, conv_channels=(4, 4, 4, 4, 4), **PAPER_SENSOR),
+        nnx.Rngs(0),
     )
     say = nnx.jit(lambda sensor, reading: sensor(reading))
     ids, root = np.array([7, 3, 12]), root_key(5, "held out")

@@ -11,7 +11,7 @@ import jax
 import numpy as np
 import pytest
 import yaml
-from synthetic import make_episodes
+from synthetic import PAPER_SENSOR, PAPER_TRAINING, make_episodes
 
 from mjx_fit import cli
 from mjx_fit.settings import WristConfig
@@ -24,9 +24,11 @@ observed in six noiseless readings."""
 
 CLEAN = WristConfig(force_noise_n=0.0, torque_xy_noise_nm=0.0, torque_z_noise_nm=0.0)
 SMALL = {
-    "sensor": {"width": 8, "layers": 1, "feedforward": 8, "conv_channels": [4, 4, 4, 4, 4]},
-    "train": {
+    "sensor": {"width": 8, "layers": 1, "feedforward": 8, "conv_channels": [4] * 5} | PAPER_SENSOR,
+    "train": PAPER_TRAINING
+    | {
         "epochs": 40,
+        "learning_rate": 1e-4,
         "batch_size": 4,
         "max_window": 6,
         "min_window": 3,

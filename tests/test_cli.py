@@ -9,6 +9,7 @@ from importlib.metadata import version
 
 import pytest
 import yaml
+from synthetic import PAPER_SENSOR
 
 from mjx_fit import cli, config, interrupts, resources
 from mjx_fit.dataset import manifest
@@ -316,8 +317,8 @@ def test_attempt_from_command_to_file(tmp_path, capsys, refused):
 def trained(data, tmp_path_factory):
     """A run, as small as it gets, and the settings that it was made with."""
     folder = tmp_path_factory.mktemp("trained")
-    small = {"sensor": {"width": 8, "layers": 1, "feedforward": 8, "conv_channels": [4, 4, 4, 4, 4]}}
-    small |= {"train": {"epochs": 2, "batch_size": 4, "max_window": 6, "min_window": 3}}
+    small = {"sensor": {"width": 8, "layers": 1, "feedforward": 8, "conv_channels": [4] * 5} | PAPER_SENSOR}
+    small |= {"train": {"epochs": 2, "batch_size": 4, "max_window": 6, "min_window": 3, "mirror": False}}
     (folder / "c.yaml").write_text(yaml.safe_dump(small))
     settings = ["--config", str(folder / "c.yaml"), *TINY]
     assert cli.main(["train", "--data", str(data), "--out", str(folder / "run"), *settings]) == 0

@@ -75,7 +75,7 @@ def test_sequences_keep_their_hole_and_end_with_an_insertion(collect, tmp_path):
     """Easy holes and narrow estimates, so that pegs do go in."""
     easy = load(None, ["scene.clearance_m=0.003", "sequence.max_std_m=0.001", "spiral.push_m=0.008"])
     easily = Collector(NativeEngine(easy, 2))
-    plan = {"episodes": 36, "sequence": 3, "steps": 30, "policy": "spiral", "batch": 6}
+    plan = {"episodes": 36, "sequence": 3, "actions": 30, "policy": "spiral", "batch": 6}
     data = store.load(easily(tmp_path / "easy", easy, **plan))
     done = data.rollout
     assert data.episode.tolist() == list(range(36))
@@ -105,10 +105,10 @@ def test_sequences_keep_their_hole_and_end_with_an_insertion(collect, tmp_path):
 def test_a_spiral_is_as_long_as_an_attempt(collect, tmp_path):
     """Twice the steps must not make it a slower spiral: it is to be what the robot does later."""
     config = load(None, ["task.attempt_actions=4"])
-    data = store.load(collect(tmp_path / "long", config, episodes=24, batch=24, steps=6)).rollout
-    short = store.load(collect(tmp_path / "short", config, episodes=24, batch=24, steps=4)).rollout
+    data = store.load(collect(tmp_path / "long", config, episodes=24, batch=24, actions=6)).rollout
+    short = store.load(collect(tmp_path / "short", config, episodes=24, batch=24, actions=4)).rollout
     # Fewer steps are the beginning of it, and not a spiral in a hurry.
-    cut = store.load(collect(tmp_path / "cut", config, episodes=24, batch=24, steps=2)).rollout
+    cut = store.load(collect(tmp_path / "cut", config, episodes=24, batch=24, actions=2)).rollout
     spiral = policy_of("mixed", np.arange(24), 0) == SPIRAL
     assert np.array_equal(store.load(tmp_path / "long").policy == SPIRAL, spiral)
     assert spiral.sum() == 12
@@ -194,7 +194,7 @@ def test_the_engine_is_the_one_that_the_plan_names(collect, tmp_path):
             {"episodes": 10, "sequence": 3},
             "--episodes: 10 is not allowed: it must be a multiple",
         ),
-        ({"steps": 0}, "--steps: 0 is not allowed"),
+        ({"actions": 0}, "--actions: 0 is not allowed"),
         ({"policy": "zigzag"}, "--policy: 'zigzag' is not allowed: it must be one of spiral, random, mixed"),
         ({"seed": -1}, "--seed: -1 is not allowed"),
         ({"batch": 0}, "--batch: 0 is not allowed"),
@@ -255,7 +255,7 @@ def test_a_sequence_ends_with_a_world_that_broke(tmp_path, capsys):
             return with_truth(done, valid=~broken, inserted=np.zeros(len(broken), bool))
 
     engine = Breaking()
-    plan = Plan(episodes=9, steps=2, policy="random", seed=0, batch=9, sequence=3)
+    plan = Plan(episodes=9, actions=2, policy="random", seed=0, batch=9, sequence=3)
     sequences = Sequences(engine, Config(), plan, tmp_path, None)
     data = sequences(0)
     assert [active.tolist() for _, active in engine.seen] == [[True] * 3, [True] * 3, [True, False, True]]

@@ -18,7 +18,7 @@ from mjx_fit.dataset import manifest, shard, store
 from mjx_fit.dataset.merge import merge
 from mjx_fit.errors import RequestError, WorkError
 
-SMALL = {"episodes": 40, "steps": 4, "batch": 4, "policy": "mixed", "engine": "native", "sequence": 2}
+SMALL = {"episodes": 40, "actions": 4, "batch": 4, "policy": "mixed", "engine": "native", "sequence": 2}
 
 
 MOMENTS, MOMENTS_WITH_ROOM = 3 + 6 * 6 + 2, 3 + 6 * 5
@@ -183,7 +183,7 @@ def test_a_second_collector_is_refused(collect, tmp_path):
     with locks.holding(out):
         with ThreadPoolExecutor(1) as other, pytest.raises(RequestError, match="another process is writing"):
             other.submit(collect, out).result()
-        done = run(command(out, episodes=10, steps=3, policy="mixed", engine="native", seed=5, batch=5))
+        done = run(command(out, episodes=10, actions=3, policy="mixed", engine="native", seed=5, batch=5))
         assert done.returncode == 2
         assert done.stderr.count("\n") == 1
         assert files_of(out) == before

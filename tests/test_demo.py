@@ -12,6 +12,7 @@ TINY = [
     "sensor.width=8", "sensor.layers=1", "sensor.feedforward=8", "sensor.conv_channels=[4, 4, 4, 4, 4]",
     "train.epochs=2", "train.batch_size=8", "train.max_window=20", "task.attempt_actions=6",
     "task.max_attempts=2", "task.n_holes=2", "train.baseline_share=0",
+    "sensor.noise=peg", "sensor.contact_features=false", "sensor.places=0", "train.mirror=false",
 ]  # fmt: skip
 
 

@@ -214,7 +214,7 @@ def test_sweeps_that_tilt_a_peg_are_refused_where_they_are_used(sets, tmp_path):
     with pytest.raises(
         RequestError, match=r"^config: random\.reach_m: .* is not allowed: it must be between"
     ):
-        collect(asked, tmp_path / "d", Plan(episodes=2, steps=1), FakeEngine())
+        collect(asked, tmp_path / "d", Plan(episodes=2, actions=1, policy="random"), FakeEngine())
     assert not (tmp_path / "d").exists()
 
 
@@ -255,7 +255,7 @@ def _whole_number_options() -> list[tuple[tuple[str, ...], str]]:
         for action in command._actions:
             if isinstance(action, argparse._SubParsersAction):
                 waiting += [((*name, word), sub) for word, sub in action.choices.items()]
-            elif action.type is int:
+            elif action.type is int and action.help != argparse.SUPPRESS:
                 found.append((name, action.option_strings[0]))
     return sorted(found)
 

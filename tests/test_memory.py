@@ -128,7 +128,7 @@ def test_attempts_that_cannot_fit_are_refused_by_an_engine(monkeypatch, native):
 
 
 def test_training_that_cannot_fit_is_refused_before_the_data_are_read(monkeypatch, tmp_path, collect, capsys):
-    collect(tmp_path / "data", episodes=20, steps=12, policy="random", batch=20)
+    collect(tmp_path / "data", episodes=20, actions=12, policy="random", batch=20)
     having(monkeypatch, 20 * 12 * ACTION_BYTES - 1)
     asked = ["train", "--data", str(tmp_path / "data"), "--out", str(tmp_path / "run")]
     assert cli.main(asked) == 2

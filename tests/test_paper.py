@@ -15,6 +15,7 @@ TINY = [
     "sensor.width=8", "sensor.layers=1", "sensor.feedforward=8", "sensor.conv_channels=[4, 4, 4, 4, 4]",
     "train.epochs=2", "train.batch_size=8", "train.max_window=20", "train.baseline_share=0.5",
     "task.attempt_actions=6", "task.max_attempts=2", "task.n_holes=2",
+    "sensor.noise=peg", "sensor.contact_features=false", "sensor.places=0", "train.mirror=false",
 ]  # fmt: skip
 SIZE = Size("cpu", 12, 3, 12, 15, 2, 2, 2, 2, 2, 3)
 

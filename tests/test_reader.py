@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from synthetic import make_episodes
+from synthetic import PAPER_TRAINING, make_episodes
 
 from mjx_fit.config import Config
 from mjx_fit.dataset.reader import batches, equal_batches, placed
@@ -17,7 +17,7 @@ from mjx_fit.settings import TrainConfig
 
 DATA = make_episodes(20, actions=12, min_length=6)
 CHOSEN = np.arange(3, 20)
-CONFIG = Config(train=TrainConfig(min_window=4, max_window=8, batch_size=5))
+CONFIG = Config(train=TrainConfig(min_window=4, max_window=8, batch_size=5, **PAPER_TRAINING))
 
 
 def one_pass(data, seed, config=CONFIG):

@@ -80,7 +80,7 @@ def as_stored(leaf: np.ndarray) -> np.ndarray:
 
 
 def dataset_folder(path: Path) -> Path:
-    plan = Plan(episodes=20, steps=30, engine="native", seed=12)
+    plan = Plan(episodes=20, actions=30, policy="random", engine="native", seed=12)
     request, ids = plan.request(config.Config()), np.arange(20)
     cov = np.tile(1e-4 * np.eye(2, dtype=np.float32), (20, 1, 1))
     policy = np.zeros(20, np.int32)

@@ -9,7 +9,7 @@ import pytest
 from flax import nnx
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from synthetic import make_rollouts
+from synthetic import PAPER_SENSOR, make_rollouts
 
 from mjx_fit.errors import RequestError
 from mjx_fit.sensors.encoder import TraceEncoder
@@ -26,7 +26,9 @@ from mjx_fit.settings import SceneConfig, SensorConfig, WristConfig
 from mjx_fit.types import Observation, Reading
 from mjx_fit.wrist import read
 
-SMALL = SensorConfig(width=16, conv_channels=(4, 4, 8, 8, 8), layers=1, heads=2, feedforward=16)
+SMALL = SensorConfig(
+    width=16, conv_channels=(4, 4, 8, 8, 8), layers=1, heads=2, feedforward=16, **PAPER_SENSOR
+)
 ROWS = 12
 
 

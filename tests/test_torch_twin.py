@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from flax import nnx
-from synthetic import make_episodes
+from synthetic import PAPER_SENSOR, PAPER_TRAINING, make_episodes
 
 from mjx_fit.config import Config
 from mjx_fit.dataset.windows import sample_windows
@@ -16,8 +16,10 @@ from mjx_fit.training.loss import filter_loss
 pytest.importorskip("torch")
 
 CONFIG = Config(
-    sensor=SensorConfig(width=16, conv_channels=(4, 4, 8, 8, 8), layers=2, heads=2, feedforward=16),
-    train=TrainConfig(min_window=3, max_window=9),
+    sensor=SensorConfig(
+        width=16, conv_channels=(4, 4, 8, 8, 8), layers=2, heads=2, feedforward=16, **PAPER_SENSOR
+    ),
+    train=TrainConfig(min_window=3, max_window=9, **PAPER_TRAINING),
 )
 
 

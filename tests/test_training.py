@@ -16,7 +16,7 @@ import optax
 import pytest
 from faults import Faults
 from flax import nnx
-from synthetic import make_episodes, with_trace, with_truth
+from synthetic import PAPER_SENSOR, PAPER_TRAINING, make_episodes, with_trace, with_truth
 
 from mjx_fit.config import Config, load, to_tree
 from mjx_fit.dataset.reader import placed
@@ -50,9 +50,16 @@ CONFIG = Config(
         feedforward=16,
         dropout=0.1,
         positional=True,
+        **PAPER_SENSOR,
     ),
     train=TrainConfig(
-        epochs=EPOCHS, batch_size=32, learning_rate=5e-3, min_window=4, max_window=8, validation_fraction=0.25
+        epochs=EPOCHS,
+        batch_size=32,
+        learning_rate=5e-3,
+        min_window=4,
+        max_window=8,
+        validation_fraction=0.25,
+        **PAPER_TRAINING,
     ),
 )
 

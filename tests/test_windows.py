@@ -17,7 +17,7 @@ from mjx_fit.settings import TrainConfig, WristConfig
 from mjx_fit.shapes import plate_top_m
 
 CLEAN = WristConfig(force_noise_n=0.0, torque_xy_noise_nm=0.0, torque_z_noise_nm=0.0)
-CONFIG = Config(wrist=CLEAN, train=TrainConfig(min_window=4, max_window=10))
+CONFIG = Config(wrist=CLEAN, train=TrainConfig(min_window=4, max_window=10, mirror=False))
 EPISODES = 24
 DATA = make_episodes(EPISODES, actions=16, min_length=3)
 ALL = jnp.arange(EPISODES)
@@ -107,7 +107,7 @@ def test_draws_depend_on_key_and_episode_and_not_on_the_batch(many):
 def test_noise_has_the_sensors_sigmas_and_the_tare_its_share():
     wrist = WristConfig(force_noise_n=0.1, torque_xy_noise_nm=0.005, torque_z_noise_nm=0.003, tare_samples=4)
     # The window is the whole episode, so that it is known which clean rows it shows.
-    config = replace(CONFIG, wrist=wrist, train=TrainConfig(min_window=16, max_window=16))
+    config = replace(CONFIG, wrist=wrist, train=TrainConfig(min_window=16, max_window=16, mirror=False))
     copies = jax.tree.map(lambda x: jnp.concatenate([x] * 40), DATA)
     reading = sample_windows(copies, jnp.arange(40 * EPISODES), jax.random.key(1), config).reading
     clean = np.asarray(

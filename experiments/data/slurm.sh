@@ -14,5 +14,5 @@
 #SBATCH --requeue
 set -euo pipefail
 mjx-fit collect --out "$1/part-$(printf %02d "$SLURM_ARRAY_TASK_ID")" \
-    --episodes 30000 --seed 0 --policy spiral --steps 100 \
+    --episodes 30000 --seed 0 --policy spiral --actions 100 \
     --shard-index "$SLURM_ARRAY_TASK_ID" --num-shards 12

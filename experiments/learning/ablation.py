@@ -28,7 +28,7 @@ from mjx_fit.training.sides import usable_sides
 
 HERE = Path(__file__).parent
 STEPS = 2400
-TEST = Plan(episodes=3000, steps=100, policy="spiral", seed=1000)
+TEST = Plan(episodes=3000, actions=100, policy="spiral", seed=1000)
 
 AS_IT_WAS = "sensor.positional=true"
 """What ``configs/cpu.yaml`` had until this table advised against it."""
@@ -52,7 +52,7 @@ class Row:
     seeds: int = 1
 
 
-SPIRAL = Plan(episodes=3000, steps=100, policy="spiral", seed=2)
+SPIRAL = Plan(episodes=3000, actions=100, policy="spiral", seed=2)
 ROWS = {
     "base": Row(SPIRAL, seeds=3),
     "spiral, 1000": Row(Plan(1000, 100, "spiral", seed=2)),

@@ -2,7 +2,7 @@
 
     python experiments/own/sensor.py DATA TEST
 
-DATA and TEST are made by ``mjx-fit collect --policy spiral --steps 100`` with ``--seed 0`` and ``--seed 1``.
+DATA and TEST are made by ``mjx-fit collect`` with ``--seed 0`` and ``--seed 1``.
 Whatever gives an innovation and its covariance is a position sensor: the Kalman filter does the rest.
 """
 

@@ -61,8 +61,8 @@ def collect(config: Config, out: Path, plan: Plan, engine: Engine, update: Updat
 
 def _require_memory(config: Config, plan: Plan) -> None:
     """Refuses what needs more memory than there is: the attempts of a batch, beside what came of one."""
-    rows = plan.sequence * plan.steps + min(plan.steps, config.task.attempt_actions)
-    what = f"--batch: {plan.batch} with up to {plan.steps} actions"
+    rows = plan.sequence * plan.actions + min(plan.actions, config.task.attempt_actions)
+    what = f"--batch: {plan.batch} with up to {plan.actions} actions"
     memory.require(plan.worlds * rows * ACTION_BYTES, what, "lower it")
 
 

@@ -11,9 +11,12 @@ from mjx_fit.dataset.manifest import Manifest
 from mjx_fit.dataset.manifest_schema import MAX_ACTIONS, MAX_BATCH, MAX_EPISODES, MAX_SEQUENCE
 from mjx_fit.errors import RequestError, require, shown
 from mjx_fit.randomness import require_seed
-from mjx_fit.settings import SensorConfig, TrainConfig
+from mjx_fit.settings import FIRST_SENSOR, FIRST_TRAIN
 from mjx_fit.simulate.select import resolve
 from mjx_fit.simulate.threads import even_batch
+
+STORED_ACTIONS = "steps"
+"""What data sets call ``Plan.actions``, from the beginning."""
 
 
 @dataclass(frozen=True)
@@ -22,9 +25,8 @@ class Plan:
 
     Attributes:
         episodes: Number of rollouts, a multiple of ``sequence``.
-        steps: Most actions in one. A spiral is as long as it will be in use, ``task.attempt_actions``, or is
-            cut off.
-        policy: ``random``, ``spiral``, or ``mixed``: both in turn.
+        actions: Most actions in one. A spiral is as long as an attempt, ``task.attempt_actions``, or cut off.
+        policy: ``spiral``, ``random``, or ``mixed``: both in turn.
         engine: ``auto``, ``mjx`` or ``native``.
         seed: Root seed.
         batch: Most rollouts in one shard. Their sequences are simulated at once.
@@ -38,8 +40,8 @@ class Plan:
     """
 
     episodes: int = 3000
-    steps: int = 200
-    policy: str = "random"
+    actions: int = 100
+    policy: str = "spiral"
     engine: str = "auto"
     seed: int = 0
     batch: int = 250
@@ -76,16 +78,16 @@ class Plan:
     def request(self, config: Config) -> dict[str, Any]:
         """What makes the whole what it is, JSON-ready: the same in all its parts.
 
-        How a sensor is built and trained is left at its defaults: no interaction depends on that, but on the
-        sensor that was made, which is named.
+        No interaction depends on how a sensor is built and trained, but on the sensor that was made, which is
+        named: the sections ``sensor`` and ``train`` are always the same: bytes and digests depend on them.
         """
-        config = replace(config, sensor=SensorConfig(), train=TrainConfig())
-        whole = ("episodes", "steps", "policy", "seed", "batch", "sequence")
         return {
-            **{name: getattr(self, name) for name in whole},
+            "episodes": self.episodes,
+            STORED_ACTIONS: self.actions,
+            **{name: getattr(self, name) for name in ("policy", "seed", "batch", "sequence")},
             **({"sensor": self.sensor} if self.sensor else {}),
             "engine": resolve(self.engine),
-            "config": config_.to_tree(config),
+            "config": config_.to_tree(replace(config, sensor=FIRST_SENSOR, train=FIRST_TRAIN)),
         }
 
 
@@ -93,13 +95,13 @@ def plan_of(manifest: Manifest) -> Plan:
     """What a data set was asked to be."""
     index, of = manifest.part
     asked = {name: value for name, value in manifest.request.items() if name != "config"}
-    return Plan(**asked, shard_index=index, num_shards=of)
+    return Plan(actions=asked.pop(STORED_ACTIONS), **asked, shard_index=index, num_shards=of)
 
 
 def check(plan: Plan) -> None:
     require_seed(plan.seed)
     require("--episodes", plan.episodes, 1, MAX_EPISODES)
-    require("--steps", plan.steps, 1, MAX_ACTIONS)
+    require("--actions", plan.actions, 1, MAX_ACTIONS)
     if plan.policy not in POLICIES:
         raise RequestError(
             f"--policy: {shown(plan.policy)} is not allowed: it must be one of {', '.join(POLICIES)}"

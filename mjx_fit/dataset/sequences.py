@@ -48,7 +48,7 @@ class Sequences:
         plan = self._plan
         batch = _Batch(self._config, plan, start, learns=self._update is not None)
         engine = _EachPolicy(self._engine, self._config, batch, self._dumps)
-        rounds = attempt_rounds(batch.next_try, engine, self._update or _nothing_learned, plan.steps)
+        rounds = attempt_rounds(batch.next_try, engine, self._update or _nothing_learned, plan.actions)
         whole = None
         for number, tried in enumerate(rounds):
             one = batch.record(tried)

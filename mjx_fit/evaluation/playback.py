@@ -107,7 +107,7 @@ def replay(
     pieces = parts.pieces(trials, len(names), engine.name)
     ids = next(piece for piece in pieces if pick.trial in piece)
     picked = chosen(",".join(names), ASSEMBLY)
-    assemblies = _Assemblies(config_.from_tree(result.config), picked, ids, result.seed)
+    assemblies = _Assemblies(config_.from_stored(result.config), picked, ids, result.seed)
     tried = [hole for holes in rows[wanted].get("tried", []) for hole in holes]
     return _compared(_play(assemblies, pick, engine, sensor), tried[: pick.attempt], pick)
 

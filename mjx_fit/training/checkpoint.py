@@ -122,7 +122,7 @@ def load_sensor(run: Path) -> tuple[ContactSensor, Config]:
     checkpoint = load(run / BEST)
     if checkpoint is None:
         raise RequestError(f"--run: {run} is not allowed: it holds no checkpoint ({BEST}); train it first")
-    config = config_.load(run / "config.yaml")
+    config = config_.load_stored(run / "config.yaml")
     abstract = nnx.eval_shape(lambda: ContactSensor(config.sensor, nnx.Rngs(0), N_TYPES))
     _require_finite(run / BEST, checkpoint[1])
     graphdef, template = nnx.split(abstract)

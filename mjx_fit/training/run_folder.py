@@ -128,7 +128,7 @@ def check(out: Path, config: Config, seed: int, data: str, origin: dict[str, Any
         if there[name] != here
     ]
     _require_origin(out, there.get("init"), origin)
-    before = config_.load(out / CONFIG)
+    before = config_.load_stored(out / CONFIG)
     differences += config_.differences(*map(identity, (before, config)))
     _require_end(out, before, config, differences)
     if differences:

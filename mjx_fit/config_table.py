@@ -1,0 +1,148 @@
+"""Every key of the configuration in a table: its unit, what is allowed, its default and its description.
+
+All of it comes from the schema itself, ``mjx_fit.settings``: annotations, defaults and docstrings.
+"""
+
+import dataclasses
+import inspect
+import re
+from typing import Any, Literal, get_args, get_origin
+
+from mjx_fit.config import Config, to_tree
+from mjx_fit.schema_errors import plain_and_limits
+
+WIDTH = 110
+"""Columns of the widest line."""
+SUFFIXES = {"m": "m", "s": "s", "n": "N", "nm": "N·m"}
+"""Units by the ends of names, such as ``clearance_m``; other keys state theirs in the schema."""
+PURE = "1"
+"""Unit of a number without one."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Key:
+    """One key.
+
+    Attributes:
+        section: Its section.
+        name: Its name in that.
+        unit: Unit of its numbers; ``1`` for pure numbers, ``-`` for words.
+        allowed: Range or choice, in words.
+        default: Its default, JSON-ready.
+        value: Its value in the configuration at hand.
+        description: What it is, in a few sentences.
+    """
+
+    section: str
+    name: str
+    unit: str
+    allowed: str
+    default: Any
+    value: Any
+    description: str
+
+
+def keys(config: Config) -> list[Key]:
+    """All keys, in the order of the schema, with their values in a configuration."""
+    default, value = to_tree(Config()), to_tree(config)
+    return [
+        Key(
+            section,
+            field.name,
+            _unit(field.name, field.type),
+            _allowed(field.type),
+            default[section][field.name],
+            value[section][field.name],
+            _descriptions(type(schema))[field.name],
+        )
+        for section, schema in vars(Config()).items()
+        for field in dataclasses.fields(schema)
+    ]
+
+
+def as_text(table: list[Key]) -> str:
+    """A line for each key, grouped by section; values other than the default have a column of their own."""
+    differ = any(key.value != key.default for key in table)
+    head = ("key", "unit", "allowed", "default", *(["here"] * differ), "what it is")
+    rows = [_row(key, differ) for key in table]
+    widths = [max(len(row[column]) for row in [head, *rows]) for column in range(len(head) - 1)]
+    lines, section = [_line(head, widths)], ""
+    for key, row in zip(table, rows, strict=True):
+        if key.section != section:
+            section = key.section
+            lines += ["", f"{section}: {_summary(type(getattr(Config(), section)))}"]
+        lines.append(_line(row, widths))
+    return "\n".join(lines)
+
+
+def as_json(table: list[Key]) -> list[dict[str, Any]]:
+    """A JSON-ready object for each key."""
+    return [dataclasses.asdict(key) for key in table]
+
+
+def _row(key: Key, differ: bool) -> tuple[str, ...]:
+    here = [_short(key.value) if key.value != key.default else ""] * differ
+    sentence = key.description.partition(". ")[0].removesuffix(".")
+    return (f"  {key.name}", key.unit, key.allowed, _short(key.default), *here, sentence)
+
+
+def _line(row: tuple[str, ...], widths: list[int]) -> str:
+    start = "  ".join(text.ljust(width) for text, width in zip(row, widths, strict=False))
+    room = WIDTH - len(start) - 2
+    text = row[-1]
+    if len(text) > room:
+        text = text[: max(0, room - 1)].rpartition(" ")[0].rstrip(",(") + "…"
+    return f"{start}  {text}"
+
+
+def _short(value: Any) -> str:
+    """A value in a few letters."""
+    if not isinstance(value, list):
+        return str(value).lower() if isinstance(value, bool) else str(value)
+    items = [_short(one.get("name") if isinstance(one, dict) else one) for one in value]
+    text = ", ".join(items)
+    if any(isinstance(one, list) for one in value):
+        return f"{len(value)} lists"
+    return text if len(text) <= 16 else f"{items[0]} ... {items[-1]}"
+
+
+def _unit(name: str, annotation: Any) -> str:
+    plain, limits = plain_and_limits(annotation)
+    if "unit" in limits:
+        return limits["unit"]
+    suffix = name.rpartition("_")[2]
+    if "_" in name and suffix in SUFFIXES:
+        return SUFFIXES[suffix]
+    if get_origin(plain) is tuple:
+        return _unit("", get_args(plain)[0])
+    return PURE if plain in (int, float) else "-"
+
+
+def _allowed(annotation: Any) -> str:
+    """What may stand there: a range, a choice, or how many of what."""
+    plain, limits = plain_and_limits(annotation)
+    if plain is bool:
+        return "true, false"
+    if get_origin(plain) is Literal:
+        return ", ".join(get_args(plain))
+    if get_origin(plain) is tuple:
+        items = get_args(plain)
+        if items[-1] is not Ellipsis:
+            return f"{len(items)} x {_allowed(items[0])}"
+        counts = [str(limits[end]) for end in ("min_length", "max_length") if end in limits]
+        return " x ".join(["-".join(counts) or "n", _allowed(items[0])])
+    if dataclasses.is_dataclass(plain):
+        return getattr(plain, "__name__", str(plain)).lower()
+    times = f", by {limits['multiple_of']}" if "multiple_of" in limits else ""
+    return f"{limits['ge']} to {limits['le']}{times}"
+
+
+def _summary(schema: type) -> str:
+    return (inspect.getdoc(schema) or "").partition("\n")[0]
+
+
+def _descriptions(schema: type) -> dict[str, str]:
+    """The attributes of a docstring, by name."""
+    text = (inspect.getdoc(schema) or "").partition("Attributes:\n")[2]
+    found = re.findall(r"^    (\w+): (.*(?:\n {8}.*)*)", text, re.MULTILINE)
+    return {name: re.sub(r"\s+", " ", words).replace("``", "") for name, words in found}
