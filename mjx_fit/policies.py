@@ -44,7 +44,8 @@ class PolicyInput:
 
     Attributes:
         start: As ``Policy.init`` was given it.
-        key: The attempt's key, likewise.
+        attempt_key: The attempt's key, likewise.
+        key: Source of this action's randomness: ``fold_in(attempt_key, step)``.
         step: Number j of the action, from 0: time is j / 10 s.
         horizon: Number J of actions to plan for; a Python int, known when the policy is compiled.
         tip_pos_world: Where the tip is, x, m.
@@ -57,6 +58,7 @@ class PolicyInput:
     """
 
     start: PolicyStart
+    attempt_key: Key[Array, ""]
     key: Key[Array, ""]
     step: Int[Array, ""]
     tip_pos_world: Float[Array, "3"]
@@ -116,8 +118,7 @@ def spiral(config: SpiralConfig) -> Policy:
     """Algorithm 4 of the paper, around the estimate; see ``spiral_command``."""
 
     def command(seen: PolicyInput) -> Float[Array, "3"]:
-        own = jax.random.fold_in(seen.key, seen.step)
-        return spiral_command(seen.step, seen.horizon, _relative(seen), own, config)
+        return spiral_command(seen.step, seen.horizon, _relative(seen), seen.key, config)
 
     return stateless(command)
 
@@ -126,8 +127,7 @@ def random(config: RandomConfig) -> Policy:
     """Sweeps around the estimate; see ``random_command``."""
 
     def command(seen: PolicyInput) -> Float[Array, "3"]:
-        own = jax.random.fold_in(seen.key, seen.step)
-        return random_command(seen.step, _relative(seen), own, seen.key, config)
+        return random_command(seen.step, _relative(seen), seen.key, seen.attempt_key, config)
 
     return stateless(command)
 

@@ -17,7 +17,8 @@ def seen_at(attempt, step, tip):
     down, still = jnp.array([0.0, 1, 0, 0]), jnp.zeros(3)
     wrench, contact = jnp.zeros((50, 6)), jnp.asarray(False)
     start, now = policies.start_of(attempt), jnp.asarray(step)
-    return policies.PolicyInput(start, attempt.key, now, tip, down, still, still, wrench, contact, 100)
+    own = jax.random.fold_in(attempt.key, now)
+    return policies.PolicyInput(start, attempt.key, own, now, tip, down, still, still, wrench, contact, 100)
 
 
 def command(attempt, step, tip):

@@ -40,16 +40,14 @@ def walk(sigma_m: float) -> policies.Policy:
     """Steps of N(0, σ²) in the plane from wherever the tip is, pressed on the plate."""
 
     def command(seen):
-        own = jax.random.fold_in(seen.key, seen.step)
-        return jnp.append(sigma_m * jax.random.normal(own, (2,)), -PUSH_M)
+        return jnp.append(sigma_m * jax.random.normal(seen.key, (2,)), -PUSH_M)
 
     return policies.stateless(command)
 
 
 def jumps(seen):
     """A goal anywhere within the reach of the estimate, another one in every action."""
-    own = jax.random.fold_in(seen.key, seen.step)
-    goal = jax.random.uniform(own, (2,), minval=-AROUND_M, maxval=AROUND_M)
+    goal = jax.random.uniform(seen.key, (2,), minval=-AROUND_M, maxval=AROUND_M)
     return jnp.append(goal + seen.start.estimate_world - seen.tip_pos_world[:2], -PUSH_M)
 
 

@@ -58,7 +58,8 @@ def act(
     wrench = wrist_.measured(memory.wrench_sensor, tare, jax.random.fold_in(noise_key, step), wrist)
     seen = PolicyInput(
         start=memory.start,
-        key=memory.key,
+        attempt_key=memory.key,
+        key=jax.random.fold_in(memory.key, step),
         step=step,
         tip_pos_world=tip.pos_world,
         tip_quat_world=tip.quat_world,
