@@ -1,10 +1,84 @@
-"""Contact-rich assembly under uncertainty, on JAX and MuJoCo."""
+"""Contact-rich assembly under uncertainty, on JAX and MuJoCo.
+
+The names listed here are the public face of the library, and stay as they are within a major version. All
+else is
+private by convention. Modules load when a name is first used: ``import mjx_fit`` loads neither JAX nor
+MuJoCo.
+
+- Settings: `configure`, `Config`, `Shape`, `load_config`, `RequestError`.
+- Simulation: `make_engine`, `draw_attempts`, `Attempt`, `Rollout`, `Felt`.
+- Policies: `Policy`, `PolicyInput`, `stateless_policy`.
+- Sensors and filters: `load_sensor`, `TrainedSensor`, `readings`, `Belief`, `filter_update`,
+  `kalman_update`.
+- A robot of your own: `BeliefTracker`, `SensorLog`, `felt_from_log`, `log_from_felt`.
+- Data sets: `CollectionPlan`, `collect_dataset`, `load_dataset`.
+- Experiments: `draw_holes`, `try_holes`, `mean_interval`.
+"""
+
+from importlib import import_module
+from typing import Any
+
+_PUBLIC = {
+    # Settings
+    "configure": ("mjx_fit.runtime", "configure"),
+    "Config": ("mjx_fit.config", "Config"),
+    "Shape": ("mjx_fit.settings", "Shape"),
+    "load_config": ("mjx_fit.api", "load_config"),
+    "RequestError": ("mjx_fit.errors", "RequestError"),
+    # Simulation
+    "make_engine": ("mjx_fit.simulate.select", "make_engine"),
+    "draw_attempts": ("mjx_fit.api", "draw_attempts"),
+    "Attempt": ("mjx_fit.types", "Attempt"),
+    "Rollout": ("mjx_fit.types", "Rollout"),
+    "Felt": ("mjx_fit.types", "Felt"),
+    # Policies
+    "Policy": ("mjx_fit.policies", "Policy"),
+    "PolicyInput": ("mjx_fit.policies", "PolicyInput"),
+    "stateless_policy": ("mjx_fit.policies", "stateless"),
+    # Sensors and filters
+    "load_sensor": ("mjx_fit.api", "load_sensor"),
+    "TrainedSensor": ("mjx_fit.sensors.trained_sensor", "TrainedSensor"),
+    "readings": ("mjx_fit.task.learning", "readings"),
+    "Belief": ("mjx_fit.types", "Belief"),
+    "filter_update": ("mjx_fit.task.learning", "filter_update"),
+    "kalman_update": ("mjx_fit.filters.kalman", "update"),
+    # A robot of your own
+    "BeliefTracker": ("mjx_fit.task.tracker", "BeliefTracker"),
+    "SensorLog": ("mjx_fit.sensor_log", "SensorLog"),
+    "felt_from_log": ("mjx_fit.sensor_log", "felt_from_log"),
+    "log_from_felt": ("mjx_fit.sensor_log", "log_from_felt"),
+    # Data sets
+    "CollectionPlan": ("mjx_fit.dataset.plan", "Plan"),
+    "collect_dataset": ("mjx_fit.api", "collect_dataset"),
+    "load_dataset": ("mjx_fit.api", "load_dataset"),
+    # Experiments
+    "draw_holes": ("mjx_fit.api", "draw_holes"),
+    "try_holes": ("mjx_fit.api", "try_holes"),
+    "mean_interval": ("mjx_fit.api", "mean_interval"),
+}
+"""Where each public name is defined, and as what."""
+
+__all__ = list(_PUBLIC)  # pyright: ignore[reportUnsupportedDunderAll]
 
 
-def __getattr__(name: str) -> str:
-    """``__version__``, looked up when it is asked for: a command takes Ctrl-C before it imports anything."""
+def __getattr__(name: str) -> Any:
+    """A public name, or ``__version__``, looked up when it is asked for.
+
+    The command line chooses OpenGL's back end before MuJoCo loads, and takes Ctrl-C before it imports
+    anything.
+    """
     if name == "__version__":
         from importlib.metadata import version
 
         return version("mjx-fit")
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    if name not in _PUBLIC:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    module, attribute = _PUBLIC[name]
+    value = getattr(import_module(module), attribute)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    """The public names."""
+    return [*__all__, "__version__"]

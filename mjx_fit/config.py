@@ -35,7 +35,13 @@ from mjx_fit.settings import (
 
 @dataclass(frozen=True, config=STRICT)
 class Config:
-    """Everything."""
+    """The whole configuration: sections of numbers, each checked against its range.
+
+    Example:
+        >>> import mjx_fit as mf
+        >>> mf.Config().scene.clearance_m
+        0.001
+    """
 
     scene: SceneConfig = SceneConfig()
     control: ControlConfig = ControlConfig()

@@ -16,6 +16,14 @@ class RequestError(ValueError):
 
     The message is one line that names the field, the value and what is allowed. The command line prints it
     and exits with code 2.
+
+    Example:
+        >>> import mjx_fit as mf
+        >>> try:
+        ...     mf.make_engine("mujoco")
+        ... except mf.RequestError as error:
+        ...     print(error)
+        --engine: 'mujoco' is not allowed: choose from auto, mjx, native
     """
 
 

@@ -42,6 +42,12 @@ class PolicyStart:
 class PolicyInput:
     """What a policy sees before each action: measurements, the clock, and what it knew from the start.
 
+    Example:
+        >>> import jax.numpy as jnp, mjx_fit as mf
+        >>> def towards_estimate(seen: mf.PolicyInput):
+        ...     return jnp.append(seen.start.estimate_world - seen.tip_pos_world[:2], -0.004)
+        >>> policy = mf.stateless_policy(towards_estimate)
+
     Attributes:
         start: As ``Policy.init`` was given it.
         attempt_key: The attempt's key, likewise.
@@ -72,6 +78,19 @@ class PolicyInput:
 
 class Policy(NamedTuple):
     """A low-level policy, of one attempt in one world.
+
+    Example:
+        Press down until the wrist says contact, then stay:
+
+        >>> import jax, jax.numpy as jnp, mjx_fit as mf
+        >>> def act(touched, seen):
+        ...     touched = touched | seen.contact
+        ...     return touched, jnp.array([0.0, 0.0, -0.004]) * ~touched
+        >>> probe = mf.Policy(init=lambda start, key: jnp.array(False), act=act)
+        >>> engine = mf.make_engine("native", policy=probe)
+        >>> rollouts = engine.run(mf.draw_attempts(jax.random.key(0), 2), actions=4)
+        >>> (rollouts.felt.trace.action_world[:, :, 2] < 0).tolist()
+        [[True, False, False, False], [True, False, False, False]]
 
     Attributes:
         init: From the start and the attempt's key, the state before the first action.
@@ -110,7 +129,13 @@ def by_name(*members: Policy) -> Policy:
 
 
 def stateless(command: Callable[[PolicyInput], Float[Array, "3"]]) -> Policy:
-    """A policy without a state: its command follows from what it sees."""
+    """A policy without a state: its command follows from what it sees.
+
+    Example:
+        >>> import jax.numpy as jnp, mjx_fit as mf
+        >>> press = mf.stateless_policy(lambda seen: jnp.array([0.0, 0.0, -0.004]))
+        >>> engine = mf.make_engine("native", policy=press)
+    """
     return Policy(lambda start, key: (), lambda state, seen: ((), command(seen)))
 
 

@@ -33,6 +33,10 @@ def configure() -> None:
     - Memory that is freed stays with the process. XLA takes all that a computation needs at once and gives it
       back; from the system it comes page by page, which took a quarter of the time of a training step.
     - MuJoCo's warnings do not end up in a file in the working folder: a broken world is reported by name.
+
+    Example:
+        >>> import mjx_fit as mf
+        >>> mf.configure()  # first in a script; commands do so by themselves
     """
     import mujoco  # here, so that commands that only look at files need not wait for it
 

@@ -34,6 +34,20 @@ class SensorLog:
 
     Build it from keywords, or from a file: ``SensorLog(**np.load("attempt.npz"))``.
 
+    Example:
+        >>> import numpy as np, mjx_fit as mf
+        >>> time = np.arange(0.0, 1.0, 0.01)
+        >>> log = mf.SensorLog(
+        ...     wrench_time_s=time,
+        ...     wrench_sensor=np.zeros((100, 6)),
+        ...     pose_time_s=time,
+        ...     tip_pos_world=np.tile([0.5, 0.0, 0.05], (100, 1)),
+        ...     tip_quat_world=np.tile([0.0, 1.0, 0.0, 0.0], (100, 1)),
+        ...     command_time_s=np.arange(9) * 0.1,
+        ...     command_world=np.zeros((9, 3)),
+        ...     free_s=(0.0, 0.2),
+        ... )
+
     Attributes:
         wrench_time_s: (N,).
         wrench_sensor: (N, 6), force (N) and torque (N·m) that the arm exerts on the peg, in the sensor's
@@ -62,15 +76,15 @@ class SensorLog:
     tip_angvel_world: Float[np.ndarray, "M 3"] | None = None
 
 
-def felt_of(
+def felt_from_log(
     log: SensorLog, peg_type: int, estimate_world: Float[np.ndarray, "2"], robot: Robot = PANDA
 ) -> Felt:
     """What the sensors read of a log: its values at the times at which the library has them.
 
     Action j lasts from ``command_time_s[j]`` for 0.1 s. Its 50 wrenches are those at 0, 2, ..., 98 ms from
-    there: the mean of the samples within 1 ms, or, where there are none, linear interpolation. Its pose and
-    twist are those at its end: linear interpolation, and along the great circle for the orientation. No noise
-    is added.
+    there: linear interpolation up to 500 Hz, and above it the mean of the samples within 2 ms, with weights
+    that fall linearly to 0. Its pose and twist are those at its end: linear interpolation, for the orientation
+    along the great circle. No noise is added.
 
     Args:
         log: The attempt.
@@ -85,6 +99,14 @@ def felt_of(
         RequestError: An array has another shape, a number is not finite, time does not ascend, samples are
             more than 0.1 s apart, an orientation has no direction, or a position is outside the workspace, as
             in millimetres it would be. The message names the array and the time.
+
+    Example:
+        >>> import jax, numpy as np, mjx_fit as mf
+        >>> rollouts = mf.make_engine("native").run(mf.draw_attempts(jax.random.key(0), 2), actions=3)
+        >>> felt = rollouts.felt[0]
+        >>> again = mf.felt_from_log(mf.log_from_felt(felt), int(felt.peg_type), felt.estimate_world)
+        >>> np.allclose(again.trace.wrench_sensor, felt.trace.wrench_sensor)
+        True
     """
     log = SensorLog(**{field.name: _array(field.name, getattr(log, field.name)) for field in fields(log)})
     _require_shapes(log)
@@ -114,6 +136,35 @@ def felt_of(
     )
     length, peg = (np.array(number, np.int32) for number in (len(begins), peg_type))
     return Felt(trace, length, _tare(log), _single(estimate_world), peg)
+
+
+def log_from_felt(felt: Felt, start_s: float = 0.0) -> SensorLog:
+    """The log that a robot would have of a simulated attempt: 500 Hz wrenches, 10 Hz poses, no noise.
+
+    Args:
+        felt: One attempt, without batch axes.
+        start_s: Time at which it begins.
+
+    Example:
+        >>> import jax, mjx_fit as mf
+        >>> rollouts = mf.make_engine("native").run(mf.draw_attempts(jax.random.key(0), 2), actions=3)
+        >>> mf.log_from_felt(rollouts.felt[0]).wrench_sensor.shape
+        (150, 6)
+    """
+    length, trace = int(felt.length), felt.trace
+    begins = start_s + ACTION_S * np.arange(length)
+    return SensorLog(
+        wrench_time_s=(begins[:, None] + STEP_S * np.arange(SUBSTEPS)).ravel(),
+        wrench_sensor=np.asarray(trace.wrench_sensor)[:length].reshape(-1, 6),
+        pose_time_s=begins + ACTION_S,
+        tip_pos_world=np.asarray(trace.tip_pos_world)[:length],
+        tip_quat_world=np.asarray(trace.tip_quat_world)[:length],
+        command_time_s=begins,
+        command_world=np.asarray(trace.action_world)[:length],
+        tare_sensor=np.asarray(felt.tare_sensor),
+        tip_linvel_world=np.asarray(trace.tip_linvel_world)[:length],
+        tip_angvel_world=np.asarray(trace.tip_angvel_world)[:length],
+    )
 
 
 def _array(name: str, value: Any) -> Any:
@@ -224,16 +275,22 @@ def _require_poses(log: SensorLog, robot: Robot) -> None:
 def _resampled(
     time: Float[np.ndarray, "n"], values: Float[np.ndarray, "n k"], at: Float[np.ndarray, "m"]
 ) -> Float[np.ndarray, "m k"]:
-    """Means of the samples within half a step of each time; linear interpolation where there are none."""
-    low = np.searchsorted(time, at - STEP_S / 2 + _SLACK)
-    high = np.searchsorted(time, at + STEP_S / 2 + _SLACK)
-    summed = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
-    count = high - low
-    # One sample is taken as it is: the difference of two sums would round it.
-    single = values[np.minimum(low, len(values) - 1)]
-    mean = (summed[high] - summed[low]) / np.maximum(count, 1)[:, None]
-    between = _interpolated(time, values, at)
-    return np.where((count == 0)[:, None], between, np.where((count == 1)[:, None], single, mean))
+    """Means with triangular weights that end a step away; linear interpolation where samples are rarer.
+
+    The weights of evenly spaced samples at 500 Hz are those of linear interpolation.
+    """
+    origin = time[0]
+    sums = np.cumsum(np.column_stack([np.ones_like(time), values]), axis=0)
+    moments = np.cumsum((time - origin)[:, None] * np.column_stack([np.ones_like(time), values]), axis=0)
+    sums, moments = (np.vstack([np.zeros((1, table.shape[1])), table]) for table in (sums, moments))
+    first, middle, last = (np.searchsorted(time, at + shift) for shift in (-STEP_S, 0.0, STEP_S))
+    offset = (at - origin)[:, None]
+    rising = (moments[middle] - moments[first]) - (offset - STEP_S) * (sums[middle] - sums[first])
+    falling = (offset + STEP_S) * (sums[last] - sums[middle]) - (moments[last] - moments[middle])
+    weighted = (rising + falling) / STEP_S
+    dense = weighted[:, :1] > 1 + _SLACK
+    mean = weighted[:, 1:] / np.where(dense, weighted[:, :1], 1)
+    return np.where(dense, mean, _interpolated(time, values, at))
 
 
 def _interpolated(

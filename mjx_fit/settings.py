@@ -49,6 +49,11 @@ LEAST_SIDE_M = 0.001
 class Shape:
     """The cross-section of a peg: a union of rectangles, which is extruded. Its hole is wider on every side.
 
+    Example:
+        >>> import mjx_fit as mf
+        >>> mf.Shape("slot", ((-0.02, -0.005, 0.02, 0.005),)).half_width_m
+        0.02
+
     Attributes:
         name: What it is called in files and figures.
         rectangles: Of each the lower and the upper corner, x, y, x, y in m from the axis of the tool, along

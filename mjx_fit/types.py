@@ -39,6 +39,11 @@ def pytree(cls: type[T]) -> type[T]:
 class Attempt:
     """What a world is asked to do: which peg goes to which hole, and where it believes the hole to be.
 
+    Example:
+        >>> import jax, mjx_fit as mf
+        >>> mf.draw_attempts(jax.random.key(0), 3).estimate_world.shape
+        (3, 2)
+
     Attributes:
         peg_type: Index of the peg's shape.
         hole_type: Index of the hole's shape.
@@ -82,6 +87,12 @@ class Trace:
 class Felt:
     """What a robot has of one attempt: the sensors, filters and the tracker take this alone.
 
+    Example:
+        >>> import jax, mjx_fit as mf
+        >>> rollouts = mf.make_engine("native").run(mf.draw_attempts(jax.random.key(0), 2), actions=2)
+        >>> rollouts.felt[0].trace.tip_pos_world.shape  # one attempt of the batch
+        (2, 3)
+
     Attributes:
         trace: Rows from ``length`` on are padding: zeros.
         length: Number of actions that were performed.
@@ -96,6 +107,10 @@ class Felt:
     tare_sensor: Float[Array, "*batch 6"]
     estimate_world: Float[Array, "*batch 2"]
     peg_type: Int[Array, "*batch"]
+
+    def __getitem__(self, rows: Any) -> "Felt":
+        """One attempt of a batch, or several."""
+        return jax.tree.map(lambda leaf: leaf[rows], self)
 
 
 @pytree
@@ -128,10 +143,21 @@ class Truth:
 
 @pytree
 class Rollout:
-    """One simulated attempt: what was felt, and the truth."""
+    """One simulated attempt: what was felt, and the truth.
+
+    Example:
+        >>> import jax, mjx_fit as mf
+        >>> rollouts = mf.make_engine("native").run(mf.draw_attempts(jax.random.key(0), 2), actions=2)
+        >>> rollouts.truth.inserted.tolist()
+        [False, False]
+    """
 
     felt: Felt
     truth: Truth
+
+    def __getitem__(self, rows: Any) -> "Rollout":
+        """One attempt of a batch, or several."""
+        return jax.tree.map(lambda leaf: leaf[rows], self)
 
 
 @pytree
@@ -169,6 +195,12 @@ class Reading:
 @pytree
 class Belief:
     """What is believed about one hole.
+
+    Example:
+        >>> import numpy as np, mjx_fit as mf
+        >>> belief = mf.Belief(np.zeros(2), 1e-4 * np.eye(2), np.log([0.5, 0.25, 0.25]))
+        >>> belief.type_probability.tolist()
+        [0.5, 0.25, 0.25]
 
     Attributes:
         pos_mean_world: Mean μ of the hole's position, m.

@@ -22,7 +22,7 @@ class FakeEngine:
     def __init__(self):
         self.seen, self.starts = [], []
 
-    def run(self, attempts, actions, active=None, horizon=None):
+    def run(self, attempts, actions=None, active=None, horizon=None):
         n = len(attempts.peg_type)
         active = np.ones(n, bool) if active is None else active
         start = np.asarray(attempts.estimate_world)
@@ -53,7 +53,7 @@ class Peeking:
     def __init__(self, engine):
         self.name, self._engine = engine.name, engine
 
-    def run(self, attempts, actions, active=None, horizon=None):
+    def run(self, attempts, actions=None, active=None, horizon=None):
         done = self._engine.run(attempts, actions, active, horizon)
         self.truth = done.truth
         return done
@@ -62,7 +62,7 @@ class Peeking:
 class PathEngine(FakeEngine):
     """The tip goes 2 mm in x with each of two actions."""
 
-    def run(self, attempts, actions, active=None, horizon=None):
+    def run(self, attempts, actions=None, active=None, horizon=None):
         done = super().run(attempts, actions, active, horizon)
         start = np.pad(np.asarray(attempts.estimate_world), ((0, 0), (0, 1)), constant_values=0.042)
         way = start[:, None] + np.array([[0.002, 0, 0], [0.004, 0, 0]])

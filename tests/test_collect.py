@@ -249,7 +249,7 @@ def test_a_sequence_ends_with_a_world_that_broke(tmp_path, capsys):
     """What was believed after it is of no attempt, so that nothing begins from there."""
 
     class Breaking(FakeEngine):
-        def run(self, attempts, actions, active=None, horizon=None):
+        def run(self, attempts, actions=None, active=None, horizon=None):
             done = super().run(attempts, actions, active, horizon)
             broken = (len(self.seen) == 2) & (np.arange(len(done.felt.length)) == 1)
             return with_truth(done, valid=~broken, inserted=np.zeros(len(broken), bool))

@@ -329,7 +329,7 @@ def test_the_peak_force_of_an_insertion_is_the_largest_of_its_attempts():
 class Breaking(FakeEngine):
     """Every other world breaks in the first round, wherever its peg ended."""
 
-    def run(self, attempts, actions, active=None, horizon=None):
+    def run(self, attempts, actions=None, active=None, horizon=None):
         done = super().run(attempts, actions, active, horizon)
         broken = (len(self.seen) == 1) & (np.arange(len(done.felt.length)) % 2 == 0)
         nothing = np.where(broken[:, None, None, None], np.nan, np.zeros((1, 1, 50, 6)))

@@ -224,7 +224,7 @@ def test_a_peg_whose_name_begins_anothers_is_the_one_that_is_shown():
 class BreakingEngine(PathEngine):
     """Every attempt breaks in its second action."""
 
-    def run(self, attempts, actions, active=None, horizon=None):
+    def run(self, attempts, actions=None, active=None, horizon=None):
         done = super().run(attempts, actions, active, horizon)
         done.felt.trace.tip_pos_world[:, 1] = np.nan
         done.felt.trace.wrench_sensor[:, 1] = [np.nan, np.inf, 1e30, 0, 0, 0]

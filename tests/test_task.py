@@ -322,7 +322,7 @@ def test_a_human_finds_an_empty_hole_where_another_peg_sits_in_the_right_one():
     """As with shapes that fit each other's holes: no peg may end up in a filled hole."""
 
     class Loose(FakeEngine):
-        def run(self, attempts, actions, active=None, horizon=None):
+        def run(self, attempts, actions=None, active=None, horizon=None):
             done = super().run(attempts, actions, active, horizon)
             number = len(self.seen)  # the first peg goes into whatever hole it tries, the others nowhere
             return with_truth(done, inserted=np.full(len(done.felt.length), number == 1))
@@ -339,7 +339,7 @@ def test_a_human_finds_an_empty_hole_where_another_peg_sits_in_the_right_one():
 class Breaking(FakeEngine):
     """Every world of the first round breaks."""
 
-    def run(self, attempts, actions, active=None, horizon=None):
+    def run(self, attempts, actions=None, active=None, horizon=None):
         done = super().run(attempts, actions, active, horizon)
         broken = np.full(len(done.felt.length), len(self.seen) == 1)
         return with_truth(done, valid=~broken, inserted=done.truth.inserted & ~broken)

@@ -8,20 +8,16 @@ compiled controller, so it is written in JAX. One that remembers is a ``Policy(i
 
 import sys
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
-from mjx_fit import granted, policies, runtime
-from mjx_fit.config import Config
-from mjx_fit.dataset.draws import draw_attempts
-from mjx_fit.evaluation.statistics import wilson
-from mjx_fit.randomness import root_key
-from mjx_fit.simulate.native import NativeEngine
+import mjx_fit as mf
 
 LINES, REACH_M, PUSH_M = 5, 0.015, 0.004
 
 
-def raster(seen):
+def raster(seen: mf.PolicyInput) -> jax.Array:
     """Sweeps to and fro along x, line by line in y, pressed on the plate."""
     line, along = jnp.divmod(seen.step / seen.horizon * LINES, 1.0)
     x = REACH_M * (2 * along - 1) * jnp.where(line % 2 == 0, 1, -1)
@@ -32,16 +28,14 @@ def raster(seen):
 
 def main(trials: int) -> None:
     """Matched attempts, the same holes and detections for both policies."""
-    config = Config()
-    drawn = draw_attempts(root_key(0, "own policy"), jnp.arange(2 * trials), "spiral", config.detector)
-    for name, policy in (("spiral", None), ("raster", policies.stateless(raster))):
-        engine = NativeEngine(config, granted.cpus(), policy)
-        matched = np.asarray(drawn.peg_type == drawn.hole_type)
-        done = engine.run(drawn, config.task.attempt_actions, matched)
-        rate = wilson(int(done.truth.inserted[matched].sum()), int(matched.sum()))
-        print(f"{name}: {rate.value:.1%} ({rate.low:.1%} to {rate.high:.1%}) of {matched.sum()} inserted")
+    drawn = mf.draw_attempts(jax.random.key(0), 2 * trials)
+    matched = np.asarray(drawn.peg_type == drawn.hole_type)
+    for name, policy in (("spiral", None), ("raster", mf.stateless_policy(raster))):
+        done = mf.make_engine("native", policy=policy).run(drawn, active=matched)
+        mean, low, high = mf.mean_interval(np.asarray(done.truth.inserted)[matched])
+        print(f"{name}: {mean:.1%} ({low:.1%} to {high:.1%}) of {matched.sum()} inserted")
 
 
 if __name__ == "__main__":
-    runtime.configure()
+    mf.configure()
     main(int(sys.argv[1]) if sys.argv[1:] else 300)

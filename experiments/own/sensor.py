@@ -13,40 +13,36 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from mjx_fit import runtime
-from mjx_fit.config import Config
-from mjx_fit.dataset import store
-from mjx_fit.filters import kalman
-from mjx_fit.task.learning import readings
+import mjx_fit as mf
 
 RIDGE = 10.0
 
 
-def features(failed) -> np.ndarray:
+def features(felt: mf.Felt) -> np.ndarray:
     """How force and centre of pressure go with where the tip is, on average over each trace."""
-    n = len(failed.length)
-    seen = readings(failed, jax.random.split(jax.random.key(0), n), Config())
+    n = len(felt.length)
+    seen = mf.readings(felt, jax.random.split(jax.random.key(0), n), mf.Config())
     one, tip = jnp.ones((*seen.mask.shape, 1)), 100 * seen.tip_pos_estimate
-    felt = jnp.concatenate([seen.wrench_sensor.mean(2), 100 * seen.pressure_tip, one], -1)
+    pressed = jnp.concatenate([seen.wrench_sensor.mean(2), 100 * seen.pressure_tip, one], -1)
     where = jnp.concatenate([tip, tip**2, one], -1)
     share = seen.mask / seen.mask.sum(1)[:, None]
-    return np.asarray(jnp.einsum("nji,njk,nj->nik", felt, where, share), float).reshape(n, -1)
+    return np.asarray(jnp.einsum("nji,njk,nj->nik", pressed, where, share), float).reshape(n, -1)
 
 
 def main(data: Path, test: Path) -> None:
     """Fits on the failures of one set, and updates the prior at those of the other."""
     sides = []
     for folder in (data, test):
-        episodes = store.load(folder)
-        keep = ~episodes.rollout.truth.inserted & episodes.rollout.truth.valid & (episodes.number == 0)
-        failed = jax.tree.map(lambda leaf, keep=keep: leaf[keep], episodes.rollout)
-        offset = np.asarray(failed.hole_pos_world - failed.estimate_world, float)
-        sides.append((features(failed), offset, jnp.asarray(episodes.estimate_cov[keep])))
+        episodes = mf.load_dataset(folder)
+        keep = np.asarray(episodes.rollout.truth.failed & (episodes.number == 0))
+        failed = episodes.rollout[keep]
+        offset = np.asarray(failed.truth.hole_pos_world - failed.felt.estimate_world, float)
+        sides.append((features(failed.felt), offset, jnp.asarray(episodes.estimate_cov[keep])))
     (x, y, _), (x_test, y_test, prior) = sides
     x, x_test = (rows / (x.std(0) + 1e-9) for rows in (x, x_test))
     weights = np.linalg.solve(x.T @ x + RIDGE * np.eye(x.shape[1]), x.T @ y)
     noise = jnp.broadcast_to(jnp.cov((y - x @ weights).T), prior.shape)
-    mean, _ = kalman.update(jnp.zeros(y_test.shape), prior, jnp.asarray(x_test @ weights), noise)
+    mean, _ = mf.kalman_update(jnp.zeros(y_test.shape), prior, jnp.asarray(x_test @ weights), noise)
     for name, error in (("nothing", y_test), ("linear sensor", y_test - np.asarray(mean))):
         print(f"{name}: {100 * np.linalg.norm(error, axis=1).mean():.3f} cm off, n = {len(y_test)}")
 
@@ -54,5 +50,5 @@ def main(data: Path, test: Path) -> None:
 if __name__ == "__main__":
     if len(sys.argv) != 3:
         raise SystemExit(__doc__)
-    runtime.configure()
+    mf.configure()
     main(*map(Path, sys.argv[1:3]))

@@ -7,32 +7,31 @@ takes that file by ``--config``.
 """
 
 import sys
+from collections import Counter
 from dataclasses import replace
-from pathlib import Path
 
-from mjx_fit import runtime
-from mjx_fit.config import Config
-from mjx_fit.dataset.collect import collect
-from mjx_fit.dataset.plan import Plan
-from mjx_fit.dataset.store import describe
-from mjx_fit.settings import SHAPES, Shape
-from mjx_fit.simulate.select import make_engine
+import numpy as np
+
+import mjx_fit as mf
 
 # Each rectangle from its lower to its upper corner, x, y, x, y in m from the tool's axis.
-ELL = Shape("ell", ((-0.020, -0.020, 0.000, 0.020), (0.000, -0.020, 0.020, 0.000)))
+ELL = mf.Shape("ell", ((-0.020, -0.020, 0.000, 0.020), (0.000, -0.020, 0.020, 0.000)))
 
 
-def main(folder: Path, episodes: int = 240, steps: int = 100) -> None:
-    """Collects interactions of the L with itself and with two of ours."""
-    default = Config()
-    config = replace(default, scene=replace(default.scene, shapes=(ELL, *SHAPES[1:])))
-    collect(config, folder, Plan(episodes, steps, "spiral"), make_engine("auto", config))
-    for pair, row in describe(folder)["pairs"].items():
-        print(f"{pair}: {row['inserted']} of {row['episodes']} inserted")
+def main(folder: str, episodes: int = 240, actions: int = 100) -> None:
+    """Collects rollouts of the L with itself and with two of ours."""
+    default = mf.Config()
+    config = replace(default, scene=replace(default.scene, shapes=(ELL, *default.scene.shapes[1:])))
+    mf.collect_dataset(folder, mf.CollectionPlan(episodes, actions, "spiral"), config)
+    done, names = mf.load_dataset(folder).rollout, config.scene.names
+    pairs = [f"{names[p]}-{names[h]}" for p, h in zip(done.felt.peg_type, done.truth.hole_type, strict=True)]
+    inserted = Counter(np.array(pairs)[np.asarray(done.truth.inserted)].tolist())
+    for pair, count in sorted(Counter(pairs).items()):
+        print(f"{pair}: {inserted[pair]} of {count} inserted")
 
 
 if __name__ == "__main__":
     if len(sys.argv) < 2:
         raise SystemExit(__doc__)
-    runtime.configure()
-    main(Path(sys.argv[1]), *map(int, sys.argv[2:]))
+    mf.configure()
+    main(sys.argv[1], *map(int, sys.argv[2:]))

@@ -23,6 +23,11 @@ STORED_ACTIONS = "steps"
 class Plan:
     """What is to be collected.
 
+    Example:
+        >>> import mjx_fit as mf
+        >>> mf.CollectionPlan(episodes=600, sequence=3).sequences
+        200
+
     Attributes:
         episodes: Number of rollouts, a multiple of ``sequence``.
         actions: Most actions in one. A spiral is as long as an attempt, ``task.attempt_actions``, or cut off.

@@ -135,11 +135,12 @@ class _EachPolicy:
     def run(
         self,
         attempts: Attempt,
-        actions: int,
+        actions: int | None = None,
         active: Bool[np.ndarray, "n"] | None = None,
         horizon: int | None = None,
     ) -> Rollout:
         """See ``Engine.run``. A spiral's horizon is that of the task, whatever is asked for here."""
+        actions = self._config.task.attempt_actions if actions is None else actions
         kind, ids = np.asarray(attempts.policy), self._batch.ids
         active = np.ones(len(kind), bool) if active is None else active
         done = None

@@ -34,6 +34,13 @@ def update(
 
     Returns:
         μ' (m) and Σ' (m²), symmetric to the last bit.
+
+    Example:
+        >>> import jax.numpy as jnp, mjx_fit as mf
+        >>> cov = 1e-4 * jnp.eye(2)
+        >>> mean, posterior = mf.kalman_update(jnp.zeros(2), cov, jnp.array([0.01, 0.0]), cov)
+        >>> [round(float(x), 4) for x in mean]
+        [0.005, 0.0]
     """
     cov, noise_cov = jnp.broadcast_arrays(cov, noise_cov)
     root = spd.factor(_axes_first(_symmetric(cov + noise_cov)))

@@ -15,6 +15,12 @@ from mjx_fit.settings import SensorConfig, TrainConfig
 class TrainedSensor:
     """A sensor as a training run left it.
 
+    Example:
+        >>> import mjx_fit as mf
+        >>> sensor = mf.load_sensor()
+        >>> sensor.differences(mf.load_config(None, "scene.friction=0.6"))
+        ['scene.friction is 0.3 there and 0.6 here']
+
     Attributes:
         network: The sensor itself.
         config: The configuration that it was trained with.

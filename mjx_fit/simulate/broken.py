@@ -116,11 +116,12 @@ class Reporting:
     def run(
         self,
         attempts: Attempt,
-        actions: int,
+        actions: int | None = None,
         active: Bool[np.ndarray, "n"] | None = None,
         horizon: int | None = None,
     ) -> Rollout:
         """See ``Engine.run``."""
+        actions = self._config.task.attempt_actions if actions is None else actions
         rollouts = self._engine.run(attempts, actions, active, horizon)
         ids = self._seen + np.arange(len(rollouts.felt.length))
         report(rollouts, attempts, ids, horizon or actions, self._config, self._folder)

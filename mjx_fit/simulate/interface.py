@@ -20,7 +20,7 @@ class Engine(Protocol):
     def run(
         self,
         attempts: Attempt,
-        actions: int,
+        actions: int | None = None,
         active: Bool[np.ndarray, "n"] | None = None,
         horizon: int | None = None,
     ) -> Rollout:
@@ -28,7 +28,7 @@ class Engine(Protocol):
 
         Args:
             attempts: A batch (n,) of attempts. MJX compiles once for each n.
-            actions: J, the most actions in one attempt.
+            actions: J, the most actions in one attempt. None: ``task.attempt_actions``.
             active: Which of them to run; of the others nothing comes back but zeros. None: all.
             horizon: Actions that a policy is given to plan for, such as the length of a spiral; J or more.
                 None: J.

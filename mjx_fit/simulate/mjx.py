@@ -78,6 +78,7 @@ class MjxEngine:
         self.scene = simulation_scene(config.scene)
         self._models, self._axes = stacked_models(self.scene)
         self._chain = chain_of(self.scene.models[0], self.scene.robot)
+        self.config = config
         self._world = World(config, self.scene, policy or policies.shipped(config))
         self._policies = len(policies.NAMES) if policy is None else ANY_POLICY
         self._threads = threads if jax.default_backend() == "cpu" else 1
@@ -88,12 +89,13 @@ class MjxEngine:
     def run(
         self,
         attempts: Attempt,
-        actions: int,
+        actions: int | None = None,
         active: Bool[np.ndarray, "n"] | None = None,
         horizon: int | None = None,
     ) -> Rollout:
         """See ``Engine.run``."""
         numerics.require()
+        actions = self.config.task.attempt_actions if actions is None else actions
         actions, horizon, active = require_attempts(
             attempts, actions, horizon, active, self.scene.robot, self._policies
         )

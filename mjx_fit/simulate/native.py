@@ -56,7 +56,7 @@ class NativeEngine:
         numerics.require()
         threads = require_count("threads", threads, 1, MOST_THREADS)
         silence_mujoco()
-        self.scene = simulation_scene(config.scene)
+        self.config, self.scene = config, simulation_scene(config.scene)
         self._threads, self._on_step = threads, on_step
         self._policies = len(policies.NAMES) if policy is None else ANY_POLICY
         self._brain = Brain(self.scene, config, policy or policies.shipped(config))
@@ -64,12 +64,13 @@ class NativeEngine:
     def run(
         self,
         attempts: Attempt,
-        actions: int,
+        actions: int | None = None,
         active: Bool[np.ndarray, "n"] | None = None,
         horizon: int | None = None,
     ) -> Rollout:
         """See ``Engine.run``."""
         numerics.require()
+        actions = self.config.task.attempt_actions if actions is None else actions
         actions, horizon, active = require_attempts(
             attempts, actions, horizon, active, self.scene.robot, self._policies
         )

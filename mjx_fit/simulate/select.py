@@ -5,6 +5,7 @@ import jax
 from mjx_fit import granted
 from mjx_fit.config import Config
 from mjx_fit.errors import RequestError, shown
+from mjx_fit.policies import Policy
 from mjx_fit.simulate.interface import Engine
 
 ENGINES = ("auto", "mjx", "native")
@@ -23,14 +24,26 @@ def resolve(name: str) -> str:
     return "native" if jax.default_backend() == "cpu" else "mjx"
 
 
-def make_engine(name: str, config: Config) -> Engine:
-    """Makes an engine, compiled for the configuration's scene, with the CPUs that this process may use.
+def make_engine(name: str = "auto", config: Config | None = None, policy: Policy | None = None) -> Engine:
+    """Make an engine, compiled for the configuration's scene, with the CPUs that this process may use.
+
+    Args:
+        name: ``mjx``, ``native``, or ``auto``: MJX on an accelerator and native on a CPU.
+        config: The configuration; None: the defaults.
+        policy: Gives the commands; None: the policy that each attempt names.
 
     Raises:
         RequestError: There is no such engine.
+
+    Example:
+        >>> import jax, mjx_fit as mf
+        >>> engine = mf.make_engine("native")
+        >>> rollouts = engine.run(mf.draw_attempts(jax.random.key(0), 4), actions=2)
+        >>> rollouts.felt.length.tolist()
+        [2, 2, 2, 2]
     """
     # Here, since to resolve a name neither engine is needed.
     from mjx_fit.simulate.mjx import MjxEngine
     from mjx_fit.simulate.native import NativeEngine
 
-    return (MjxEngine if resolve(name) == "mjx" else NativeEngine)(config, granted.cpus())
+    return (MjxEngine if resolve(name) == "mjx" else NativeEngine)(config or Config(), granted.cpus(), policy)

@@ -40,6 +40,14 @@ def filter_update(
         sensor: The trained sensor; None: no row reads its trace.
         learns_position: Whether the trace updates the position, of all rows or of each.
         learns_type: Whether the trace updates the type; the failure does so all the same.
+
+    Example:
+        >>> import mjx_fit as mf
+        >>> sensor, holes = mf.load_sensor(), mf.draw_holes(0, 2)
+        >>> update = mf.filter_update(sensor.config, sensor.network)
+        >>> outcome = mf.try_holes(holes, {"full": update}, max_attempts=1)["full"]
+        >>> outcome.mean_world.shape  # before the attempt, and after it
+        (2, 2, 2)
     """
     numerics.require()
     hard = config.task.hard_match
@@ -113,6 +121,12 @@ def readings(
 
     Raises:
         RequestError: An attempt cannot be read (``mjx_fit.traces``).
+
+    Example:
+        >>> import jax, mjx_fit as mf
+        >>> felt = mf.make_engine("native").run(mf.draw_attempts(jax.random.key(0), 2), actions=3).felt
+        >>> mf.readings(felt, jax.random.split(jax.random.key(1), 2), mf.Config()).pressure_tip.shape
+        (2, 3, 2)
     """
     require_readable(felt)
     rows = felt.trace.action_world.shape[1]

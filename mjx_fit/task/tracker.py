@@ -21,7 +21,7 @@ from mjx_fit.errors import RequestError, require, shown
 from mjx_fit.filters.belief import initial_belief
 from mjx_fit.filters.success import success_probability
 from mjx_fit.robot import ROBOTS
-from mjx_fit.sensor_log import SensorLog, felt_of
+from mjx_fit.sensor_log import SensorLog, felt_from_log
 from mjx_fit.sensors.trained_sensor import TrainedSensor
 from mjx_fit.settings import WristConfig
 from mjx_fit.task import pomdp
@@ -124,13 +124,13 @@ class BeliefTracker:
             The new belief about that hole.
 
         Raises:
-            RequestError: The log cannot be used (``felt_of``), or no peg is known; no belief changes.
+            RequestError: The log cannot be used (``felt_from_log``), or no peg is known; no belief changes.
         """
         hole = self._require_hole(hole)
         if isinstance(felt, SensorLog):
             if self._peg is None:
                 raise RequestError("update: no peg is in hand: call choose(peg=...) before the attempt")
-            felt = felt_of(felt, self._peg, self.estimate(hole), self._robot)
+            felt = felt_from_log(felt, self._peg, self.estimate(hole), self._robot)
         before = jax.tree.map(lambda leaf: leaf[hole : hole + 1], self.belief)
         rows = max(self._config.task.attempt_actions, len(felt.trace.action_world))
         batch = jax.tree.map(lambda leaf: np.asarray(leaf)[None], _padded(felt, rows))
@@ -222,7 +222,7 @@ class _Saved:
 
 def _read(path: Path) -> _Saved:
     try:
-        saved = bounded_json.check(bounded_json.read(path), TypeAdapter(_Saved))
+        saved = bounded_json.check(TypeAdapter(_Saved), bounded_json.read(path))
     except OSError as error:
         raise RequestError(f"{path} cannot be read: {error.strerror or error}") from None
     except ValueError as error:

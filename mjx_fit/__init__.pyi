@@ -1,0 +1,37 @@
+"""The public names for type checkers; ``__init__.py`` loads them when they are used."""
+
+from mjx_fit.api import collect_dataset as collect_dataset
+from mjx_fit.api import draw_attempts as draw_attempts
+from mjx_fit.api import draw_holes as draw_holes
+from mjx_fit.api import load_config as load_config
+from mjx_fit.api import load_dataset as load_dataset
+from mjx_fit.api import load_sensor as load_sensor
+from mjx_fit.api import mean_interval as mean_interval
+from mjx_fit.api import try_holes as try_holes
+from mjx_fit.config import Config as Config
+from mjx_fit.dataset.plan import Plan as _CollectionPlan
+from mjx_fit.errors import RequestError as RequestError
+from mjx_fit.filters.kalman import update as _kalman_update
+from mjx_fit.policies import Policy as Policy
+from mjx_fit.policies import PolicyInput as PolicyInput
+from mjx_fit.policies import stateless as _stateless_policy
+from mjx_fit.runtime import configure as configure
+from mjx_fit.sensor_log import SensorLog as SensorLog
+from mjx_fit.sensor_log import felt_from_log as felt_from_log
+from mjx_fit.sensor_log import log_from_felt as log_from_felt
+from mjx_fit.sensors.trained_sensor import TrainedSensor as TrainedSensor
+from mjx_fit.settings import Shape as Shape
+from mjx_fit.simulate.select import make_engine as make_engine
+from mjx_fit.task.learning import filter_update as filter_update
+from mjx_fit.task.learning import readings as readings
+from mjx_fit.task.tracker import BeliefTracker as BeliefTracker
+from mjx_fit.types import Attempt as Attempt
+from mjx_fit.types import Belief as Belief
+from mjx_fit.types import Felt as Felt
+from mjx_fit.types import Rollout as Rollout
+
+CollectionPlan = _CollectionPlan
+kalman_update = _kalman_update
+stateless_policy = _stateless_policy
+
+__version__: str

@@ -1,0 +1,219 @@
+"""Functions of the public face that put several parts of the library together; see ``mjx_fit``."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Key
+
+from mjx_fit import config as config_
+from mjx_fit import resources
+from mjx_fit.config import Config
+from mjx_fit.dataset import collect as collect_
+from mjx_fit.dataset import draws, store
+from mjx_fit.dataset.episode import Episode
+from mjx_fit.dataset.plan import Plan
+from mjx_fit.errors import RequestError, require, shown
+from mjx_fit.evaluation import insertion
+from mjx_fit.evaluation.statistics import Interval, bootstrap_mean
+from mjx_fit.sensors.trained_sensor import TrainedSensor
+from mjx_fit.simulate.interface import Engine
+from mjx_fit.simulate.select import make_engine
+from mjx_fit.task import hole
+from mjx_fit.task.hole import Holes, Outcome
+from mjx_fit.task.learning import Update
+from mjx_fit.task.methods import HoleMethod
+from mjx_fit.training.trained_sensor import load_trained_sensor
+from mjx_fit.types import Attempt
+
+MOST_ATTEMPTS = 100_000
+
+
+def load_config(path: Path | str | None = None, *overrides: str) -> Config:
+    """Load a configuration: the defaults, changed by a YAML file and by ``section.key=value`` strings.
+
+    Args:
+        path: The file; None: the defaults alone.
+        overrides: Applied after it.
+
+    Raises:
+        RequestError: The file cannot be read, or a key or value is not allowed; the message names it.
+
+    Example:
+        >>> import mjx_fit as mf
+        >>> mf.load_config(None, "scene.friction=0.4").scene.friction
+        0.4
+    """
+    return config_.load(None if path is None else Path(path), overrides)
+
+
+def load_sensor(run: Path | str | None = None) -> TrainedSensor:
+    """Load the sensor of a training run.
+
+    Args:
+        run: Folder of the run; None: the weights that ship with the package.
+
+    Raises:
+        RequestError: The folder holds no training run, or a damaged one.
+
+    Example:
+        >>> import mjx_fit as mf
+        >>> mf.load_sensor().config.scene.names
+        ('cross', 'rectangle', 'square')
+    """
+    return load_trained_sensor(resources.folder("weights") if run is None else Path(run))
+
+
+def draw_attempts(
+    key: Key[Array, ""], n: int, policy: str = "spiral", config: Config | None = None
+) -> Attempt:
+    """Draw attempts at random holes, started from what the detector says of them.
+
+    Half of them, in turn, have a peg that matches the hole; pairs take turns. The draws of attempt i depend
+    on the key and on i alone.
+
+    Args:
+        key: Source of the draws.
+        n: How many.
+        policy: ``spiral``, ``random``, or ``mixed``: both in turn.
+        config: Gives the detector; None: the defaults.
+
+    Returns:
+        Attempts (n,).
+
+    Raises:
+        RequestError: There is no such policy, or n is out of range.
+
+    Example:
+        >>> import jax, mjx_fit as mf
+        >>> attempts = mf.draw_attempts(jax.random.key(0), 6)
+        >>> attempts.peg_type.tolist(), attempts.hole_type.tolist()
+        ([0, 0, 1, 0, 2, 1], [0, 1, 1, 2, 2, 0])
+    """
+    require("n", n, 1, MOST_ATTEMPTS)
+    if policy not in draws.POLICIES:
+        raise RequestError(
+            f"policy: {shown(policy)} is not allowed: it must be one of {', '.join(draws.POLICIES)}"
+        )
+    return draws.draw_attempts(key, jnp.arange(n), policy, (config or Config()).detector)
+
+
+def collect_dataset(
+    out: Path | str, plan: Plan, config: Config | None = None, engine: Engine | None = None
+) -> Path:
+    """Simulate rollouts and store them as a data set; what ``mjx-fit collect`` does.
+
+    Call it again with the same arguments to resume a collection that was stopped.
+
+    Args:
+        out: Folder of the data set.
+        plan: What is collected.
+        config: The configuration; None: the defaults.
+        engine: Simulates; None: the one that the plan names.
+
+    Returns:
+        The folder.
+
+    Raises:
+        RequestError: A value is not allowed, or the folder holds something else, or is in use.
+
+    Example:
+        >>> import tempfile, mjx_fit as mf
+        >>> folder = mf.collect_dataset(tempfile.mkdtemp(), mf.CollectionPlan(episodes=4, actions=3))
+        >>> mf.load_dataset(folder).rollout.felt.length.tolist()
+        [3, 3, 3, 3]
+    """
+    config = config or Config()
+    collect_.collect(config, Path(out), plan, engine or make_engine(plan.engine, config))
+    return Path(out)
+
+
+def load_dataset(folder: Path | str) -> Episode:
+    """Load all episodes of a data set, stacked, as NumPy arrays.
+
+    Episodes that were not performed have length 0; those that diverged have ``rollout.truth.valid`` false.
+
+    Args:
+        folder: Of the data set.
+
+    Raises:
+        RequestError: The folder holds no data set, an unfinished one or a damaged file.
+
+    Example:
+        >>> import tempfile, mjx_fit as mf
+        >>> folder = mf.collect_dataset(tempfile.mkdtemp(), mf.CollectionPlan(episodes=4, actions=3))
+        >>> mf.load_dataset(folder).rollout.felt.trace.wrench_sensor.shape
+        (4, 3, 50, 6)
+    """
+    return store.load(Path(folder))
+
+
+def draw_holes(seed: int, n: int, config: Config | None = None) -> Holes:
+    """Draw single holes that match the peg in hand, with what the detector says of them.
+
+    They are those of ``mjx-fit evaluate insertion --seeds 1``; shapes take turns.
+
+    Args:
+        seed: Root seed.
+        n: How many.
+        config: Gives the detector and the shapes; None: the defaults.
+
+    Example:
+        >>> import mjx_fit as mf
+        >>> mf.draw_holes(0, 4).peg_type.tolist()
+        [0, 1, 2, 0]
+    """
+    require("n", n, 1, MOST_ATTEMPTS)
+    return insertion.draw_holes(config or Config(), np.arange(n), 1, seed)
+
+
+def try_holes(
+    holes: Holes,
+    updates: Mapping[str, Update],
+    config: Config | None = None,
+    engine: Engine | None = None,
+    max_attempts: int = insertion.ATTEMPTS,
+) -> dict[str, Outcome]:
+    """Attempt every hole until the peg is in, by the spiral, once for each way to learn from a failure.
+
+    Args:
+        holes: From ``draw_holes``.
+        updates: By name; each gives the posterior of the holes, given what was felt.
+        config: As of the engine; None: the defaults.
+        engine: Simulates; None: ``make_engine("auto", config)``.
+        max_attempts: At each hole.
+
+    Returns:
+        What came of it, by the names of the updates.
+
+    Raises:
+        RequestError: ``max_attempts`` is out of range, or the engine refuses the attempts.
+
+    Example:
+        >>> import mjx_fit as mf
+        >>> updates = {"keep": lambda belief, felt, keys: belief}  # learns nothing
+        >>> kept = mf.try_holes(mf.draw_holes(0, 2), updates, max_attempts=1)
+        >>> kept["keep"].attempts.tolist()
+        [1, 1]
+    """
+    require("max_attempts", max_attempts, 1, 1000)
+    config = config or Config()
+    methods = tuple(HoleMethod(name) for name in updates)
+    table = hole.HoleTable(config, methods, holes, max_attempts)
+    engine = engine or make_engine("auto", config)
+    for _ in hole.rounds(table, engine, hole.update_of_rows(methods, updates)):
+        pass
+    return table.outcomes()
+
+
+def mean_interval(values: Sequence[float] | Float[np.ndarray, "n"]) -> Interval:
+    """The mean of independent trials with its 95 % interval, by bootstrap.
+
+    Example:
+        >>> import mjx_fit as mf
+        >>> mf.mean_interval([3.0, 3.0, 3.0]).value
+        3.0
+    """
+    array = np.asarray(values, float)
+    return bootstrap_mean(array, range(len(array)))
