@@ -83,8 +83,8 @@ def felt_from_log(
 
     Action j lasts from ``command_time_s[j]`` for 0.1 s. Its 50 wrenches are those at 0, 2, ..., 98 ms from
     there: linear interpolation up to 500 Hz, and above it the mean of the samples within 2 ms, with weights
-    that fall linearly to 0. Its pose and twist are those at its end: linear interpolation, for the orientation
-    along the great circle. No noise is added.
+    that fall linearly to 0. Its pose and twist are those at its end, by linear interpolation, and for the
+    orientation along the great circle. No noise is added.
 
     Args:
         log: The attempt.

@@ -20,7 +20,7 @@ T = TypeVar("T")
 Array = jax.Array | np.ndarray
 """What a pytree's leaf may be: on the device inside a computation, on the host outside."""
 
-ACTION_BYTES = 4 * (SUBSTEPS * 6 + 3 + 4 + 3 + 3 + 3) + 1
+ACTION_BYTES = 4 * (SUBSTEPS * 6 + 3 + 4 + 3 + 3 + 3)
 """Size of one action's row of a ``Trace`` in memory."""
 
 

@@ -24,7 +24,7 @@ def planned(monkeypatch):
     """The plan that a command line makes."""
     plans = []
     monkeypatch.setattr(
-        "mjx_fit.dataset.collect.collect", lambda config, out, plan, update: plans.append(plan)
+        "mjx_fit.dataset.collect.collect", lambda config, out, plan, engine, update: plans.append(plan)
     )
 
     def plan(*options) -> Plan:

@@ -92,9 +92,10 @@ def test_a_policy_of_ones_own():
 def test_the_raster_sweeps_its_square():
     raster = own_module("policy").raster
     tip = jnp.array([0.4, 0.1, 0.05])
-    attempt = SimpleNamespace(estimate_world=jnp.array([0.41, 0.09]))
-    moves = np.array([raster(attempt, step, 100, tip, None) for step in range(100)])
-    goals = moves[:, :2] + tip[:2] - attempt.estimate_world
+    start = SimpleNamespace(estimate_world=jnp.array([0.41, 0.09]))
+    steps = (SimpleNamespace(start=start, step=step, horizon=100, tip_pos_world=tip) for step in range(100))
+    moves = np.array([raster(seen) for seen in steps])
+    goals = moves[:, :2] + tip[:2] - start.estimate_world
     assert (moves[:, 2] < 0).all()
     assert np.allclose(np.unique(goals[:, 1].round(6)), np.linspace(-0.015, 0.015, 5))
     steps = np.abs(np.diff(goals, axis=0))
@@ -126,14 +127,14 @@ def test_the_particle_filter_is_the_kalman_filter_where_failure_teaches_nothing(
     config = replace(config, task=replace(config.task, success_by_error=never))
     n, innovation, noise = 64, jnp.array([0.006, -0.004]), jnp.array([[4e-5, 1e-5], [1e-5, 2e-5]])
     rows = lambda leaf: jnp.broadcast_to(leaf, (n, *leaf.shape))  # noqa: E731
-    monkeypatch.setattr(module.learning, "readings", lambda done, keys, config: None)
+    monkeypatch.setattr(module.mf, "readings", lambda felt, keys, config: None)
     seen = Observation(rows(innovation), rows(noise), jnp.zeros((n, 2)), jnp.zeros((n, 3, 2)))
     mean, cov = jnp.array([0.4, 0.1]), jnp.diag(jnp.array([3e-5, 6e-5]))
     prior = Belief(rows(mean), rows(cov), jnp.zeros((n, 3)))
     kinds, keys = jnp.zeros(n, int), jax.random.split(jax.random.key(0), n)
     done = FakeEngine().run(Attempt(kinds, kinds + 1, rows(mean), rows(mean), kinds, keys), 2)
     learned = module.particle_filter(config, lambda _: seen)(
-        prior, done, jax.random.split(jax.random.key(1), n)
+        prior, done.felt, jax.random.split(jax.random.key(1), n)
     )
     gain = cov @ np.linalg.inv(cov + noise)
     assert np.allclose(learned.pos_mean_world.mean(0), mean + gain @ innovation, atol=1e-4)

@@ -135,7 +135,7 @@ def test_training_that_cannot_fit_is_refused_before_the_data_are_read(monkeypatc
     assert "--data: 20 interactions is not allowed: it needs 0 MB" in capsys.readouterr().err
     having(monkeypatch, 20 * 12 * ACTION_BYTES)
     assert cli.main(asked) == 2
-    assert "config: train.batch_size: 128 beside the data is not allowed" in capsys.readouterr().err
+    assert "config: train.batch_size: 32 beside the data is not allowed" in capsys.readouterr().err
     assert not (tmp_path / "run").exists()
 
 

@@ -110,7 +110,7 @@ def test_a_lopsided_shape_is_not_shown_mirrored():
     assert all(shape.is_its_own_mirror_image for shape in (*SHAPES, TEE))
     assert not ELL.is_its_own_mirror_image
     shapes = [{"name": s.name, "rectangles": [list(r) for r in s.rectangles]} for s in (ELL, *SHAPES[1:])]
-    config = load(None, [f"scene.shapes={shapes}"])
+    config = load(None, [f"scene.shapes={shapes}", "train.mirror=false"])
     assert config.scene.names == ("ell", "rectangle", "square")
     mirrored = load(None, [f"scene.shapes={shapes}", "train.mirror=true"])
     with pytest.raises(RequestError, match=r"train\.mirror: True is not allowed: mirrored, the shape 'ell'"):

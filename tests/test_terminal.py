@@ -13,7 +13,7 @@ from mjx_fit.evaluation import playback
 from mjx_fit.evaluation.results import Result
 from mjx_fit.evaluation.statistics import Row
 from mjx_fit.report import terminal
-from mjx_fit.training.kinship import away_from_training
+from mjx_fit.sensors.trained_sensor import away_from_training
 from mjx_fit.training.trained_sensor import TrainedSensor
 
 EXPERIMENTS = ("position", "insertion", "assembly", "calibration")

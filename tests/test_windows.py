@@ -66,8 +66,8 @@ def test_windows_are_consecutive_rows_of_their_episode(seed):
         if name not in ("mask", "peg_type"):
             assert not np.asarray(x)[~mask].any(), name
     np.testing.assert_array_equal(reading.peg_type, data.peg_type)
-    np.testing.assert_array_equal(sample.hole_type, data.hole_type)
-    np.testing.assert_array_equal(sample.hole_pos_world, data.hole_pos_world)
+    np.testing.assert_array_equal(sample.hole_type, DATA.rollout.truth.hole_type)
+    np.testing.assert_array_equal(sample.hole_pos_world, DATA.rollout.truth.hole_pos_world)
 
 
 def test_every_length_and_every_start_is_drawn(many):

@@ -19,6 +19,7 @@ from mjx_fit.bench import reference
 from mjx_fit.config import Config
 from mjx_fit.dataset.draws import draw_attempts
 from mjx_fit.kinematics import chain_of
+from mjx_fit.robot import PANDA
 from mjx_fit.scene import pair_index
 from mjx_fit.simulate.attempt_rules import start_qpos
 from mjx_fit.simulate.mjx import MOST_ROWS, compiler_options
@@ -57,7 +58,7 @@ def attempts_of(config: Config, worlds: int) -> Attempt:
 def _engine(name: str, config: Config, attempts: Attempt, actions: int) -> Run:
     engine = make_engine(name, config)
     # MJX computes worlds that are done as well, but only those at work count.
-    return lambda: int(engine.run(attempts, actions).length.sum()) * SUBSTEPS
+    return lambda: int(engine.run(attempts, actions).felt.length.sum()) * SUBSTEPS
 
 
 def _raw_batch(config: Config, attempts: Attempt, actions: int) -> Run:
@@ -74,9 +75,9 @@ def _raw_batch(config: Config, attempts: Attempt, actions: int) -> Run:
 
 def _recorded(
     config: Config, attempts: Attempt, actions: int
-) -> tuple[Float[np.ndarray, "n steps 7"], NativeEngine]:
+) -> tuple[Float[np.ndarray, "n steps joints"], NativeEngine]:
     n = len(attempts.peg_type)
-    torque, step = np.zeros((n, actions * SUBSTEPS, 7)), np.zeros(n, int)
+    torque, step = np.zeros((n, actions * SUBSTEPS, len(PANDA.joints))), np.zeros(n, int)
 
     def record(ids: np.ndarray, batch: Batch) -> None:
         torque[ids, step[ids]] = batch.bind("ctrl")
@@ -98,7 +99,7 @@ def _mjx_step(config: Config, attempts: Attempt, actions: int) -> Run:
 
     def world(model, qpos, hole, torque):
         data = placed(model, qpos, hole, engine.scene.plate_top_m)
-        _, (wrench, _) = jax.lax.scan(partial(advance, model), data, torque)
+        _, wrench = jax.lax.scan(partial(advance, model), data, torque)
         return wrench.sum()
 
     @partial(jax.jit, compiler_options=compiler_options())

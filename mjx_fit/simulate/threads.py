@@ -44,7 +44,7 @@ def even_batch(n: int, at_most: int) -> int:
 
 
 def silence_mujoco() -> None:
-    """Keeps MuJoCo's warnings out of a file in the working folder: what breaks is in ``Rollout.valid``.
+    """Keeps MuJoCo's warnings out of a file in the working folder: what breaks is in ``Truth.valid``.
 
     A caller that has set a handler of its own keeps it.
     """
