@@ -108,8 +108,8 @@ def require_sound(data: Episode, keep: Bool[np.ndarray, "episodes"]) -> None:
             f"--data: wrench_sensor: windows of shape {window} are not allowed: "
             f"a sensor reads {(SUBSTEPS, WRENCH_AXES)}"
         )
-    for name in ("peg_type", "hole_type"):
-        types = np.asarray(getattr(rollout, name))[keep]
+    for name, leaf in (("peg_type", rollout.felt.peg_type), ("hole_type", rollout.truth.hole_type)):
+        types = np.asarray(leaf)[keep]
         wrong = types[(types < 0) | (types >= N_TYPES)]
         if len(wrong):
             raise RequestError(
