@@ -14,6 +14,10 @@ PAPER_TRAINING = {"schedule": "constant", "weight_decay": 0.0, "mirror": False, 
 """What the paper's sensor and training have where the defaults differ, but for sizes."""
 
 
+_POSES = ((1, 4), (0.1, 3), (0.1, 3))
+"""Spread and size of orientation, velocity and turning rate."""
+
+
 def make_rollouts(
     episodes: int = 24, actions: int = 16, seed: int = 0, min_length: int = 8, sequence: int = 1
 ) -> Rollout:
@@ -39,12 +43,14 @@ def make_rollouts(
     def pad(x):
         return _device(x * real.reshape(*real.shape, *[1] * (x.ndim - 2)))
 
+    turn_, linvel, angvel = (rng.normal(0, std, (episodes, actions, k)) for std, k in _POSES)
+    rng.uniform(size=(episodes, actions))  # once contact bits; what is drawn after them stays as it was
     trace = Trace(
         wrench_sensor=pad(wrench),
         tip_pos_world=pad(tip),
-        tip_quat_world=pad(rng.normal(0, 1, (episodes, actions, 4))),
-        tip_linvel_world=pad(rng.normal(0, 0.1, (episodes, actions, 3))),
-        tip_angvel_world=pad(rng.normal(0, 0.1, (episodes, actions, 3))),
+        tip_quat_world=pad(turn_),
+        tip_linvel_world=pad(linvel),
+        tip_angvel_world=pad(angvel),
         action_world=pad(rng.normal(0, 0.004, (episodes, actions, 3))),
     )
     tare = rng.normal(0, 1, (episodes, 6))

@@ -109,7 +109,7 @@ def test_a_collection_that_cannot_fit_is_refused_before_anything_is_made(monkeyp
     huge = ["collect", "--episodes", "65536", "--batch", "65536", "--steps", "1000", "--out", str(out)]
     assert cli.main(huge) == 2
     assert capsys.readouterr().err == (
-        "mjx-fit: --batch: 65536 with up to 1000 actions is not allowed: it needs 91.2 GB of memory or more, "
+        "mjx-fit: --batch: 65536 with up to 1000 actions is not allowed: it needs 91.1 GB of memory or more, "
         "and 4.0 GB can be had: lower it\n"
     )
     assert not out.exists()

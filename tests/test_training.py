@@ -16,7 +16,7 @@ import optax
 import pytest
 from faults import Faults
 from flax import nnx
-from synthetic import PAPER_SENSOR, PAPER_TRAINING, make_episodes, with_trace, with_truth
+from synthetic import PAPER_SENSOR, PAPER_TRAINING, make_episodes, with_felt, with_trace, with_truth
 
 from mjx_fit.config import Config, load, to_tree
 from mjx_fit.dataset.reader import placed
@@ -37,8 +37,11 @@ DATA = make_episodes(EPISODES, actions=12, min_length=6)
 
 
 def changed(**fields):
-    """The data with other rollouts."""
-    return replace(DATA, rollout=replace(DATA.rollout, **fields))
+    """The data with other fields of what was felt, or of the truth."""
+    felt, truth = (
+        {k: v for k, v in fields.items() if hasattr(one, k)} for one in vars(DATA.rollout).values()
+    )
+    return replace(DATA, rollout=with_truth(with_felt(DATA.rollout, **felt), **truth))
 
 
 CONFIG = Config(
