@@ -53,9 +53,9 @@ def make_rollouts(
         tip_angvel_world=pad(angvel),
         action_world=pad(rng.normal(0, 0.004, (episodes, actions, 3))),
     )
+    inserted = (peg_type == hole_type) & (rng.uniform(size=episodes) < 0.5)
     tare = rng.normal(0, 1, (episodes, 6))
     felt = Felt(trace, _device(length), _device(tare), _device(estimate), _device(peg_type))
-    inserted = (peg_type == hole_type) & (rng.uniform(size=episodes) < 0.5)
     still = _device(np.zeros((episodes, 7)))
     truth = Truth(
         hole_type=_device(hole_type),
