@@ -45,8 +45,8 @@ _PUBLIC = {
     # A robot of your own
     "BeliefTracker": ("mjx_fit.task.tracker", "BeliefTracker"),
     "SensorLog": ("mjx_fit.sensor_log", "SensorLog"),
-    "felt_from_log": ("mjx_fit.sensor_log", "felt_from_log"),
-    "log_from_felt": ("mjx_fit.sensor_log", "log_from_felt"),
+    "felt_from_log": ("mjx_fit.resampling", "felt_from_log"),
+    "log_from_felt": ("mjx_fit.resampling", "log_from_felt"),
     # Data sets
     "CollectionPlan": ("mjx_fit.dataset.plan", "Plan"),
     "collect_dataset": ("mjx_fit.api", "collect_dataset"),

@@ -15,10 +15,10 @@ from mjx_fit.filters.kalman import update as _kalman_update
 from mjx_fit.policies import Policy as Policy
 from mjx_fit.policies import PolicyInput as PolicyInput
 from mjx_fit.policies import stateless as _stateless_policy
+from mjx_fit.resampling import felt_from_log as felt_from_log
+from mjx_fit.resampling import log_from_felt as log_from_felt
 from mjx_fit.runtime import configure as configure
 from mjx_fit.sensor_log import SensorLog as SensorLog
-from mjx_fit.sensor_log import felt_from_log as felt_from_log
-from mjx_fit.sensor_log import log_from_felt as log_from_felt
 from mjx_fit.sensors.trained_sensor import TrainedSensor as TrainedSensor
 from mjx_fit.settings import Shape as Shape
 from mjx_fit.simulate.select import make_engine as make_engine

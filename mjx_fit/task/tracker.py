@@ -4,8 +4,7 @@ It takes what a robot has (detections, the peg in hand, a log of the attempt) an
 the beliefs what the experiments do, by the same functions.
 """
 
-import json
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,23 +12,22 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
-from pydantic import TypeAdapter
 
-from mjx_fit import bounded_json, files, numerics
+from mjx_fit import numerics
 from mjx_fit.config import Config
 from mjx_fit.errors import RequestError, require, shown
 from mjx_fit.filters.belief import initial_belief
 from mjx_fit.filters.success import success_probability
+from mjx_fit.resampling import felt_from_log
 from mjx_fit.robot import ROBOTS
-from mjx_fit.sensor_log import SensorLog, felt_from_log
+from mjx_fit.sensor_log import SensorLog
 from mjx_fit.sensors.trained_sensor import TrainedSensor
 from mjx_fit.settings import WristConfig
 from mjx_fit.task import pomdp
 from mjx_fit.task.entrance import require_beliefs
 from mjx_fit.task.learning import filter_update
+from mjx_fit.task.saved_beliefs import FORMAT, SavedBeliefs, read_beliefs, write_beliefs
 from mjx_fit.types import Belief, Felt
-
-FORMAT = 1
 
 
 class BeliefTracker:
@@ -147,16 +145,18 @@ class BeliefTracker:
     def save(self, path: Path | str) -> None:
         """Write the beliefs to a JSON file; ``load`` reads it."""
         names = self._config.scene.names
-        tree = {
-            "format": FORMAT,
-            "shapes": list(names),
-            "sensor": self._sensor.fingerprint,
-            "peg": None if self._peg is None else names[self._peg],
-            "filled": self.filled.tolist(),
-            "tries": self.tries.tolist(),
-            **{name: np.asarray(leaf, float).tolist() for name, leaf in vars(self.belief).items()},
-        }
-        files.write_text(Path(path), json.dumps(tree, indent=1) + "\n")
+        write_beliefs(
+            Path(path),
+            SavedBeliefs(
+                format=FORMAT,
+                shapes=list(names),
+                sensor=self._sensor.fingerprint,
+                peg=None if self._peg is None else names[self._peg],
+                filled=self.filled.tolist(),
+                tries=self.tries.tolist(),
+                **{name: np.asarray(leaf, float).tolist() for name, leaf in vars(self.belief).items()},
+            ),
+        )
 
     @classmethod
     def load(cls, path: Path | str, sensor: TrainedSensor, config: Config | None = None) -> "BeliefTracker":
@@ -171,7 +171,7 @@ class BeliefTracker:
             RequestError: The file is not one of ``save``, or is of another sensor or other shapes.
         """
         path = Path(path)
-        saved = _read(path)
+        saved = read_beliefs(path)
         tracker = cls(sensor, np.asarray(saved.pos_mean_world), config)
         names = tracker._config.scene.names
         for word, there, here in (
@@ -203,33 +203,6 @@ class BeliefTracker:
     def _require_hole(self, hole: int) -> int:
         require("hole", hole, 0, len(self.filled) - 1)
         return int(hole)
-
-
-@dataclass(frozen=True)
-class _Saved:
-    """The content of a file."""
-
-    format: int
-    shapes: list[str]
-    sensor: str
-    peg: str | None
-    filled: list[bool]
-    tries: list[int]
-    pos_mean_world: list[tuple[float, float]]
-    pos_cov: list[tuple[tuple[float, float], tuple[float, float]]]
-    type_logp: list[list[float]]
-
-
-def _read(path: Path) -> _Saved:
-    try:
-        saved = bounded_json.check(TypeAdapter(_Saved), bounded_json.read(path))
-    except OSError as error:
-        raise RequestError(f"{path} cannot be read: {error.strerror or error}") from None
-    except ValueError as error:
-        raise RequestError(f"{path} is no file of beliefs: {error}") from None
-    if saved.format != FORMAT:
-        raise RequestError(f"{path}: format: {saved.format} is not allowed: it must be {FORMAT}")
-    return saved
 
 
 def _require_places(detections: Any, reach: tuple[float, float]) -> Float[np.ndarray, "n 2"]:
