@@ -2,10 +2,9 @@
 
 import argparse
 from collections.abc import Callable
-from typing import NoReturn
 
 from mjx_fit import __version__, commands
-from mjx_fit.errors import RequestError, shortened
+from mjx_fit.parsing import Parser, add_command, configurable, simulating, with_config
 from mjx_fit.paths import path
 
 _RESUME = (
@@ -23,21 +22,24 @@ _RESUME = (
 _RUN = "folder of a training run (default: the weights that come with the package)"
 
 
-class _Parser(argparse.ArgumentParser):
-    """argparse, but with a refusal in one line, and no abbreviations: --trial and --trials are two things."""
-
-    def __init__(self, *args, **kwargs):
-        super().__init__(*args, **kwargs, allow_abbrev=False)
-
-    def error(self, message: str) -> NoReturn:
-        raise RequestError(f"{shortened(message, 300)}; see {self.prog} --help")
-
-
 def parser() -> argparse.ArgumentParser:
-    root = _Parser(prog="mjx-fit", description="Contact-rich assembly under uncertainty, on JAX and MuJoCo.")
+    """The parser of the whole command line."""
+    root = Parser(prog="mjx-fit", description="Contact-rich assembly under uncertainty, on JAX and MuJoCo.")
     root.add_argument("--version", action="version", version=f"mjx-fit {__version__}")
     parsers = root.add_subparsers(required=True, metavar="COMMAND")
+    _demo(parsers)
+    _collect(parsers)
+    _data(parsers.add_parser("data", help="look at a data set, check, join or convert it"))
+    _train(parsers)
+    _evaluations(parsers.add_parser("evaluate", help="run an experiment"))
+    _paper(parsers)
+    _report(parsers)
+    _pictures(parsers)
+    _about(parsers)
+    return root
 
+
+def _demo(parsers: argparse._SubParsersAction) -> None:
     demo = _command(
         parsers, "demo", commands.demo, "what it is about: assemblies, a video and a page within minutes"
     )
@@ -47,8 +49,10 @@ def parser() -> argparse.ArgumentParser:
     demo.add_argument(
         "--train", action="store_true", help="collect a little data and train on them, instead of our weights"
     )
-    _configurable(demo)
+    configurable(demo)
 
+
+def _collect(parsers: argparse._SubParsersAction) -> None:
     collect = _command(parsers, "collect", commands.collect, "simulate interactions and store them")
     collect.add_argument("--out", type=path, required=True, metavar="DIR")
     collect.add_argument(
@@ -78,11 +82,11 @@ def parser() -> argparse.ArgumentParser:
     collect.add_argument(
         "--num-shards", type=int, default=1, metavar="N", help="of how many parts, on as many machines"
     )
-    _simulating(collect)
-    _configurable(collect)
+    simulating(collect)
+    configurable(collect)
 
-    _data(parsers.add_parser("data", help="look at a data set, check, join or convert it"))
 
+def _train(parsers: argparse._SubParsersAction) -> None:
     train = _command(
         parsers,
         "train",
@@ -104,34 +108,35 @@ def parser() -> argparse.ArgumentParser:
         metavar="RUN",
         help="start from the sensors of another run, of the same network and shapes (default: new weights)",
     )
-    _configurable(train)
+    configurable(train)
 
-    _evaluations(parsers.add_parser("evaluate", help="run an experiment"))
 
+def _paper(parsers: argparse._SubParsersAction) -> None:
     paper = _command(parsers, "paper", commands.paper, "the paper: data, training, all experiments, report")
     paper.add_argument("--out", type=path, required=True, metavar="DIR")
     paper.add_argument("--size", default="cpu", help="quick, cpu or full (default cpu)")
     paper.add_argument("--seed", type=int, default=0, metavar="S", help="root seed (default 0)")
-    _configurable(paper)
+    configurable(paper)
 
+
+def _report(parsers: argparse._SubParsersAction) -> None:
     report = _command(parsers, "report", commands.report, "one page from results, videos, runs and data sets")
     report.add_argument("inputs", type=path, nargs="+", metavar="FILE|DIR")
     report.add_argument("--out", type=path, metavar="DIR", help="default: report in the first input's folder")
 
-    _pictures(parsers)
 
+def _about(parsers: argparse._SubParsersAction) -> None:
     bench = _command(parsers, "bench", commands.bench, "speed of the engines, side by side")
     bench.add_argument("--json", action="store_true")
-    _configurable(bench)
+    configurable(bench)
 
     keys = _command(parsers, "config", commands.config_keys, "every key, with its unit, range and default")
     keys.add_argument("--json", action="store_true")
-    _with_config(keys)
+    with_config(keys)
 
     info = _command(parsers, "info", commands.info, "versions, devices and the engine that auto means")
     info.add_argument("--json", action="store_true")
     info.set_defaults(computes=True)
-    return root
 
 
 def _pictures(parsers: argparse._SubParsersAction) -> None:
@@ -167,8 +172,8 @@ def _pictures(parsers: argparse._SubParsersAction) -> None:
         command.add_argument(
             "--speed", type=float, default=speed, metavar="X", help=f"times as fast (default {speed:g})"
         )
-        _simulating(command)
-        _configurable(command)
+        simulating(command)
+        configurable(command)
 
 
 def _data(data: argparse.ArgumentParser) -> None:
@@ -225,7 +230,7 @@ def _evaluations(evaluate: argparse.ArgumentParser) -> None:
     calibration.add_argument(
         "--seed", type=int, default=0, metavar="S", help="root seed of noise (default 0)"
     )
-    _configurable(calibration)
+    configurable(calibration)
     trials = {
         attempt: (100, "matched attempts for each shape, and mismatched ones in all"),
         position: (100, "holes that do not match, and as many that do"),
@@ -237,45 +242,11 @@ def _evaluations(evaluate: argparse.ArgumentParser) -> None:
         command.add_argument(
             "--trials", type=int, default=count, metavar="N", help=f"{what} (default {count})"
         )
-        _simulating(command)
-        _configurable(command)
+        simulating(command)
+        configurable(command)
 
 
 def _command(
     parsers: argparse._SubParsersAction, name: str, run: Callable[[argparse.Namespace], None], text: str
 ) -> argparse.ArgumentParser:
-    parser = parsers.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".")
-    parser.set_defaults(command=run, computes=False, draws=False, resumes=run in _RESUME, threads=None)
-    return parser
-
-
-def _simulating(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--engine", default="auto", help="auto, mjx or native (default auto)")
-    parser.add_argument("--seed", type=int, default=0, metavar="S", help="root seed (default 0)")
-
-
-def _configurable(parser: argparse.ArgumentParser) -> None:
-    parser.set_defaults(computes=True)
-    parser.add_argument(
-        "--threads", type=int, metavar="N", help="most CPU threads (default: all that it may use)"
-    )
-    _with_config(parser)
-
-
-def _with_config(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--config",
-        type=path,
-        action="append",
-        default=[],
-        metavar="FILE",
-        help="YAML with what differs from the defaults (demo, paper, bench: from their preset); repeatable, "
-        "later ones win",
-    )
-    parser.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="PATH=VALUE",
-        help="e.g. scene.clearance_m=0.002; repeatable",
-    )
+    return add_command(parsers, name, run, text, resumes=run in _RESUME)
