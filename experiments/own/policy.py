@@ -33,7 +33,7 @@ def raster(seen):
 def main(trials: int) -> None:
     """Matched attempts, the same holes and detections for both policies."""
     config = Config()
-    drawn = draw_attempts(root_key(0, "own policy"), jnp.arange(2 * trials), "spiral", config.detector)
+    drawn = draw_attempts(root_key(0, "own policy"), jnp.arange(2 * trials), "spiral", config)
     for name, policy in (("spiral", None), ("raster", policies.stateless(raster))):
         engine = NativeEngine(config, granted.cpus(), policy)
         matched = np.asarray(drawn.peg_type == drawn.hole_type)

@@ -71,7 +71,7 @@ class NativeEngine:
         """See ``Engine.run``."""
         numerics.require()
         actions, horizon, active = require_attempts(
-            attempts, actions, horizon, active, self.scene.robot, self._policies
+            attempts, actions, horizon, active, self.scene.config, self._policies
         )
         done = attempt_rules.nothing_done(attempts, actions, len(self.scene.robot.joints))
         wanted = np.flatnonzero(active)

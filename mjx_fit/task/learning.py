@@ -11,6 +11,7 @@ from jaxtyping import Bool, Int, Key
 
 from mjx_fit import numerics
 from mjx_fit.config import Config
+from mjx_fit.errors import RequestError
 from mjx_fit.filters.belief import update_position, update_type
 from mjx_fit.filters.success import success_probability
 from mjx_fit.sensors.model import ContactSensor
@@ -40,8 +41,12 @@ def filter_update(
         sensor: The trained sensor; None: no row reads its trace.
         learns_position: Whether the trace updates the position, of all rows or of each.
         learns_type: Whether the trace updates the type; the failure does so all the same.
+
+    Raises:
+        RequestError: The sensor knows another number of shapes than the scene has.
     """
     numerics.require()
+    _require_same_types(config, sensor)
     hard = config.task.hard_match
     graph, state = nnx.split(sensor) if sensor is not None else (None, None)
 
@@ -62,7 +67,7 @@ def filter_update(
     compiled = jax.jit(learn)
 
     def update(beliefs: Belief, felt: Felt, keys: Key[Array, "n"]) -> Belief:
-        require_update(beliefs, felt, keys)
+        require_update(beliefs, felt, keys, config.scene.n_types)
         n = len(felt.length)
         # Traced, not constants: rows of any traits are computed alike.
         position, kind = (np.broadcast_to(one, n).copy() for one in (learns_position, learns_type))
@@ -74,6 +79,7 @@ def filter_update(
 def frame_update(config: Config, sensor: ContactSensor) -> Update:
     """Makes the update of the frame-by-frame baseline: what its sensor says of the last attempt, and R."""
     numerics.require()
+    _require_same_types(config, sensor)
     graph, state = nnx.split(sensor)
 
     @jax.jit
@@ -83,7 +89,7 @@ def frame_update(config: Config, sensor: ContactSensor) -> Update:
         return replace(beliefs, pos_mean_world=mean, pos_cov=seen.pos_noise_cov)
 
     def update(beliefs: Belief, felt: Felt, keys: Key[Array, "n"]) -> Belief:
-        require_update(beliefs, felt, keys)
+        require_update(beliefs, felt, keys, config.scene.n_types)
         return learn(state, beliefs, felt, keys)
 
     return update
@@ -114,13 +120,21 @@ def readings(
     Raises:
         RequestError: An attempt cannot be read (``mjx_fit.traces``).
     """
-    require_readable(felt)
+    require_readable(felt, config.scene.n_types)
     rows = felt.trace.action_world.shape[1]
 
     def one(attempt: Felt, key: Key[Array, ""]) -> Reading:
         return read(attempt, key, config.wrist, config.scene, rows=rows, count=count)
 
     return jax.vmap(one)(felt, keys)
+
+
+def _require_same_types(config: Config, sensor: ContactSensor | None) -> None:
+    if sensor is not None and sensor.match_model.n_types != config.scene.n_types:
+        raise RequestError(
+            f"sensor: {sensor.match_model.n_types} types are not allowed: scene.shapes has "
+            f"{config.scene.n_types}; train a sensor on these shapes"
+        )
 
 
 def where_rows(condition: Bool[Array, "n"], new: Array, old: Array) -> Array:
