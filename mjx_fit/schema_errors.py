@@ -76,7 +76,7 @@ def _without_tags(place: tuple[int | str, ...], schema: type) -> tuple[int | str
     return tuple(
         part
         for end, part in enumerate(place)
-        if part not in map(_tag, members(_annotation(place[:end], schema)))
+        if not any(_tag(one) == part for one in members(_annotation(place[:end], schema)))
     )
 
 
@@ -119,7 +119,7 @@ def _allowed(node: Any) -> str:
     among = members(node)
     if len(among) > 1:
         return ", or ".join(_allowed(one) for one in among)
-    node, limits = plain_and_limits(among[0])
+    node, limits = plain_and_limits(next(iter(among)))
     if node in (int, float) and {"ge", "le"} <= limits.keys():
         what = "a whole number" if node is int else "a number"
         times = f" and a multiple of {limits['multiple_of']}" if "multiple_of" in limits else ""

@@ -122,7 +122,7 @@ def test_a_filter_of_ones_own():
 def test_the_particle_filter_is_the_kalman_filter_where_failure_teaches_nothing(monkeypatch):
     module = own_module("filter")
     config = Config()
-    never = tuple(tuple(0.0 for _ in rates) for rates in config.task.success_by_error)
+    never = tuple(tuple(0.0 for _ in rates) for rates in config.task.success_by_error or ())
     config = replace(config, task=replace(config.task, success_by_error=never))
     n, innovation, noise = 64, jnp.array([0.006, -0.004]), jnp.array([[4e-5, 1e-5], [1e-5, 2e-5]])
     rows = lambda leaf: jnp.broadcast_to(leaf, (n, *leaf.shape))  # noqa: E731

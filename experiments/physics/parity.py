@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 from mujoco import mjx
 
 from mjx_fit.config import Config
-from mjx_fit.dataset.draws import draw_attempts
+from mjx_fit.dataset.draws import draw_attempts, mismatched_pairs
 from mjx_fit.evaluation.statistics import bootstrap_mean, bootstrap_means
 from mjx_fit.policies import NAMES
 from mjx_fit.report import style
@@ -92,7 +92,7 @@ def _contact_states(config: Config) -> dict[str, np.ndarray]:
     """States of attempts in which something touches, every so many steps."""
     n = 90
     attempts = draw_attempts(jax.random.key(3), jnp.arange(n), "mixed", config)
-    pair = np.asarray(pair_index(attempts.peg_type, attempts.hole_type, scene.n_types))
+    pair = np.asarray(pair_index(attempts.peg_type, attempts.hole_type, config.scene.n_types))
     names = ("qpos", "qvel", "qacc_warmstart", "ctrl", "mocap_pos")
     kept: dict[str, list] = {name: [] for name in ("pair", *names)}
     step = np.zeros(n, int)

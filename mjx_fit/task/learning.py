@@ -17,7 +17,7 @@ from mjx_fit.filters.success import success_probability
 from mjx_fit.sensors.model import ContactSensor
 from mjx_fit.task.entrance import require_update
 from mjx_fit.traces import require_readable
-from mjx_fit.types import Array, Belief, Felt, Reading, Rollout
+from mjx_fit.types import Array, Belief, Felt, Observation, Reading, Rollout
 from mjx_fit.wrist import read
 
 Update = Callable[[Belief, Felt, Key[Array, "n"]], Belief]
@@ -41,12 +41,8 @@ def filter_update(
         sensor: The trained sensor; None: no row reads its trace.
         learns_position: Whether the trace updates the position, of all rows or of each.
         learns_type: Whether the trace updates the type; the failure does so all the same.
-
-    Raises:
-        RequestError: The sensor knows another number of shapes than the scene has.
     """
     numerics.require()
-    _require_same_types(config, sensor)
     hard = config.task.hard_match
     graph, state = nnx.split(sensor) if sensor is not None else (None, None)
 
@@ -56,6 +52,7 @@ def filter_update(
         if graph is None:
             return updated
         observation = nnx.merge(graph, state)(readings(felt, keys, config))
+        _require_same_types(observation, config)
         moved = update_position(beliefs, observation)
         typed = update_type(beliefs, observation, felt.peg_type, alpha, hard=hard)
         return Belief(
@@ -79,12 +76,12 @@ def filter_update(
 def frame_update(config: Config, sensor: ContactSensor) -> Update:
     """Makes the update of the frame-by-frame baseline: what its sensor says of the last attempt, and R."""
     numerics.require()
-    _require_same_types(config, sensor)
     graph, state = nnx.split(sensor)
 
     @jax.jit
     def learn(state, beliefs: Belief, felt: Felt, keys: Key[Array, "n"]) -> Belief:
         seen = nnx.merge(graph, state)(readings(felt, keys, config))
+        _require_same_types(seen, config)
         mean = felt.estimate_world + seen.innovation
         return replace(beliefs, pos_mean_world=mean, pos_cov=seen.pos_noise_cov)
 
@@ -129,11 +126,12 @@ def readings(
     return jax.vmap(one)(felt, keys)
 
 
-def _require_same_types(config: Config, sensor: ContactSensor | None) -> None:
-    if sensor is not None and sensor.match_model.n_types != config.scene.n_types:
+def _require_same_types(observation: Observation, config: Config) -> None:
+    known = observation.match_model_logp.shape[-2]
+    if known != config.scene.n_types:
         raise RequestError(
-            f"sensor: {sensor.match_model.n_types} types are not allowed: scene.shapes has "
-            f"{config.scene.n_types}; train a sensor on these shapes"
+            f"sensor: {known} types are not allowed: scene.shapes has {config.scene.n_types}; train a sensor "
+            "on these shapes"
         )
 
 
