@@ -20,7 +20,8 @@ def draw(seed: int, n_types: int = 3):
     """A prior ξ, the sensor's p(o), a model H (C, 2), and α (C, C), all as probabilities in float64."""
     rng = np.random.default_rng(seed)
     prior = rng.dirichlet(np.ones(n_types))
-    return prior, rng.dirichlet([1, 1]), rng.dirichlet([1, 1], n_types), rng.uniform(0, 0.95, (n_types, n_types))
+    sensed, model = rng.dirichlet([1, 1]), rng.dirichlet([1, 1], n_types)
+    return prior, sensed, model, rng.uniform(0, 0.95, (n_types, n_types))
 
 
 def enumerate_posterior(prior, sensed, model, alpha, *, peg, hard):

@@ -2,6 +2,9 @@
 
 import collections
 import dataclasses
+import json
+import subprocess
+import sys
 from dataclasses import replace
 
 import jax
@@ -96,7 +99,10 @@ def test_pairs_that_do_not_match_keep_the_matrix_in_either_outcome_model(outcome
         ("[0.1, 0.2]", r"task.success_probability: \[0.1, 0.2\] is not allowed: .* scene.shapes \(3\)"),
         ("[[0.1, 0, 0], [0, 0.1], [0, 0, 0.1]]", "a row for each with a number for each"),
         ("[[0.1, 0, 0], 0.1, [0, 0, 0.1]]", "a row for each with a number for each"),
-        ("[[0.1, 0, 1.0], [0, 0.1, 0], [0, 0, 0.1]]", r"success_probability.0.2: 1.0 .* between 0 and 0.999999"),
+        (
+            "[[0.1, 0, 1.0], [0, 0.1, 0], [0, 0, 0.1]]",
+            r"success_probability.0.2: 1.0 .* between 0 and 0.999999",
+        ),
         ("[[0.1, 0, 0], [0, 0, 0], [0, 0, 0.1]]", "success_probability.1.1: 0.0 is not allowed"),
         ("[0, 0.1, 0.1]", "success_probability.0: 0 is not allowed: it must be a number between 1e-06"),
         ("[]", "success_probability: 0 given"),
@@ -126,7 +132,7 @@ def test_a_scene_of_twelve_shapes_has_a_model_for_each_pair_and_runs():
     assert model.geom("peg_box0").size[0] == pytest.approx(shapes(12)[11].rectangles[0][2])
     assert model.geom("hole_box1").size == pytest.approx(plain.models[0].geom("hole_box1").size)
     attempts = draw_attempts(jax.random.key(0), jnp.arange(20, 24), "spiral", config)
-    assert set(np.asarray(attempts.peg_type).tolist()) == {0, 10, 11}
+    assert set(np.asarray(attempts.peg_type).tolist()) == {0, 1, 10, 11}
     done = engine.run(attempts, 2)
     assert done.truth.valid.all()
     wrong = replace(attempts, peg_type=np.full(4, 12))
@@ -195,7 +201,7 @@ def test_a_small_peg_in_a_big_hole_is_inserted_wrongly_and_no_success(tmp_path):
     config = Config(scene=SceneConfig(shapes=SMALL_AND_BIG))
     config = replace(config, detector=replace(config.detector, half_width_m=0.003))
     config = replace(config, task=replace(config.task, attempt_actions=40))
-    request = Request(config, tmp_path / "attempt.json", 6, 0, NativeEngine(config, 1))
+    request = Request(config, tmp_path / "attempt.json", NativeEngine(config, 1), 6)
     result = experiments.attempt(request)
     rows = {(row.metric, row.group): row for row in result.summary}
     assert rows["success_rate", "mismatched"].value == 0
@@ -219,3 +225,44 @@ def test_three_other_shapes_keep_their_rates_when_replaced():
     assert other.task == config.task
     with pytest.raises(ValueError, match=r"scene.shapes \(2\), or be null"):
         dataclasses.replace(config, scene=replace(config.scene, shapes=SHAPES[:2]))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("n", [2, 7])
+def test_from_data_to_video_end_to_end(n, tmp_path):
+    """Every command once, as small as it gets."""
+    shapes_ = {"shapes": config_.to_tree(config_of(n))["scene"]["shapes"]}
+    config = tmp_path / "shapes.yaml"
+    small_net = {"width": 16, "conv_channels": [4] * 5, "layers": 1, "feedforward": 16}
+    train = {"min_window": 5, "max_window": 20, "mirror": False}
+    config.write_text(json.dumps({"scene": shapes_, "sensor": small_net, "train": train}))
+    small = ["--config", str(config), "--engine", "native"]
+    data, run, result, page = (tmp_path / name for name in ("data", "run", "assembly.json", "page"))
+    few = ["--set", "task.n_holes=2", "--set", "task.max_attempts=2", "--set", "task.attempt_actions=20"]
+    commands = [
+        ["collect", "--out", data, "--episodes", 8 * n, "--actions", 20, "--batch", 8 * n, *small, *few],
+        ["train", "--data", data, "--out", run, "--epochs", 1, "--config", config],
+        [
+            "evaluate",
+            "assembly",
+            "--out",
+            result,
+            "--run",
+            run,
+            "--trials",
+            2,
+            "--methods",
+            "full",
+            *small,
+            *few,
+        ],
+        ["report", result, run, data, "--out", page],
+        ["render", result, "--run", run, "--out", tmp_path / "film.gif", "--fps", 2, "--speed", 20],
+    ]
+    for command in commands:
+        line = [sys.executable, "-m", "mjx_fit", *map(str, command)]
+        done = subprocess.run(line, check=False, capture_output=True, text=True, timeout=600)
+        assert done.returncode == 0, (command, done.stderr[-2000:])
+    assert (page / "index.html").stat().st_size > 10_000
+    trial = results.read(result).trials[0]
+    assert set(trial["holes"]) <= set(config_of(n).scene.names)

@@ -22,6 +22,8 @@ _EVERY = 10
 
 MOST_SHOWN, MOST_LETTERS = 3, 11
 """Types of one belief, and letters of a type's name, for which there is room."""
+ROW = 13
+"""Height of a line of small text."""
 
 
 class Panel:
@@ -118,7 +120,7 @@ class Panel:
         return top + n * each
 
     def _bars(self, draw: ImageDraw.ImageDraw, chance: Float[np.ndarray, "C"], y: float, room: float) -> None:
-        kinds = _shown(chance)
+        kinds = _shown(chance, int(room // ROW))
         each = room / len(kinds)
         for place, kind in enumerate(kinds):
             line = y + place * each
@@ -186,11 +188,11 @@ class Panel:
         return self._fonts[size]
 
 
-def _shown(chance: Float[np.ndarray, "C"]) -> list[int]:
+def _shown(chance: Float[np.ndarray, "C"], most: int = MOST_SHOWN) -> list[int]:
     """The types that are shown of a belief: all where they are few, else the likeliest, that one first."""
     if len(chance) <= MOST_SHOWN:
         return list(range(len(chance)))
-    return np.argsort(-chance, kind="stable")[:MOST_SHOWN].tolist()
+    return np.argsort(-chance, kind="stable")[: min(most, MOST_SHOWN)].tolist()
 
 
 def _force(step: Step) -> Float[np.ndarray, "samples 3"]:
