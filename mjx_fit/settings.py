@@ -293,7 +293,19 @@ class TaskConfig:
             from the ``covariance`` of the belief: the mean of ``success_by_error`` over the belief where the
             types match (``mjx_fit.filters.success``).
         error_knots_m: Errors at which α is known. Distances of the estimate from the hole.
-        success_by_error: tuple[Rates, ...] | None = None
+        success_by_error: Success rates at these errors. A list for each shape, of matched attempts. The
+            default (null) is what ``experiments/physics/alpha.py error`` measured for cross, rectangle and
+            square with everything else at its default, and their mean for each shape of other
+            ``scene.shapes``.
+        hard_match: Update the type by the arg max. h_match's, as in Algorithm 3; otherwise by the mean over
+            its probabilities, as in training. H is learned with the latter, and is too sure for the former.
+    """
+
+    n_holes: Annotated[int, Field(ge=1, le=8, json_schema_extra={"unit": "holes"})] = 5
+    max_attempts: Annotated[int, Field(ge=1, le=1000, json_schema_extra=_ATTEMPTS)] = 30
+    attempt_actions: Annotated[int, Field(ge=1, le=400, json_schema_extra=_ACTIONS)] = 100
+    insertion_depth_m: Annotated[float, Field(ge=0.001, le=0.025)] = 0.01
+    success_probability: Alphas | None = None
     outcome_model: Literal["constant", "covariance"] = "constant"
     error_knots_m: Annotated[
         tuple[Annotated[float, Field(ge=0, le=0.1)], ...], Field(min_length=1, max_length=100)
