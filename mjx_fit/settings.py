@@ -283,7 +283,7 @@ class TaskConfig:
         attempt_actions: Length J of one attempt.
         insertion_depth_m: Depth that counts as inserted. The end effector is at least this far below the
             plate's top, in the hole.
-        success_probability: Rates α at which a peg goes into a hole. α of the outcome model: a number for
+        success_probability: Success rates α by shape. Those of the outcome model: a number for
             each shape, the success rate of a matched attempt; or a matrix, a row for each peg with a number
             for each hole, where a peg goes into holes of other types, too. The default (null) is what
             ``evaluate attempt --trials 1000`` measured for cross, rectangle and square with everything else
