@@ -24,6 +24,8 @@ MOST_SHOWN, MOST_LETTERS = 3, 11
 """Types of one belief, and letters of a type's name, for which there is room."""
 ROW = 13
 """Height of a line of small text."""
+LIGHT = 0.7
+"""Brightness of a colour in which words cannot be read on white."""
 
 
 class Panel:
@@ -76,7 +78,7 @@ class Panel:
         recording, step = self._recording, self._recording.steps[moment.step]
         peg = self._names[recording.peg_type[step.peg]]
         self._text(draw, 24, 24, f"{recording.method.replace('_', ' ')}, trial {recording.trial}", 26)
-        colour = _hex(recording.peg_type[step.peg])
+        colour = _ink(recording.peg_type[step.peg])
         done = f"peg {step.peg + 1} of {len(recording.peg_type)}: "
         self._text(draw, 24, 62, done, 20)
         self._text(draw, 24 + self._width(done, 20), 62, peg, 20, colour)
@@ -112,7 +114,7 @@ class Panel:
             self._text(draw, 36, middle, str(hole + 1), 20, anchor="mm")
             if moment.filled[hole]:
                 kind = int(moment.content[hole])
-                self._text(draw, 60, middle, f"filled: {self._names[kind]}", 17, _hex(kind), anchor="lm")
+                self._text(draw, 60, middle, f"filled: {self._names[kind]}", 17, _ink(kind), anchor="lm")
                 continue
             self._bars(draw, np.exp(moment.belief.type_logp[hole]), y + 5, each - 14)
             spread = 1000 * np.sqrt(np.trace(moment.belief.pos_cov[hole]) / 2)
@@ -206,5 +208,11 @@ def _force(step: Step) -> Float[np.ndarray, "samples 3"]:
     return force if rollout.truth.valid else force[: -(SUBSTEPS // _EVERY)]
 
 
-def _hex(kind: int) -> str:
-    return "#" + "".join(f"{round(255 * channel):02x}" for channel in TYPE_RGB[kind])
+def _hex(kind: int, shade: float = 1.0) -> str:
+    return "#" + "".join(f"{round(255 * shade * channel):02x}" for channel in TYPE_RGB[kind])
+
+
+def _ink(kind: int) -> str:
+    """The colour of a type for words on white: light ones are darkened."""
+    red, green, blue = TYPE_RGB[kind]
+    return _hex(kind, 0.6 if 0.3 * red + 0.6 * green + 0.1 * blue > LIGHT else 1.0)
