@@ -96,7 +96,7 @@ def draw_attempts(
         raise RequestError(
             f"policy: {shown(policy)} is not allowed: it must be one of {', '.join(draws.POLICIES)}"
         )
-    return draws.draw_attempts(key, jnp.arange(n), policy, (config or Config()).detector)
+    return draws.draw_attempts(key, jnp.arange(n), policy, config or Config())
 
 
 def collect_dataset(

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from pydantic import TypeAdapter, ValidationError
+from pydantic import TypeAdapter, ValidationError, model_validator
 from pydantic.dataclasses import dataclass
 
 from mjx_fit import limits, schema_errors, strict_yaml
@@ -53,6 +53,15 @@ class Config:
     task: TaskConfig = TaskConfig()
     sensor: SensorConfig = SensorConfig()
     train: TrainConfig = TrainConfig()
+
+    @model_validator(mode="after")
+    def _rates_of_these_shapes(self) -> "Config":
+        """Fills in rates that were not given; each shape must have its own."""
+        task = self.task.for_shapes(self.scene.shapes)
+        for name in ("success_probability", "success_by_error"):
+            limits.require_one_for_each_shape(f"task.{name}", getattr(task, name), self.scene)
+        object.__setattr__(self, "task", task)
+        return self
 
 
 def load(path: Path | Sequence[Path] | None = None, overrides: Sequence[str] = ()) -> Config:

@@ -9,7 +9,7 @@ import re
 from typing import Any, Literal, get_args, get_origin
 
 from mjx_fit.config import Config, to_tree
-from mjx_fit.schema_errors import plain_and_limits
+from mjx_fit.schema_errors import members, plain_and_limits
 
 WIDTH = 110
 """Columns of the widest line."""
@@ -107,7 +107,7 @@ def _short(value: Any) -> str:
 
 
 def _unit(name: str, annotation: Any) -> str:
-    plain, limits = plain_and_limits(annotation)
+    plain, limits = plain_and_limits(members(annotation)[0])
     if "unit" in limits:
         return limits["unit"]
     suffix = name.rpartition("_")[2]
@@ -120,7 +120,7 @@ def _unit(name: str, annotation: Any) -> str:
 
 def _allowed(annotation: Any) -> str:
     """What may stand there: a range, a choice, or how many of what."""
-    plain, limits = plain_and_limits(annotation)
+    plain, limits = plain_and_limits(members(annotation)[0])  # of a union the usual one: a line is short
     if plain is bool:
         return "true, false"
     if get_origin(plain) is Literal:

@@ -7,7 +7,7 @@ the ends of the ranges and of these rules, one at a time and together.
 import math
 from collections.abc import Iterator
 
-from mjx_fit.errors import require
+from mjx_fit.errors import require, shown
 from mjx_fit.rates import STEP_S
 from mjx_fit.settings import ControlConfig, RandomConfig, SceneConfig, SpiralConfig, TaskConfig
 
@@ -46,6 +46,19 @@ def require_random_upright(scene: SceneConfig, control: ControlConfig, random: R
     """
     leap = max(1.0, 2 / random.actions_per_sweep)
     _require_upright(scene, control, random.push_m, "random.reach_m", random.reach_m, leap)
+
+
+def require_one_for_each_shape(field: str, values: tuple, scene: SceneConfig) -> None:
+    """Make sure that a list has an entry for each of ``scene.shapes``.
+
+    Raises:
+        ValueError: It has more or fewer.
+    """
+    if len(values) != scene.n_types:
+        raise ValueError(
+            f"{field}: {shown(list(values))} is not allowed: it must have an entry for each of scene.shapes "
+            f"({scene.n_types}), or be null for the default"
+        )
 
 
 def _rules(

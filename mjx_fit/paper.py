@@ -225,7 +225,7 @@ def _forecast(config: Config, size: Size, engine: Engine) -> str:
 
 
 def _actions_per_s(config: Config, engine: Engine) -> float:
-    attempts = draw_attempts(root_key(0, "forecast"), jnp.arange(PROBE), "spiral", config.detector)
+    attempts = draw_attempts(root_key(0, "forecast"), jnp.arange(PROBE), "spiral", config)
     seconds = []
     for _ in range(2):  # the first compiles
         began = time.perf_counter()

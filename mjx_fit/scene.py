@@ -1,7 +1,7 @@
 """From models/*.xml and shapes to compiled MuJoCo models with everything addressed by name.
 
 The simulation scene holds one arm and one hole box on a mocap body, so that the hole's position is state. All
-nine peg-hole pairs compile to models of the same layout, which differ in the places and sizes of boxes only:
+peg-hole pairs compile to models of the same layout, which differ in the places and sizes of boxes only:
 a batch may mix them. A shape that needs fewer boxes than the layout has keeps the spare ones buried in its
 own material, where nothing can touch them.
 """
@@ -20,7 +20,7 @@ from jaxtyping import Float
 from mjx_fit import resources
 from mjx_fit.errors import RequestError
 from mjx_fit.robot import ROBOTS, Robot
-from mjx_fit.settings import N_TYPES, SceneConfig, Shape
+from mjx_fit.settings import SceneConfig, Shape
 from mjx_fit.shapes import HANGING, Boxes, hole_boxes, peg_boxes, plate_top_m
 
 _PEG_BIT, _HOLE_BIT = 1, 2
@@ -33,7 +33,7 @@ class Scene:
     """The compiled models of the simulation scene.
 
     Attributes:
-        models: One model for each pair; ``models[peg_type * N_TYPES + hole_type]``.
+        models: One model for each pair; n_types² of them, in the order of ``pair_index``.
         config: What they were made from.
         robot: The arm in them.
     """
@@ -43,17 +43,22 @@ class Scene:
     robot: Robot
 
     @property
+    def n_types(self) -> int:
+        """Number of shapes, C."""
+        return self.config.n_types
+
+    @property
     def plate_top_m(self) -> float:
         return plate_top_m(self.config)
 
 
-def pair_index(peg_type, hole_type):
+def pair_index(peg_type, hole_type, n_types: int):
     """Index of a pair's model in ``Scene.models``; works on ints and on arrays."""
-    return peg_type * N_TYPES + hole_type
+    return peg_type * n_types + hole_type
 
 
 def simulation_scene(config: SceneConfig) -> Scene:
-    """The scene that is simulated: one arm, one peg, one hole box, all nine pairs."""
+    """The scene that is simulated: one arm, one peg, one hole box, all pairs."""
     n_peg = max(len(peg_boxes(shape, config).centre) for shape in config.shapes)
     n_hole = max(len(hole_boxes(shape, config).centre) for shape in config.shapes)
     models = []
@@ -73,14 +78,15 @@ def picture_scene(
     """The scene of a whole assembly, for pictures: nothing in it can touch.
 
     One arm and n hole boxes. In the hand is a peg of every shape, geoms ``hand_<shape>_<i>``, and in every
-    hole the peg that belongs there, geoms ``placed_<hole>_<i>``; a picture colours and hides them.
+    hole another, geoms ``placed_<hole>_<shape>_<i>``; a picture colours and hides them.
     """
     spec = _arm_on_table(config)
     for shape in config.shapes:
         _add_picture_peg(spec.body("peg"), peg_boxes(shape, config), f"hand_{shape.name}")
     for i, (kind, position) in enumerate(zip(hole_types, hole_pos_world, strict=True)):
         _add_hole(spec, config, hole_boxes(config.shapes[kind], config), f"hole{i}", position, mocap=False)
-        _add_picture_peg(spec.body(f"hole{i}"), _placed(config.shapes[kind], config), f"placed_{i}")
+        for shape in config.shapes:
+            _add_picture_peg(spec.body(f"hole{i}"), _placed(shape, config), f"placed_{i}_{shape.name}")
     return spec.compile()
 
 

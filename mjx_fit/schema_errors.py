@@ -1,9 +1,10 @@
 """What pydantic found wrong with a configuration, in one line: where, which value, and what is allowed."""
 
 import dataclasses
-from typing import Annotated, Any, Literal, get_args, get_origin
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
-from pydantic import ValidationError
+from pydantic import Tag, ValidationError
 
 from mjx_fit.errors import shortened, shown
 
@@ -13,10 +14,10 @@ def in_words(error: ValidationError, schema: type) -> str:
 
     Args:
         error: Of validating ``schema``.
-        schema: A dataclass, of dataclasses, tuples and plain values.
+        schema: A dataclass, of dataclasses, tuples, plain values and unions of tagged ones.
     """
     first = error.errors(include_url=False)[0]
-    place, kind, given = first["loc"], first["type"], first["input"]
+    place, kind, given = _without_tags(first["loc"], schema), first["type"], first["input"]
     field = _dotted(place)
     if kind == "unexpected_keyword_argument":
         return f"{field}: unknown key; allowed here: {', '.join(_keys(_annotation(place[:-1], schema)))}"
@@ -32,6 +33,14 @@ def in_words(error: ValidationError, schema: type) -> str:
         word, key = ("most", "max_length") if kind == "too_long" else ("least", "min_length")
         return f"{field}: {len(given)} given, at {word} {first.get('ctx', {}).get(key)} are allowed"
     return f"{field}: {shown(given)} is not allowed: {_allowed(_annotation(place, schema)) or first['msg']}"
+
+
+def members(annotation: Any) -> tuple[Any, ...]:
+    """What a value that is annotated so may be: the members of a union but for None, or the annotation."""
+    plain = get_args(annotation)[0] if get_origin(annotation) is Annotated else annotation
+    if get_origin(plain) not in (Union, UnionType):
+        return (annotation,)
+    return tuple(one for one in get_args(plain) if one is not NoneType)
 
 
 def plain_and_limits(annotation: Any) -> tuple[Any, dict[str, Any]]:
@@ -51,7 +60,9 @@ def plain_and_limits(annotation: Any) -> tuple[Any, dict[str, Any]]:
         for name in ("ge", "le", "multiple_of", "min_length", "max_length")
         if hasattr(one, name)
     }
-    units = {name: unit for field in rest for name, unit in (field.json_schema_extra or {}).items()}
+    units: dict[str, Any] = {}
+    for field in rest:
+        units |= getattr(field, "json_schema_extra", None) or {}
     return plain, limits | units
 
 
@@ -60,11 +71,29 @@ def _dotted(place: tuple[int | str, ...]) -> str:
     return ".".join(shortened(part) if part.isprintable() else shown(part) for part in parts)
 
 
+def _without_tags(place: tuple[int | str, ...], schema: type) -> tuple[int | str, ...]:
+    """The place without the tags of a union's members, which nobody wrote."""
+    return tuple(
+        part
+        for end, part in enumerate(place)
+        if not any(_tag(one) == part for one in members(_annotation(place[:end], schema)))
+    )
+
+
+def _tag(annotation: Any) -> str | None:
+    return next((one.tag for one in get_args(annotation)[1:] if isinstance(one, Tag)), None)
+
+
 def _annotation(place: tuple[int | str, ...], schema: type) -> Any:
-    """How the field at a place is annotated, or None."""
+    """How the field at a place is annotated, or None; of a union the member that a tag or an index means."""
     node: Any = schema
     for part in place:
-        node = get_args(node)[0] if get_origin(node) is Annotated else node
+        among = members(node)
+        if any(_tag(one) == part for one in among):
+            node = next(one for one in among if _tag(one) == part)
+            continue
+        node = next((one for one in among if get_origin(_plain(one)) is tuple), among[0])
+        node = _plain(node)
         if dataclasses.is_dataclass(node):
             node = {field.name: field.type for field in dataclasses.fields(node)}.get(str(part))
         elif isinstance(part, int) and get_origin(node) is tuple:
@@ -75,13 +104,22 @@ def _annotation(place: tuple[int | str, ...], schema: type) -> Any:
     return node
 
 
+def _plain(annotation: Any) -> Any:
+    while get_origin(annotation) is Annotated:
+        annotation = get_args(annotation)[0]
+    return annotation
+
+
 def _keys(node: Any) -> list[str]:
     return [field.name for field in dataclasses.fields(node)] if dataclasses.is_dataclass(node) else []
 
 
 def _allowed(node: Any) -> str:
     """What a field that is annotated so may be, or nothing."""
-    node, limits = plain_and_limits(node)
+    among = members(node)
+    if len(among) > 1:
+        return ", or ".join(_allowed(one) for one in among)
+    node, limits = plain_and_limits(next(iter(among)))
     if node in (int, float) and {"ge", "le"} <= limits.keys():
         what = "a whole number" if node is int else "a number"
         times = f" and a multiple of {limits['multiple_of']}" if "multiple_of" in limits else ""

@@ -4,19 +4,39 @@ Ranges end where a number stops to mean something: an attempt at the ends of all
 upright and over its plate. Where numbers bound each other, ``mjx_fit.limits`` says how.
 """
 
+from dataclasses import replace
 from itertools import pairwise
 from typing import Annotated, Any, Literal
 
-from pydantic import ConfigDict, Field, model_validator
+import numpy as np
+from pydantic import ConfigDict, Discriminator, Field, Tag, model_validator
 from pydantic.dataclasses import dataclass
 
 from mjx_fit.errors import shown
 from mjx_fit.robot import ROBOTS
 
-Probability = Annotated[float, Field(ge=1e-6, le=0.999999)]
+LEAST_PROBABILITY = 1e-6
+Probability = Annotated[float, Field(ge=LEAST_PROBABILITY, le=0.999999)]
 """As near to 0 and 1 as single precision can tell well."""
 
 Rates = tuple[Annotated[float, Field(ge=0, le=0.999999)], ...]
+
+MOST_TYPES = 12
+"""Shapes of one scene: as many as colours tell apart."""
+
+
+def _number_or_row(value: Any) -> str:
+    return "row" if isinstance(value, list | tuple) else "number"
+
+
+Alphas = tuple[
+    Annotated[
+        Annotated[Probability, Tag("number")] | Annotated[Rates, Tag("row")],
+        Discriminator(_number_or_row),
+    ],
+    ...,
+]
+"""A number for each shape, the diagonal of a matrix, or a row of it for each."""
 
 Push = Annotated[float, Field(ge=0.0005, le=0.02)]
 Wiggle = Annotated[float, Field(ge=0, le=0.01)]
@@ -97,9 +117,6 @@ SHAPES = (
     Shape("rectangle", ((-0.020, -0.0125, 0.020, 0.0125),)),
     Shape("square", ((-0.015, -0.015, 0.015, 0.015),)),
 )
-NAMES = tuple(shape.name for shape in SHAPES)
-N_TYPES = len(SHAPES)
-"""Of shapes, whichever they are: beliefs about the type have so many entries."""
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -108,7 +125,7 @@ class SceneConfig:
 
     Attributes:
         robot: Name of the arm (``mjx_fit.robot``).
-        shapes: Cross-sections of pegs and holes. Three of them, as many as there are types.
+        shapes: Cross-sections of pegs and holes. One for each type, 1 to 12; their names differ.
         clearance_m: Gap between peg and hole per side.
         plate_half_width_m: Half the side of the square socket. A detector error of 2.83 cm, a spiral of
             1.5 cm and half a peg (2 cm for ours) must stay inside it.
@@ -122,7 +139,7 @@ class SceneConfig:
     """
 
     robot: Literal[tuple(ROBOTS)] = "panda"  # pyright: ignore[reportInvalidTypeForm]
-    shapes: tuple[Shape, Shape, Shape] = SHAPES
+    shapes: Annotated[tuple[Shape, ...], Field(min_length=1, max_length=MOST_TYPES)] = SHAPES
     clearance_m: Annotated[float, Field(ge=0.0001, le=0.005)] = 0.001
     plate_half_width_m: Annotated[float, Field(ge=0.08, le=0.2)] = 0.08
     hole_depth_m: Annotated[float, Field(ge=0.03, le=0.08)] = 0.035
@@ -134,7 +151,7 @@ class SceneConfig:
 
     @model_validator(mode="after")
     def _names_differ(self) -> "SceneConfig":
-        if len(set(self.names)) < N_TYPES:
+        if len(set(self.names)) < self.n_types:
             raise ValueError(f"shapes: {', '.join(self.names)} are not allowed: the names must differ")
         return self
 
@@ -142,6 +159,11 @@ class SceneConfig:
     def names(self) -> tuple[str, ...]:
         """Of the shapes."""
         return tuple(shape.name for shape in self.shapes)
+
+    @property
+    def n_types(self) -> int:
+        """Number of shapes, C."""
+        return len(self.shapes)
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -251,6 +273,7 @@ class WristConfig:
     contact_force_n: Annotated[float, Field(ge=0.01, le=50)] = 1.0
 
 
+_SUCCESS_PROBABILITY = (0.118, 0.162, 0.117)
 LEAST_STEP_M = 0.00001
 """Between distances, for single precision to tell them apart."""
 
@@ -265,16 +288,20 @@ class TaskConfig:
         attempt_actions: Length J of one attempt.
         insertion_depth_m: Depth that counts as inserted. The end effector is at least this far below the
             plate's top, in the hole.
-        success_probability: Success rate α of each shape. α of the outcome model: the success rate of a
-            matched attempt, for cross, rectangle and square. The default is what
-            ``evaluate attempt --trials 1000`` measured with everything else at its default; measure it again
+        success_probability: Success rates α by shape. Those of the outcome model: a number for
+            each shape, the success rate of a matched attempt; or a matrix, a row for each peg with a number
+            for each hole, where a peg goes into holes of other types, too. The default (null) is what
+            ``evaluate attempt --trials 1000`` measured for cross, rectangle and square with everything else
+            at its default, and their mean for each shape of other ``scene.shapes``: a guess. Measure it again
             when you change the detector, the scene or the control.
         outcome_model: How success is predicted. α is ``constant`` per shape, as in the paper, or follows
-            from the ``covariance`` of the belief: the mean of ``success_by_error`` over the belief
-            (``mjx_fit.filters.success``).
+            from the ``covariance`` of the belief: the mean of ``success_by_error`` over the belief where the
+            types match (``mjx_fit.filters.success``).
         error_knots_m: Errors at which α is known. Distances of the estimate from the hole.
-        success_by_error: Success rates at these errors. Of a matched attempt, for cross, rectangle and
-            square: what ``experiments/physics/alpha.py error`` measured with everything else at its default.
+        success_by_error: Success rates at these errors. A list for each shape, of matched attempts. The
+            default (null) is what ``experiments/physics/alpha.py error`` measured for cross, rectangle and
+            square with everything else at its default, and their mean for each shape of other
+            ``scene.shapes``.
         hard_match: Update the type by the arg max. h_match's, as in Algorithm 3; otherwise by the mean over
             its probabilities, as in training. H is learned with the latter, and is too sure for the former.
     """
@@ -283,12 +310,12 @@ class TaskConfig:
     max_attempts: Annotated[int, Field(ge=1, le=1000, json_schema_extra=_ATTEMPTS)] = 30
     attempt_actions: Annotated[int, Field(ge=1, le=400, json_schema_extra=_ACTIONS)] = 100
     insertion_depth_m: Annotated[float, Field(ge=0.001, le=0.025)] = 0.01
-    success_probability: tuple[Probability, Probability, Probability] = (0.118, 0.162, 0.117)
+    success_probability: Alphas | None = None
     outcome_model: Literal["constant", "covariance"] = "constant"
     error_knots_m: Annotated[
         tuple[Annotated[float, Field(ge=0, le=0.1)], ...], Field(min_length=1, max_length=100)
     ] = _ERROR_KNOTS_M
-    success_by_error: tuple[Rates, Rates, Rates] = _SUCCESS_BY_ERROR
+    success_by_error: tuple[Rates, ...] | None = None
     hard_match: bool = False
 
     @model_validator(mode="after")
@@ -299,13 +326,41 @@ class TaskConfig:
                 f"error_knots_m: {shown(list(knots))} is not allowed: they must ascend, by {LEAST_STEP_M} "
                 "at least"
             )
-        for rates in self.success_by_error:
+        for rates in self.success_by_error or _SUCCESS_BY_ERROR:
             if len(rates) != len(knots):
                 raise ValueError(
                     f"success_by_error: {shown(list(rates))} is not allowed: there must be a rate for "
                     f"each of error_knots_m, {len(knots)}"
                 )
         return self
+
+    @model_validator(mode="after")
+    def _rows_of_one_matrix(self) -> "TaskConfig":
+        alphas = self.success_probability or ()
+        rows = [row for row in alphas if isinstance(row, tuple)]
+        if rows and [len(row) for row in rows] != [len(alphas)] * len(alphas):
+            raise ValueError(
+                f"success_probability: {shown(list(alphas))} is not allowed: it must hold a number for each "
+                "shape, or a row for each with a number for each"
+            )
+        for i, row in enumerate(rows):
+            if row[i] < LEAST_PROBABILITY:
+                raise ValueError(
+                    f"success_probability.{i}.{i}: {row[i]} is not allowed: a peg that matches its hole "
+                    f"must have {LEAST_PROBABILITY} at least"
+                )
+        return self
+
+    def for_shapes(self, shapes: tuple[Shape, ...]) -> "TaskConfig":
+        """The same with rates where there were none (null): the default ones for these shapes."""
+        alphas, by_error = self.success_probability, self.success_by_error
+        if alphas is None:
+            mean = round(float(np.mean(_SUCCESS_PROBABILITY)), 6)
+            alphas = _SUCCESS_PROBABILITY if shapes == SHAPES else (mean,) * len(shapes)
+        if by_error is None:
+            means = tuple(np.mean(_SUCCESS_BY_ERROR, axis=0).round(6).tolist())
+            by_error = _SUCCESS_BY_ERROR if shapes == SHAPES else (means,) * len(shapes)
+        return replace(self, success_probability=alphas, success_by_error=by_error)
 
 
 @dataclass(frozen=True, config=STRICT)

@@ -11,7 +11,6 @@ from jax.core import Tracer
 from jaxtyping import Bool
 
 from mjx_fit.errors import RequestError
-from mjx_fit.settings import N_TYPES
 from mjx_fit.types import SUBSTEPS, Felt, Reading
 
 WRENCH_AXES = 6
@@ -29,13 +28,14 @@ _ROWS = {
 _OTHERS = {"peg_type": (), "length": (), "tare_sensor": (WRENCH_AXES,), "estimate_world": (2,)}
 
 
-def require_readable(felt: Felt, batch: int = 1) -> None:
+def require_readable(felt: Felt, n_types: int, batch: int = 1) -> None:
     """Makes sure that a sensor can read attempts.
 
     Values count in rows before ``length``.
 
     Args:
         felt: With ``batch`` leading axes.
+        n_types: Number of shapes that a peg may have.
         batch: 0 or 1.
 
     Raises:
@@ -53,7 +53,7 @@ def require_readable(felt: Felt, batch: int = 1) -> None:
     if not batch:
         one = jax.tree.map(lambda leaf: leaf[None], one)
     _require_indices("length", one.length, rows[-1])
-    _require_indices("peg_type", one.peg_type, N_TYPES - 1)
+    _require_indices("peg_type", one.peg_type, n_types - 1)
     counts = np.arange(rows[-1]) < one.length[:, None]
     for name in _ROWS:
         _require_finite(f"trace.{name}", getattr(one.trace, name), counts)
@@ -62,8 +62,12 @@ def require_readable(felt: Felt, batch: int = 1) -> None:
     _require_unit("trace.tip_quat_world", one.trace.tip_quat_world, counts)
 
 
-def require_reading(reading: Reading) -> None:
+def require_reading(reading: Reading, n_types: int) -> None:
     """Makes sure that a sensor can be shown a reading: windows of its size, and numbers that are finite.
+
+    Args:
+        reading: Any batch axes.
+        n_types: Number of shapes that the sensor knows.
 
     Raises:
         RequestError: It cannot; the message names the field.
@@ -73,7 +77,7 @@ def require_reading(reading: Reading) -> None:
     if _is_traced(reading):
         return
     mask = np.asarray(reading.mask)
-    _require_indices("reading.peg_type", np.asarray(reading.peg_type), N_TYPES - 1)
+    _require_indices("reading.peg_type", np.asarray(reading.peg_type), n_types - 1)
     for name in (
         "wrench_sensor",
         "tip_pos_estimate",

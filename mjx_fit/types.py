@@ -159,6 +159,16 @@ class Rollout:
         """One attempt of a batch, or several."""
         return jax.tree.map(lambda leaf: leaf[rows], self)
 
+    @property
+    def succeeded(self) -> Bool[Array, "*batch"]:
+        """Whether the peg is in a hole of its own type."""
+        return self.truth.inserted & (self.felt.peg_type == self.truth.hole_type)
+
+    @property
+    def inserted_wrongly(self) -> Bool[Array, "*batch"]:
+        """Whether the peg is in a hole of another type: no success, and nothing that the robot notices."""
+        return self.truth.inserted & (self.felt.peg_type != self.truth.hole_type)
+
 
 @pytree
 class Reading:

@@ -132,7 +132,7 @@ def read(
     Raises:
         RequestError: The attempt cannot be read (``mjx_fit.traces``).
     """
-    require_readable(felt, batch=0)
+    require_readable(felt, scene.n_types, batch=0)
     offsets = jnp.arange(rows)
     mask = start + offsets < felt.length
     if count is not None:

@@ -50,7 +50,7 @@ def test_every_field_has_unit_frame_shape_and_meaning(folder):
 def test_load_gives_the_episodes_in_order(folder):
     data = store.load(folder)
     assert data.episode.tolist() == data.sequence.tolist() == list(range(10))
-    peg, hole = pair_of(np.arange(10))
+    peg, hole = pair_of(np.arange(10), 3)
     done = data.rollout
     assert np.array_equal(done.felt.peg_type, peg)
     assert np.array_equal(done.truth.hole_type, hole)
@@ -109,7 +109,7 @@ def test_a_spiral_is_as_long_as_an_attempt(collect, tmp_path):
     short = store.load(collect(tmp_path / "short", config, episodes=24, batch=24, actions=4)).rollout
     # Fewer steps are the beginning of it, and not a spiral in a hurry.
     cut = store.load(collect(tmp_path / "cut", config, episodes=24, batch=24, actions=2)).rollout
-    spiral = policy_of("mixed", np.arange(24), 0) == SPIRAL
+    spiral = policy_of("mixed", np.arange(24), 0, 3) == SPIRAL
     assert np.array_equal(store.load(tmp_path / "long").policy == SPIRAL, spiral)
     assert spiral.sum() == 12
     assert (data.felt.length == np.where(spiral, 4, 6)).all()

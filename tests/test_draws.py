@@ -14,7 +14,7 @@ CONFIG = Config()
 
 
 def test_pairs_are_balanced_and_half_matched():
-    peg, hole = pair_of(np.arange(36))
+    peg, hole = pair_of(np.arange(36), 3)
     assert (peg == hole).mean() == 0.5
     counts = {(p, h): int(((peg == p) & (hole == h)).sum()) for p in range(3) for h in range(3)}
     assert {counts[p, p] for p in range(3)} == {6}
@@ -24,20 +24,20 @@ def test_pairs_are_balanced_and_half_matched():
 @pytest.mark.parametrize("number", [0, 1])
 def test_mixed_policies_are_balanced_in_every_pair(number):
     ids = np.arange(48)
-    policy = policy_of("mixed", ids, number)
-    pair = np.stack(pair_of(ids))
+    policy = policy_of("mixed", ids, number, 3)
+    pair = np.stack(pair_of(ids, 3))
     for one in np.unique(pair, axis=1).T:
         own = policy[(pair == one[:, None]).all(0)]
         assert (own == 0).sum() == (own == 1).sum()
-    assert (policy_of("mixed", ids, 1) != policy_of("mixed", ids, 0)).all()
-    assert set(policy_of("random", ids, number)) == {1}
+    assert (policy_of("mixed", ids, 1, 3) != policy_of("mixed", ids, 0, 3)).all()
+    assert set(policy_of("random", ids, number, 3)) == {1}
 
 
 def test_draws_depend_on_the_sequence_alone():
     def both(ids):
         root, ids = jax.random.key(3), jnp.asarray(ids)
         later = draw_later_attempts(root, ids, "mixed", 2, CONFIG)
-        return draw_attempts(root, ids, "mixed", CONFIG.detector), later
+        return draw_attempts(root, ids, "mixed", CONFIG), later
 
     picked = jax.tree.map(lambda leaf: leaf[np.array([11, 4])], both(np.arange(20)))
     for a, b in zip(jax.tree.leaves(both([11, 4])), jax.tree.leaves(picked), strict=True):
@@ -48,7 +48,7 @@ def test_draws_tell_nothing_of_each_other():
     """The policy of an episode must not show where its hole is: a key used twice would be a leak."""
     n = 4000
     root, ids = root_key(0, "collect"), jnp.arange(n)
-    drawn = draw_attempts(root, ids, "mixed", CONFIG.detector)
+    drawn = draw_attempts(root, ids, "mixed", CONFIG)
     later = [draw_later_attempts(root, ids, "mixed", number, CONFIG) for number in (1, 2)]
     columns = [drawn.policy, drawn.hole_pos_world, drawn.peg_type]
     for attempt in (drawn, *(attempt for attempt, _ in later)):
@@ -60,15 +60,15 @@ def test_draws_tell_nothing_of_each_other():
 
 
 def test_uses_of_one_seed_share_no_episode():
-    collected = draw_attempts(root_key(0, "collect"), jnp.arange(50), "spiral", CONFIG.detector)
-    evaluated = draw_attempts(root_key(0, "attempt"), jnp.arange(50), "spiral", CONFIG.detector)
+    collected = draw_attempts(root_key(0, "collect"), jnp.arange(50), "spiral", CONFIG)
+    evaluated = draw_attempts(root_key(0, "attempt"), jnp.arange(50), "spiral", CONFIG)
     assert np.abs(np.asarray(collected.estimate_world - evaluated.estimate_world)).min(1).max() > 1e-4
     assert not (jax.random.key_data(collected.key) == jax.random.key_data(evaluated.key)).all(-1).any()
 
 
 def test_later_estimates_are_as_good_as_their_covariance_says():
     ids = jnp.arange(3000)
-    first = draw_attempts(jax.random.key(0), ids, "spiral", CONFIG.detector)
+    first = draw_attempts(jax.random.key(0), ids, "spiral", CONFIG)
     later, cov = draw_later_attempts(jax.random.key(0), ids, "spiral", 1, CONFIG)
     for name in ("hole_pos_world", "peg_type", "hole_type"):
         assert (getattr(first, name) == getattr(later, name)).all()

@@ -27,7 +27,7 @@ CONFIG = Config()
 
 def test_forces_are_pushes_and_not_artefacts(native):
     """A solver that stops too early shows as single steps of hundreds of newtons, some in every attempt."""
-    attempts = draw_attempts(jax.random.key(5), jnp.arange(24), "spiral", CONFIG.detector)
+    attempts = draw_attempts(jax.random.key(5), jnp.arange(24), "spiral", CONFIG)
     done = native.run(attempts, 40)
     force = np.linalg.norm(
         (done.felt.trace.wrench_sensor - done.felt.tare_sensor[:, None, None])[..., :3], axis=-1
@@ -86,7 +86,7 @@ breakable = _breakable()
 
 @pytest.fixture(scope="module")
 def rollouts():
-    attempts = draw_attempts(jax.random.key(7), jnp.arange(12), "mixed", CONFIG.detector)
+    attempts = draw_attempts(jax.random.key(7), jnp.arange(12), "mixed", CONFIG)
     active = np.arange(12) != 4
     simulators = NativeEngine(CONFIG, 2, breakable), MjxEngine(CONFIG, 2, breakable)
     return attempts, [simulator.run(attempts, 4, active) for simulator in simulators], simulators, active
@@ -254,7 +254,7 @@ def test_an_episode_does_not_depend_on_its_batch(rollouts):
     """In other batches, another order and another engine the draws are equal; in C so is everything else."""
     attempts, (in_c, in_mjx), (native, mjx), _ = rollouts
     ids = np.array([9, 2, 11, 5, 0])
-    asked = draw_attempts(jax.random.key(7), jnp.asarray(ids), "mixed", CONFIG.detector)
+    asked = draw_attempts(jax.random.key(7), jnp.asarray(ids), "mixed", CONFIG)
     for a, b in zip(jax.tree.leaves(asked), jax.tree.leaves(attempts), strict=True):
         assert np.array_equal(plain(a), plain(b)[ids])
     for threads in (1, 2):
@@ -262,12 +262,12 @@ def test_an_episode_does_not_depend_on_its_batch(rollouts):
         for a, b in zip(jax.tree.leaves(again), jax.tree.leaves(in_c), strict=True):
             assert np.array_equal(a, b[ids])
     for n in (100, 300, 600):  # in blocks of 64, of 256 and of 512 rows
-        many = draw_attempts(jax.random.key(7), jnp.arange(n), "mixed", CONFIG.detector)
+        many = draw_attempts(jax.random.key(7), jnp.arange(n), "mixed", CONFIG)
         some = native.run(many, 4)
         for a, b in zip(jax.tree.leaves(some), jax.tree.leaves(in_c), strict=True):
             assert np.array_equal(a[ids], b[ids])
     others = np.concatenate([ids, np.arange(20, 27)])  # as many as were compiled for
-    asked = draw_attempts(jax.random.key(7), jnp.asarray(others), "mixed", CONFIG.detector)
+    asked = draw_attempts(jax.random.key(7), jnp.asarray(others), "mixed", CONFIG)
     require_alike(mjx.run(asked, 4), in_mjx, ids)
 
 
@@ -276,7 +276,7 @@ def test_an_episode_in_mjx_does_not_depend_on_the_number_of_worlds(rollouts):
     """It is compiled anew for each."""
     _, (_, in_mjx), (_, mjx), _ = rollouts
     ids = np.array([9, 2, 11, 5, 0])
-    asked = draw_attempts(jax.random.key(7), jnp.asarray(ids), "mixed", CONFIG.detector)
+    asked = draw_attempts(jax.random.key(7), jnp.asarray(ids), "mixed", CONFIG)
     require_alike(mjx.run(asked, 4), in_mjx, ids)
 
 
@@ -320,7 +320,7 @@ def spiral_attempts(peg, hole, error_m, n):
 
 def test_matched_pegs_enter_and_mismatched_never_do(native):
     """From the true position a matched peg goes in; no other peg ever does. Contact pushes up."""
-    peg, hole = pair_of(np.array([0, 2, 4, 1, 3, 5, 7, 9, 11]))
+    peg, hole = pair_of(np.array([0, 2, 4, 1, 3, 5, 7, 9, 11]), 3)
     done = native.run(spiral_attempts(peg, hole, 0.0, 9), CONFIG.task.attempt_actions)
     assert done.truth.inserted.tolist() == [True] * 3 + [False] * 6
     assert done.truth.valid.all()
@@ -362,7 +362,7 @@ def test_auto_is_native_on_a_cpu_and_unknown_engines_are_refused():
 def test_mjx_inserts_matched_pegs_only():
     """The whole length of an attempt, which takes MJX minutes on a CPU."""
     simulator = MjxEngine(CONFIG, 2)
-    peg, hole = pair_of(np.array([0, 2, 4, 1, 3, 5, 7, 9, 11]))
+    peg, hole = pair_of(np.array([0, 2, 4, 1, 3, 5, 7, 9, 11]), 3)
     done = simulator.run(spiral_attempts(peg, hole, 0.0, 9), CONFIG.task.attempt_actions)
     assert done.truth.inserted.tolist() == [True] * 3 + [False] * 6
     assert done.truth.valid.all()
@@ -371,7 +371,7 @@ def test_mjx_inserts_matched_pegs_only():
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 def test_a_hundred_mismatched_attempts_from_the_detector_never_insert(native):
-    attempts = draw_attempts(jax.random.key(0), jnp.arange(1, 241, 2), "spiral", CONFIG.detector)
+    attempts = draw_attempts(jax.random.key(0), jnp.arange(1, 241, 2), "spiral", CONFIG)
     assert (np.asarray(attempts.peg_type) != np.asarray(attempts.hole_type)).all()
     done = native.run(attempts, CONFIG.task.attempt_actions)
     assert not done.truth.inserted.any()
@@ -382,7 +382,7 @@ def test_a_hundred_mismatched_attempts_from_the_detector_never_insert(native):
 @pytest.mark.parametrize("name", ["native", pytest.param("mjx", marks=pytest.mark.slow)])
 def test_a_thousand_worlds_run(name):
     n = 1024
-    attempts = draw_attempts(jax.random.key(0), jnp.arange(n), "mixed", CONFIG.detector)
+    attempts = draw_attempts(jax.random.key(0), jnp.arange(n), "mixed", CONFIG)
     simulator = NativeEngine(CONFIG, 2) if name == "native" else MjxEngine(CONFIG, 2)
     done = simulator.run(attempts, 2)
     assert done.truth.valid.all()

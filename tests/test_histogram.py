@@ -17,10 +17,11 @@ SEEDS = st.integers(0, 2**32 - 1)
 
 
 def draw(seed: int, n_types: int = 3):
-    """A prior ξ, the sensor's p(o), a model H (C, 2), and α, all as probabilities in float64."""
+    """A prior ξ, the sensor's p(o), a model H (C, 2), and α (C, C), all as probabilities in float64."""
     rng = np.random.default_rng(seed)
     prior = rng.dirichlet(np.ones(n_types))
-    return prior, rng.dirichlet([1, 1]), rng.dirichlet([1, 1], n_types), rng.uniform(0, 0.95, n_types)
+    sensed, model = rng.dirichlet([1, 1]), rng.dirichlet([1, 1], n_types)
+    return prior, sensed, model, rng.uniform(0, 0.95, (n_types, n_types))
 
 
 def enumerate_posterior(prior, sensed, model, alpha, *, peg, hard):
@@ -28,8 +29,7 @@ def enumerate_posterior(prior, sensed, model, alpha, *, peg, hard):
     joint = np.zeros(len(prior))
     for c, o in itertools.product(range(len(prior)), range(2)):
         weight = float(o == int(np.argmax(sensed))) if hard else sensed[o]
-        failure = 1 - alpha[c] if c == peg else 1.0
-        joint[c] += prior[c] * weight * model[c, o] * failure
+        joint[c] += prior[c] * weight * model[c, o] * (1 - alpha[peg, c])
     return joint / joint.sum()
 
 
@@ -46,9 +46,10 @@ def as_inputs(prior, sensed, model) -> tuple[Belief, Observation]:
 
 
 @settings(max_examples=60, deadline=None)
-@given(seed=SEEDS, peg=st.integers(0, 2), hard=st.booleans())
-def test_update_is_bayes_by_enumeration(seed, peg, hard):
-    prior, sensed, model, alpha = draw(seed)
+@given(seed=SEEDS, n_types=st.sampled_from([1, 2, 3, 7, 12]), peg=st.integers(0, 11), hard=st.booleans())
+def test_update_is_bayes_by_enumeration(seed, n_types, peg, hard):
+    prior, sensed, model, alpha = draw(seed, n_types)
+    peg %= n_types
     belief, observation = as_inputs(prior, sensed, model)
     got = update_type(belief, observation, jnp.asarray(peg), jnp.asarray(alpha, jnp.float32), hard=hard)
     want = enumerate_posterior(prior, sensed, model, alpha, peg=peg, hard=hard)
@@ -82,7 +83,7 @@ def test_renaming_the_types_renames_the_posterior(seed, peg, hard, order):
         success = jnp.asarray(alpha, jnp.float32)
         return np.exp(update_type(belief, observation, jnp.asarray(peg), success, hard=hard).type_logp)
 
-    renamed = posterior(prior[order], model[order], alpha[order], int(np.argmax(order == peg)))
+    renamed = posterior(prior[order], model[order], alpha[order][:, order], int(np.argmax(order == peg)))
     np.testing.assert_allclose(renamed, posterior(prior, model, alpha, peg)[order], atol=1e-6)
 
 
@@ -104,18 +105,17 @@ def test_a_certain_sensor_makes_soft_and_hard_agree():
 
 def test_without_observation_only_the_failure_counts():
     belief = initial_belief(jnp.zeros((4, 2)), 0.01, 3)
-    success = jnp.array([0.34, 0.2, 0.6])
+    success = jnp.array([[0.34, 0.1, 0.0], [0.0, 0.2, 0.5], [0.0, 0.0, 0.6]])
     got = update_type(belief, None, jnp.array([0, 1, 2, 2]), success, hard=True)
     for row, peg in zip(np.exp(got.type_logp), [0, 1, 2, 2], strict=True):
-        want = np.ones(3)
-        want[peg] -= success[peg]
+        want = 1 - success[peg]
         np.testing.assert_allclose(row, want / want.sum(), rtol=1e-5)
     np.testing.assert_array_equal(got.pos_mean_world, belief.pos_mean_world)
 
 
 def test_failures_never_rule_a_type_out_and_stay_finite():
     def step(belief, _):
-        return update_type(belief, None, jnp.asarray(0), jnp.full(3, 0.9), hard=True), None
+        return update_type(belief, None, jnp.asarray(0), 0.9 * jnp.eye(3), hard=True), None
 
     belief, _ = jax.lax.scan(step, initial_belief(jnp.zeros(2), 0.01, 3), None, length=1000)
     assert np.isfinite(belief.type_logp).all()
@@ -138,3 +138,12 @@ def test_initial_belief_and_position_update_on_a_batch():
     np.testing.assert_allclose(updated.pos_mean_world, 0.405, rtol=1e-5)
     np.testing.assert_allclose(updated.pos_cov[0, 0], 0.5e-4 * np.eye(2), rtol=1e-4, atol=1e-11)
     np.testing.assert_array_equal(updated.type_logp, belief.type_logp)
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=SEEDS, peg=st.integers(0, 2))
+def test_a_diagonal_matrix_gives_the_papers_likelihood_bit_by_bit(seed, peg):
+    alpha = np.random.default_rng(seed).uniform(0, 0.95, 3).astype(np.float32)
+    got = histogram.failure_logp(jnp.asarray(peg), jnp.diag(jnp.asarray(alpha)))
+    want = jnp.log1p(-jnp.asarray(alpha) * jax.nn.one_hot(peg, 3))
+    assert np.asarray(got).tobytes() == np.asarray(want).tobytes()

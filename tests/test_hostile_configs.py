@@ -126,7 +126,7 @@ def test_fifty_accepted_configurations_run(sets):
 def assert_it_runs(sets: tuple[str, ...]) -> None:
     """One attempt of each policy, two actions each: valid, finite, upright."""
     asked = config.load(None, sets)
-    attempts = draw_attempts(root_key(0, "hostile"), np.array([0, 3]), "mixed", asked.detector)
+    attempts = draw_attempts(root_key(0, "hostile"), np.array([0, 3]), "mixed", asked)
     done = NativeEngine(asked, threads=1).run(attempts, 2, horizon=max(2, asked.task.attempt_actions))
     assert done.truth.valid.all()
     for leaf in (

@@ -10,6 +10,7 @@ import pytest
 
 from mjx_fit.config import Config
 from mjx_fit.dataset.windows import Sample
+from mjx_fit.filters.success import constant_matrix
 from mjx_fit.training.loss import filter_loss, frame_by_frame_loss, sequence_loss, weighted_sum
 from mjx_fit.types import Belief, Observation, Reading
 
@@ -160,7 +161,7 @@ def test_a_chain_is_one_big_gaussian_and_one_product_of_likelihoods():
             p = np.exp(o.match_logits[k]) / np.exp(o.match_logits[k]).sum()
             xi = xi * (np.exp(o.match_model_logp[k]) @ p)
             peg = int(s.reading.peg_type[k])
-            xi[peg] *= 1 - Config().task.success_probability[peg]
+            xi[peg] *= 1 - constant_matrix(Config().task)[peg, peg]
             xi = xi / xi.sum()
             assert losses.pos_logdet[i, k] == pytest.approx(0.5 * np.log(np.linalg.det(cov)), abs=1e-3)
             mahalanobis = 0.5 * error @ information @ error

@@ -118,7 +118,7 @@ def test_a_collection_that_cannot_fit_is_refused_before_anything_is_made(monkeyp
 def test_attempts_that_cannot_fit_are_refused_by_an_engine(monkeypatch, native):
     """So no evaluation begins them either."""
     having(monkeypatch, 100 * MB)
-    many = draw_attempts(jax.random.key(0), jnp.arange(1000), "spiral", CONFIG.detector)
+    many = draw_attempts(jax.random.key(0), jnp.arange(1000), "spiral", CONFIG)
     with pytest.raises(
         RequestError, match=r"attempts: 1,000 of 100 actions .* needs 126 MB .* run fewer at once"
     ):
@@ -140,7 +140,7 @@ def test_training_that_cannot_fit_is_refused_before_the_data_are_read(monkeypatc
 
 
 def test_what_an_action_takes_is_what_is_allocated(native):
-    attempts = draw_attempts(jax.random.key(0), jnp.arange(2), "spiral", CONFIG.detector)
+    attempts = draw_attempts(jax.random.key(0), jnp.arange(2), "spiral", CONFIG)
     trace = native.run(attempts, 3, np.zeros(2, bool)).felt.trace
     assert sum(leaf.nbytes for leaf in jax.tree.leaves(trace)) == 2 * 3 * ACTION_BYTES
 

@@ -22,9 +22,10 @@ from mjx_fit.evaluation.request import Request
 from mjx_fit.picture import gl, render
 from mjx_fit.picture.motion import HOME_M, moments
 from mjx_fit.picture.panel import Panel
-from mjx_fit.picture.puppet import RADIUS_90, TYPE_RGB, Puppet, mixed
-from mjx_fit.settings import NAMES, SHAPES
+from mjx_fit.picture.puppet import RADIUS_90, Puppet, mixed
+from mjx_fit.settings import SHAPES, SceneConfig
 from mjx_fit.training.trained_sensor import TrainedSensor
+from mjx_fit.type_colours import TYPE_RGB
 
 TASK = dataclasses.replace(Config().task, n_holes=3, max_attempts=4)
 CONFIG = dataclasses.replace(Config(), task=TASK)
@@ -58,8 +59,8 @@ def test_a_recording_is_the_experiments_trial(result, method, trial):
     row = next(row for row in result.trials if (row["method"], row["trial"]) == (method, trial))
     again = replay(result, method, trial)
     assert [step.hole for step in again.steps] == [hole for holes in row["tried"] for hole in holes]
-    assert [NAMES[kind] for kind in again.peg_type] == row["pegs"]
-    assert [NAMES[kind] for kind in again.hole_type] == row["holes"]
+    assert [SceneConfig().names[kind] for kind in again.peg_type] == row["pegs"]
+    assert [SceneConfig().names[kind] for kind in again.hole_type] == row["holes"]
     assert [step.number for step in again.steps] == list(range(1, sum(row["attempts"]) + 1))
     assert [step.attempt for step in again.steps] == [k for n in row["attempts"] for k in range(1, n + 1)]
     assert sum(step.helped is not None for step in again.steps) == sum(row["human"])
@@ -167,7 +168,7 @@ def test_the_puppet_holds_its_tip_where_the_moment_says(played):
             for i in range(puppet.model.ngeom)
             if puppet.model.geom(i).name.startswith("hand_") and puppet.model.geom_rgba[i, 3] > 0
         }
-        peg = NAMES[played.peg_type[played.steps[moment.step].peg]]
+        peg = SceneConfig().names[played.peg_type[played.steps[moment.step].peg]]
         assert held == ({peg} if moment.holding else set())
     assert puppet.data.ncon == 0
 

@@ -39,7 +39,7 @@ def pushing(push):
 
 
 def half_pushed(n=8):
-    attempts = draw_attempts(jax.random.key(0), jnp.arange(n), "spiral", CONFIG.detector)
+    attempts = draw_attempts(jax.random.key(0), jnp.arange(n), "spiral", CONFIG)
     return dataclasses.replace(attempts, policy=np.arange(n) % 2)
 
 

@@ -16,7 +16,6 @@ from mjx_fit.config import Config
 from mjx_fit.dataset.draws import draw_attempts
 from mjx_fit.errors import RequestError
 from mjx_fit.filters.belief import initial_belief
-from mjx_fit.robot import PANDA
 from mjx_fit.sensors.model import ContactSensor
 from mjx_fit.simulate import requests
 from mjx_fit.simulate.mjx import MjxEngine
@@ -30,7 +29,7 @@ N = 4
 
 @pytest.fixture(scope="module")
 def attempts():
-    return draw_attempts(jax.random.key(0), jnp.arange(N), "mixed", CONFIG.detector)
+    return draw_attempts(jax.random.key(0), jnp.arange(N), "mixed", CONFIG)
 
 
 @pytest.fixture(scope="module")
@@ -123,9 +122,9 @@ def test_the_whole_workspace_and_what_a_detector_makes_of_it_is_accepted():
     for x, y in ((0.35, 0.0), (0.65, 0.4), (0.65, -0.4)):
         hole = np.full((1, 2), (x, y), np.float32)
         for error in (-0.03, 0.03):
-            asked = draw_attempts(jax.random.key(0), jnp.arange(1), "spiral", CONFIG.detector)
+            asked = draw_attempts(jax.random.key(0), jnp.arange(1), "spiral", CONFIG)
             asked = dataclasses.replace(asked, hole_pos_world=hole, estimate_world=hole + np.float32(error))
-            requests.require_attempts(asked, 1, None, None, PANDA)
+            requests.require_attempts(asked, 1, None, None, CONFIG.scene)
 
 
 def test_mujoco_writes_no_log_into_the_working_folder(tmp_path, monkeypatch, attempts):
@@ -290,7 +289,7 @@ def test_what_does_not_count_may_be_anything():
     """Padding behind the last action, the last action of a simulation that diverged, sums that overflow."""
     done = sound()
     short = dataclasses.replace(done, length=at(done.length, 2))
-    require_update(BELIEF, traced(short, wrench_sensor=poisoned(done.trace.wrench_sensor)), KEYS)
+    require_update(BELIEF, traced(short, wrench_sensor=poisoned(done.trace.wrench_sensor)), KEYS, 3)
     whole = with_truth(make_rollouts(N, 3, min_length=3), inserted=np.zeros(N, bool))
     diverged = with_truth(whole, valid=at(whole.truth.valid, False))
     diverged = dataclasses.replace(
@@ -300,11 +299,11 @@ def test_what_does_not_count_may_be_anything():
     changed = np.any(np.asarray(after.type_logp) != np.asarray(BELIEF.type_logp), axis=1)
     assert changed.tolist() == [True, False, True, True]
     huge = np.full(done.trace.wrench_sensor.shape, 3e38, np.float32)  # whose sum is not finite
-    require_update(BELIEF, traced(done, wrench_sensor=huge), KEYS)
+    require_update(BELIEF, traced(done, wrench_sensor=huge), KEYS, 3)
 
 
 def test_fake_engines_of_tests_give_what_is_accepted(attempts):
-    require_update(BELIEF, FakeEngine().run(attempts, 2, np.zeros(N, bool)).felt, KEYS)
+    require_update(BELIEF, FakeEngine().run(attempts, 2, np.zeros(N, bool)).felt, KEYS, 3)
 
 
 def test_checks_cost_little():
@@ -312,7 +311,7 @@ def test_checks_cost_little():
     many = jax.tree.map(np.asarray, sound(n, 20))
     beliefs = initial_belief(jnp.full((n, 2), 0.5), 0.01, 3)
     keys = jax.random.split(jax.random.key(1), n)
-    asked = draw_attempts(jax.random.key(0), jnp.arange(n), "mixed", CONFIG.detector)
+    asked = draw_attempts(jax.random.key(0), jnp.arange(n), "mixed", CONFIG)
 
     def best(work):
         times = []
@@ -322,5 +321,5 @@ def test_checks_cost_little():
             times.append(time.perf_counter() - began)
         return min(times)
 
-    assert best(lambda: requests.require_attempts(asked, 100, None, None, PANDA)) < 0.01
-    assert best(lambda: require_update(beliefs, many, keys)) < 0.1  # 6 million numbers of wrenches
+    assert best(lambda: requests.require_attempts(asked, 100, None, None, CONFIG.scene)) < 0.01
+    assert best(lambda: require_update(beliefs, many, keys, 3)) < 0.1  # 6 million numbers of wrenches

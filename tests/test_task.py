@@ -14,7 +14,7 @@ from synthetic import with_truth
 from mjx_fit.config import Config
 from mjx_fit.errors import RequestError
 from mjx_fit.filters.belief import initial_belief
-from mjx_fit.filters.success import success_probability
+from mjx_fit.filters.success import constant_matrix, success_probability
 from mjx_fit.task import assembly, learning, methods, pomdp
 from mjx_fit.task import trials as trials_
 from mjx_fit.task.table import Table
@@ -27,10 +27,10 @@ CONFIG = dataclasses.replace(Config(), task=dataclasses.replace(Config().task, n
 
 def test_expected_reward_is_the_papers_sum():
     xi = np.array([[0.5, 0.3, 0.2], [0.1, 0.1, 0.8]])
-    alpha = np.array([0.3, 0.2, 0.4])
+    alpha = np.array([[0.3, 0.05, 0.0], [0.6, 0.2, 0.01], [0.0, 0.1, 0.4]])
     for peg in range(3):
-        want = [sum(alpha[c] * (c == peg) * row[c] for c in range(3)) for row in xi]
-        got = pomdp.expected_reward(jnp.log(xi), jnp.asarray(peg), jnp.asarray(alpha)[None])
+        want = [sum(alpha[peg, c] * row[c] for c in range(3)) for row in xi]
+        got = pomdp.expected_reward(jnp.log(xi), jnp.asarray(peg), jnp.asarray(alpha))
         assert got == pytest.approx(want, abs=1e-6)
 
 
@@ -90,7 +90,7 @@ def test_oracle_needs_one_attempt_for_each_peg():
 def test_failure_only_agrees_with_a_plain_loop():
     """Algorithm 1 written out for one trial at a time, with exact beliefs as fractions of counts."""
     trials, _, rows = play("failure_only")
-    alpha = CONFIG.task.success_probability
+    alpha = np.diag(constant_matrix(CONFIG.task))
     for trial, row in enumerate(rows):
         types, pegs = trials.hole_type[trial], trials.peg_type[trial]
         near = np.linalg.norm(trials.estimate_world[trial] - trials.hole_pos_world[trial], axis=1) < 0.005
@@ -173,7 +173,7 @@ def test_the_diary_says_what_was_believed_before_and_after():
         first, trial, peg = row["tried"][0][0], row["trial"], trials.peg_type[row["trial"], 0]
         before, after = (tuple(row[name][0][0] for name in COLUMNS[i : i + 2]) for i in (1, 3))
         assert before == pytest.approx((1 / 3, error[trial, first]), abs=1e-4)
-        a = CONFIG.task.success_probability[peg]
+        a = constant_matrix(CONFIG.task)[peg, peg]
         matches = float(trials.hole_type[trial, first] == peg)
         assert [row[name][0][0] for name in WHY] == pytest.approx([a / 3, a / 3], abs=1e-4)
         if row["attempts"][0] == 1:
@@ -187,7 +187,7 @@ def test_the_diary_says_what_was_believed_before_and_after():
 def test_the_diary_says_why_a_hole_was_chosen():
     """P(match) × α of the chosen hole, at least that of the next best, which ends with the other holes."""
     _, _, rows = play("failure_only,perfect_sensor,oracle")
-    alpha = dict(zip(CONFIG.scene.names, CONFIG.task.success_probability, strict=True))
+    alpha = dict(zip(CONFIG.scene.names, np.diag(constant_matrix(CONFIG.task)), strict=True))
     for row in rows:
         for number, peg in enumerate(row["pegs"]):
             chance, second = (np.array(row[name][number]) for name in WHY)
@@ -242,7 +242,7 @@ def test_each_method_learns_what_it_may_and_no_more(hard):
     moved = np.asarray(after.pos_mean_world - before.pos_mean_world)
     assert moved == pytest.approx(np.array([[0, 0], [0.003, 0], [0.003, 0], *[[0, 0]] * 3]), abs=1e-6)
     assert np.asarray(after.pos_cov)[:, 0, 0] == pytest.approx([1e-4, 5e-5, 5e-5, 1e-4, 1e-4, 1e-4], rel=1e-4)
-    a = CONFIG.task.success_probability[0]
+    a = constant_matrix(CONFIG.task)[0, 0]
     miss = 0.0 if hard else 1 / (1 + np.e)
     likelihood = (1 - miss) * np.array([0.8, 0.3, 0.4]) + miss * np.array([0.2, 0.7, 0.6])
     failure = np.array([1 - a, 1, 1])
@@ -262,7 +262,7 @@ def test_success_and_broken_worlds_leave_beliefs_alone():
     keys = jax.random.split(jax.random.key(0), 3)
     after = learning.after_failures(learning.filter_update(config, None), beliefs, rollout, keys)
     assert np.array_equal(after.type_logp[:2], beliefs.type_logp[:2])
-    a = config.task.success_probability[0]
+    a = constant_matrix(config.task)[0, 0]
     want = np.array([1 - a, 1, 1]) / (3 - a)
     assert np.exp(after.type_logp[2]) == pytest.approx(want, abs=1e-6)
 
@@ -293,11 +293,13 @@ def test_success_by_covariance_is_the_mean_over_the_belief():
     z = rng.normal(size=(100_000, 2))
     for row, factor in zip(got, factors, strict=True):
         distance = np.linalg.norm(z @ factor.T, axis=1)
-        want = [np.interp(distance, task.error_knots_m, rate).mean() for rate in task.success_by_error]
-        assert row == pytest.approx(want, abs=0.01)
-    assert got[0].min() > 0.8
-    assert got[1].max() < 0.4
-    constant = np.tile(task.success_probability, (4, 1))
+        rates = task.success_by_error or ()
+        want = [np.interp(distance, task.error_knots_m, rate).mean() for rate in rates]
+        assert row == pytest.approx(np.diag(want), abs=0.01)
+    diagonal = np.diagonal(got, axis1=1, axis2=2)
+    assert diagonal[0].min() > 0.8
+    assert diagonal[1].max() < 0.4
+    constant = np.tile(constant_matrix(task), (4, 1, 1))
     assert np.asarray(success_probability(Config(), jnp.asarray(cov))) == pytest.approx(constant)
     first = initial_belief(jnp.zeros((4, 2)), config.detector.prior_std_m, 3)
     assert np.asarray(success_probability(config, first.pos_cov)) == pytest.approx(constant)

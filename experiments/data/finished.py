@@ -14,7 +14,7 @@ import numpy as np
 
 from mjx_fit import runtime
 from mjx_fit.config import Config
-from mjx_fit.dataset.draws import MISMATCHED, draw_places
+from mjx_fit.dataset.draws import draw_places, mismatched_pairs
 from mjx_fit.policies import SPIRAL
 from mjx_fit.randomness import root_key
 from mjx_fit.report import script
@@ -28,7 +28,7 @@ def main() -> None:
     config = Config()
     ids = np.arange(2 * HALF)
     easy = ids % 2 == 0
-    peg, hole = np.where(easy, ids // 2 % 3, MISMATCHED[ids // 2 % 6].T)
+    peg, hole = np.where(easy, ids // 2 % 3, mismatched_pairs(3)[ids // 2 % 6].T)
     place, estimate, key, _ = draw_places(root_key(0, "finished"), jnp.asarray(ids), config.detector)
     estimate = jnp.where(easy[:, None], place, estimate)
     both = Attempt(jnp.asarray(peg), jnp.asarray(hole), place, estimate, jnp.full(2 * HALF, SPIRAL), key)

@@ -22,7 +22,7 @@ from mjx_fit.dataset.draws import draw_attempts
 from mjx_fit.evaluation.statistics import wilson
 from mjx_fit.randomness import root_key
 from mjx_fit.report import script
-from mjx_fit.settings import NAMES
+from mjx_fit.settings import SceneConfig
 from mjx_fit.shapes import plate_top_m
 from mjx_fit.simulate.native import NativeEngine
 from mjx_fit.types import Array, Rollout
@@ -82,7 +82,7 @@ HERE = Path(__file__).parent
 def main() -> None:
     """Runs every candidate from the same starts in the same holes."""
     config = Config()
-    attempts = draw_attempts(root_key(0, "policy"), jnp.arange(EPISODES), "random", config.detector)
+    attempts = draw_attempts(root_key(0, "policy"), jnp.arange(EPISODES), "random", config)
     done: dict[str, Rollout] = {}
     for name, policy in CANDIDATES.items():
         done[name] = NativeEngine(config, 2, policy).run(attempts, ACTIONS)
@@ -113,7 +113,7 @@ def _facts(done: Rollout) -> dict:
         "matched_inserted": _rate(done.truth.inserted[matched]),
         **{
             f"{name}_inserted": _rate(done.truth.inserted[matched & (done.felt.peg_type == i)])
-            for i, name in enumerate(NAMES)
+            for i, name in enumerate(SceneConfig().names)
         },
         "length_matched_quartiles": np.quantile(done.felt.length[matched], [0.25, 0.5, 0.75]),
         "beside_the_plate": int((~done.truth.inserted & _left_plate(done, real)).sum()),

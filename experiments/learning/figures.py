@@ -6,7 +6,7 @@ from mjx_fit import resources
 from mjx_fit.evaluation import results
 from mjx_fit.report import calibration_figures as figures
 from mjx_fit.report import run_figures, script
-from mjx_fit.settings import NAMES
+from mjx_fit.settings import SceneConfig
 
 HERE = Path(__file__).parent
 
@@ -18,7 +18,8 @@ def main() -> None:
     script.draw(HERE / "curve.png", lambda: run_figures.training_curve(metrics))
     script.draw(HERE / "error_by_actions.png", lambda: figures.error_by_actions(first.summary))
     script.draw(HERE / "coverage.png", lambda: figures.coverage(first.trials))
-    script.draw(HERE / "match_reliability.png", lambda: figures.match_reliability(first.trials, NAMES))
+    names = SceneConfig().names
+    script.draw(HERE / "match_reliability.png", lambda: figures.match_reliability(first.trials, names))
     script.draw(HERE / "match_by_pair.png", lambda: figures.match_by_pair(first.summary))
     script.draw(HERE / "error_by_attempt.png", lambda: figures.error_by_attempt(several.summary))
     script.draw(HERE / "coverage_by_attempt.png", lambda: figures.coverage_by_attempt(several.summary))

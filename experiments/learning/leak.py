@@ -29,7 +29,6 @@ from mjx_fit.config import Config
 from mjx_fit.dataset.episode import Episode
 from mjx_fit.evaluation import held_out
 from mjx_fit.report import script
-from mjx_fit.settings import NAMES
 from mjx_fit.training.checkpoint import load_sensor
 from mjx_fit.training.loop import train
 from mjx_fit.types import Array, Trace
@@ -129,7 +128,10 @@ def _errors(sensor, data: Episode, config: Config) -> Float[np.ndarray, " n"]:
     seen = held_out.observe(sensor, data, ids, shared.ACTIONS, config, seed=0)
     after = held_out.posterior(seen, data, ids, config, with_prior=True)
     return np.array(
-        [row["error_cm"] for row in held_out.rows("full", shared.ACTIONS, after, data, ids, NAMES)]
+        [
+            row["error_cm"]
+            for row in held_out.rows("full", shared.ACTIONS, after, data, ids, config.scene.names)
+        ]
     )
 
 

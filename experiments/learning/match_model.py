@@ -26,11 +26,11 @@ from mjx_fit.dataset import store
 from mjx_fit.dataset.episode import Episode
 from mjx_fit.evaluation import held_out
 from mjx_fit.report import script
-from mjx_fit.settings import N_TYPES
+from mjx_fit.settings import SceneConfig
 from mjx_fit.training.checkpoint import load_sensor
 from mjx_fit.types import Observation
 
-TYPES = N_TYPES
+TYPES = SceneConfig().n_types
 
 
 def main(counted_on: Path, sequences: Path, run: Path) -> None:

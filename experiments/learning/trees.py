@@ -18,8 +18,11 @@ from sklearn.ensemble import ExtraTreesClassifier, ExtraTreesRegressor  # pyrigh
 from mjx_fit import runtime
 from mjx_fit.evaluation.calibration import auroc
 from mjx_fit.report import script
-from mjx_fit.settings import N_TYPES, NAMES
+from mjx_fit.settings import SceneConfig
 from mjx_fit.types import Reading
+
+NAMES = SceneConfig().names
+N_TYPES = len(NAMES)
 
 BINS = 10
 TREES = {"min_samples_leaf": 2, "max_features": 0.3, "n_jobs": 2, "random_state": 0}

@@ -1,9 +1,9 @@
-"""A shape of one's own: an L in the place of the cross, from boxes to data.
+"""A shape of one's own: an L and a square, from boxes to data.
 
     python experiments/own/shape.py FOLDER [EPISODES [ACTIONS]]
 
 The same as ``mjx-fit collect`` with a YAML file of this section; everything else, from training to video,
-takes that file by ``--config``.
+takes that file by ``--config``. There may be 1 to 12 shapes; α is their default until it is measured.
 """
 
 import sys
@@ -16,12 +16,13 @@ import mjx_fit as mf
 
 # Each rectangle from its lower to its upper corner, x, y, x, y in m from the tool's axis.
 ELL = mf.Shape("ell", ((-0.020, -0.020, 0.000, 0.020), (0.000, -0.020, 0.020, 0.000)))
+SQUARE = mf.Shape("square", ((-0.015, -0.015, 0.015, 0.015),))
 
 
 def main(folder: str, episodes: int = 240, actions: int = 100) -> None:
-    """Collects rollouts of the L with itself and with two of ours."""
+    """Collect rollouts of both pegs with both holes."""
     default = mf.Config()
-    config = replace(default, scene=replace(default.scene, shapes=(ELL, *default.scene.shapes[1:])))
+    config = replace(default, scene=replace(default.scene, shapes=(ELL, SQUARE)))
     mf.collect_dataset(folder, mf.CollectionPlan(episodes, actions, "spiral"), config)
     done, names = mf.load_dataset(folder).rollout, config.scene.names
     pairs = [f"{names[p]}-{names[h]}" for p, h in zip(done.felt.peg_type, done.truth.hole_type, strict=True)]

@@ -18,12 +18,15 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
 from mjx_fit.config import Config
-from mjx_fit.dataset.draws import MISMATCHED
+from mjx_fit.dataset.draws import mismatched_pairs
 from mjx_fit.evaluation.statistics import wilson
 from mjx_fit.report import style
-from mjx_fit.settings import N_TYPES, NAMES
+from mjx_fit.settings import SceneConfig
 from mjx_fit.simulate.select import make_engine
 from mjx_fit.types import Array, Attempt
+
+NAMES = SceneConfig().names
+N_TYPES = len(NAMES)
 
 PER_SHAPE = 400
 MISMATCHED_ATTEMPTS = 600
@@ -48,7 +51,8 @@ def detectors() -> None:
     for kind in ("square", "disc"):
         config = replace(Config(), detector=replace(Config().detector, kind=kind))
         peg = np.repeat(np.arange(N_TYPES), PER_SHAPE)
-        others = MISMATCHED[np.arange(MISMATCHED_ATTEMPTS) % len(MISMATCHED)]
+        others = mismatched_pairs(N_TYPES)
+        others = others[np.arange(MISMATCHED_ATTEMPTS) % len(others)]
         asked = shared.spiral_attempts(
             config, f"alpha: {kind}", np.append(peg, others[:, 0]), np.append(peg, others[:, 1])
         )

@@ -16,9 +16,8 @@ from matplotlib.figure import Figure
 
 from mjx_fit.bench.reference import task_space
 from mjx_fit.config import Config
-from mjx_fit.dataset.draws import MISMATCHED
+from mjx_fit.dataset.draws import mismatched_pairs
 from mjx_fit.report import style
-from mjx_fit.settings import N_TYPES
 from mjx_fit.simulate.native import NativeEngine
 from mjx_fit.types import SUBSTEPS
 
@@ -33,8 +32,9 @@ peg that lands or runs into an edge is stopped within a few milliseconds: an imp
 def main() -> None:
     """Runs the attempts and counts."""
     config = Config()
-    peg = np.concatenate([np.arange(MATCHED) % N_TYPES, MISMATCHED[np.arange(OTHERS) % 6, 0]])
-    hole = np.concatenate([np.arange(MATCHED) % N_TYPES, MISMATCHED[np.arange(OTHERS) % 6, 1]])
+    n_types = config.scene.n_types
+    matched, others = np.arange(MATCHED) % n_types, mismatched_pairs(n_types)[np.arange(OTHERS) % 6]
+    peg, hole = (np.concatenate([matched, others[:, side]]) for side in range(2))
     attempts = shared.spiral_attempts(config, "contact", peg, hole)
     n, actions = len(peg), config.task.attempt_actions
     depth = np.full((n, actions * SUBSTEPS), np.nan, np.float32)

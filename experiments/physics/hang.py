@@ -54,7 +54,7 @@ def work(worlds: int, dispatch: str) -> None:
         jax.config.update("jax_compilation_cache_dir", str(compiled.CACHE / "xla"))
     config = Config()
     engine = MjxEngine(config, 2 if dispatch == "inline" else 1)
-    attempts = draw_attempts(jax.random.key(0), jnp.arange(worlds), "spiral", config.detector)
+    attempts = draw_attempts(jax.random.key(0), jnp.arange(worlds), "spiral", config)
     for _ in range(RUNS_EACH):
         began = time.perf_counter()
         assert engine.run(attempts, 1).truth.valid.all()

@@ -65,7 +65,7 @@ def _microseconds(controlled: bool) -> float:
     scene = simulation_scene(config.scene)
     stacked, axes = stacked_models(scene)
     attempts = attempts_of(config, WORLDS)
-    models = models_of(stacked, pair_index(attempts.peg_type, attempts.hole_type))
+    models = models_of(stacked, pair_index(attempts.peg_type, attempts.hole_type, scene.n_types))
 
     def world(model, qpos, hole, goal):
         data = placed(model, qpos, hole, scene.plate_top_m)

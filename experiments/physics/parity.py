@@ -21,12 +21,11 @@ from matplotlib.figure import Figure
 from mujoco import mjx
 
 from mjx_fit.config import Config
-from mjx_fit.dataset.draws import MISMATCHED, draw_attempts
+from mjx_fit.dataset.draws import draw_attempts, mismatched_pairs
 from mjx_fit.evaluation.statistics import bootstrap_mean, bootstrap_means
 from mjx_fit.policies import NAMES
 from mjx_fit.report import style
 from mjx_fit.scene import Scene, pair_index, simulation_scene
-from mjx_fit.settings import N_TYPES
 from mjx_fit.simulate.mjx import compiler_options
 from mjx_fit.simulate.native import NativeEngine
 from mjx_fit.simulate.select import make_engine
@@ -92,8 +91,8 @@ def _free_states(scene: Scene) -> dict[str, np.ndarray]:
 def _contact_states(config: Config) -> dict[str, np.ndarray]:
     """States of attempts in which something touches, every so many steps."""
     n = 90
-    attempts = draw_attempts(jax.random.key(3), jnp.arange(n), "mixed", config.detector)
-    pair = np.asarray(pair_index(attempts.peg_type, attempts.hole_type))
+    attempts = draw_attempts(jax.random.key(3), jnp.arange(n), "mixed", config)
+    pair = np.asarray(pair_index(attempts.peg_type, attempts.hole_type, config.scene.n_types))
     names = ("qpos", "qvel", "qacc_warmstart", "ctrl", "mocap_pos")
     kept: dict[str, list] = {name: [] for name in ("pair", *names)}
     step = np.zeros(n, int)
@@ -166,8 +165,8 @@ def _relative(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def attempts() -> None:
     """Runs the same attempts in both engines and compares what comes of them."""
     config = Config()
-    matched = np.arange(ATTEMPTS // 2) % N_TYPES
-    others = MISMATCHED[np.arange(ATTEMPTS // 2) % len(MISMATCHED)]
+    matched, others = np.arange(ATTEMPTS // 2) % config.scene.n_types, mismatched_pairs(config.scene.n_types)
+    others = others[np.arange(ATTEMPTS // 2) % len(others)]
     peg, hole = np.concatenate([matched, others[:, 0]]), np.concatenate([matched, others[:, 1]])
     asked = shared.spiral_attempts(config, "parity", peg, hole)
     measured, seconds = {}, {}

@@ -62,7 +62,7 @@ def main() -> None:
 
 def _press(scene: Scene, config: Config, chain, torque, rng: np.random.Generator, i: int) -> dict:
     """Presses one peg for some seconds and compares the last reading with the controller's force."""
-    model = scene.models[pair_index(i % 3, (i // 3) % 3)]
+    model = scene.models[pair_index(i % 3, (i // 3) % 3, scene.n_types)]
     data = mujoco.MjData(model)
     hole = rng.uniform(*np.array(PANDA.workspace_m).T)
     angle = rng.uniform(0, 2 * np.pi)

@@ -51,8 +51,8 @@ class Contender:
 
 
 def attempts_of(config: Config, worlds: int) -> Attempt:
-    """The attempts that all contenders run: spirals of all nine pairs."""
-    return draw_attempts(numerics.key(0), jnp.arange(worlds), "spiral", config.detector)
+    """The attempts that all contenders run: spirals of all pairs."""
+    return draw_attempts(numerics.key(0), jnp.arange(worlds), "spiral", config)
 
 
 def _engine(name: str, config: Config, attempts: Attempt, actions: int) -> Run:
@@ -104,7 +104,7 @@ def _mjx_step(config: Config, attempts: Attempt, actions: int) -> Run:
 
     @partial(jax.jit, compiler_options=compiler_options())
     def rollout(part: Attempt, torque):
-        models = models_of(stacked, pair_index(part.peg_type, part.hole_type))
+        models = models_of(stacked, pair_index(part.peg_type, part.hole_type, engine.scene.n_types))
         qpos = start_qpos(chain, part, engine.scene.config)
         with jax.default_matmul_precision("highest"):
             return jax.vmap(world, (axes, 0, 0, 0))(models, qpos, part.hole_pos_world, torque)

@@ -73,7 +73,7 @@ def one_world(
     """The first of the attempts as one C simulation at its start, and a goal that presses it on the plate."""
     scene = simulation_scene(config.scene)
     first = jax.tree.map(lambda leaf: leaf[:1], attempts)
-    model = scene.models[int(pair_index(first.peg_type, first.hole_type)[0])]
+    model = scene.models[int(pair_index(first.peg_type, first.hole_type, scene.n_types)[0])]
     data = mujoco.MjData(model)
     data.qpos[:] = np.asarray(start_qpos(chain_of(model), first, scene.config))[0]
     data.mocap_pos[0] = [*np.asarray(first.hole_pos_world)[0], scene.plate_top_m]

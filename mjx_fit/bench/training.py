@@ -14,7 +14,6 @@ from mjx_fit import children, numerics, runtime
 from mjx_fit.config import Config
 from mjx_fit.dataset.windows import Sample
 from mjx_fit.sensors.model import ContactSensor, InputScale
-from mjx_fit.settings import N_TYPES
 from mjx_fit.training.step import Recipe, TrainState, optimizer, train_step_jit
 from mjx_fit.types import SUBSTEPS, Belief, Reading
 
@@ -59,7 +58,7 @@ def sample_of(config: Config, seed: int = 0) -> Any:
     def noise(*shape):
         return jnp.asarray(rng.normal(size=(n, rows, *shape)), jnp.float32)
 
-    peg, hole = (jnp.asarray(rng.integers(0, N_TYPES, n)) for _ in range(2))
+    peg, hole = (jnp.asarray(rng.integers(0, config.scene.n_types, n)) for _ in range(2))
     place = jnp.asarray(rng.uniform(-0.01, 0.01, (n, 2)), jnp.float32)
     reading = Reading(
         noise(SUBSTEPS, 6),
@@ -74,7 +73,9 @@ def sample_of(config: Config, seed: int = 0) -> Any:
         peg,
     )
     cov = jnp.broadcast_to(1e-4 * jnp.eye(2), (n, 2, 2))
-    prior = Belief(jnp.zeros((n, 2)), cov, jnp.full((n, N_TYPES), -np.log(N_TYPES), jnp.float32))
+    n_types = config.scene.n_types
+    types = jnp.full((n, n_types), -np.log(n_types), jnp.float32)
+    prior = Belief(jnp.zeros((n, 2)), cov, types)
     return Sample(reading, prior, hole, place, jnp.ones(n, bool))
 
 
@@ -91,7 +92,7 @@ def _time(name: str, config: Config) -> tuple[float, list[float]]:
 
 def _ours(config: Config) -> Step:
     sample = sample_of(config)
-    sensor = ContactSensor(config.sensor, nnx.Rngs(0), N_TYPES)
+    sensor = ContactSensor(config.sensor, nnx.Rngs(0), config.scene.n_types)
     sensor.fit_input_scale(sample.reading)
     graph, params, scale = nnx.split(sensor, nnx.Param, InputScale)
     recipe = Recipe(graph, config, 1)
@@ -110,9 +111,9 @@ def _pytorchs(config: Config) -> Step:
     from mjx_fit.bench import torch_twin
 
     sample = sample_of(config)
-    sensor = ContactSensor(config.sensor, nnx.Rngs(0), N_TYPES)
+    sensor = ContactSensor(config.sensor, nnx.Rngs(0), config.scene.n_types)
     sensor.fit_input_scale(sample.reading)
-    twin = torch_twin.ContactSensor(config.sensor, N_TYPES)
+    twin = torch_twin.ContactSensor(config.sensor, config.scene.n_types)
     torch_twin.copy_weights(sensor, twin)
     inputs, truth = torch_twin.inputs_of(sensor, sample)
     adam = torch.optim.Adam(

@@ -75,7 +75,7 @@ def invalid_in(out: Path) -> str:
 def _fill(
     writer: Writer, missing: dict[str, int], n_shards: int, simulate: Sequences, request: dict[str, Any]
 ) -> None:
-    began, actions, inserted = time.monotonic(), 0, 0
+    began, actions, inserted, wrongly = time.monotonic(), 0, 0, 0
     done = n_shards - len(missing)
     begins = COMPILING if request["engine"] == "mjx" else ""
     with Progress("collect: shard", n_shards, done, begins) as progress:
@@ -85,9 +85,12 @@ def _fill(
             writer.write(new_shard(name, np.asarray(episodes.episode), content), content)
             done += 1
             actions += int(episodes.rollout.felt.length.sum())
-            inserted += int(episodes.rollout.truth.inserted.sum())
+            inserted += int(episodes.rollout.succeeded.sum())
+            wrongly += int(episodes.rollout.inserted_wrongly.sum())
             speed = actions * SUBSTEPS / (time.monotonic() - began)
             words = [f"{inserted} inserted", f"{speed:,.0f} steps/s"]
+            if wrongly:
+                words.insert(1, f"{wrongly} inserted wrongly")
             if simulate.broken:
                 words.append(f"{simulate.broken} invalid")
             progress(done, ", ".join(words))

@@ -12,37 +12,55 @@ from mjx_fit import policies
 from mjx_fit.config import Config
 from mjx_fit.detector import detect
 from mjx_fit.robot import PANDA, Robot
-from mjx_fit.settings import N_TYPES, DetectorConfig, SequenceConfig
+from mjx_fit.settings import DetectorConfig, SequenceConfig
 from mjx_fit.types import Array, Attempt
 
 POLICIES = (*policies.NAMES, "mixed")
-MISMATCHED = np.array(list(permutations(range(N_TYPES), 2)))
 
 
-def pair_of(sequences: Int[np.ndarray, "n"]) -> tuple[Int[np.ndarray, "n"], Int[np.ndarray, "n"]]:
+def mismatched_pairs(n_types: int) -> Int[np.ndarray, "pairs 2"]:
+    """Peg and hole type of every pair of different types; none of one type."""
+    return np.array(list(permutations(range(n_types), 2)), int).reshape(-1, 2)
+
+
+def pair_of(
+    sequences: Int[np.ndarray, "n"], n_types: int
+) -> tuple[Int[np.ndarray, "n"], Int[np.ndarray, "n"]]:
     """Peg and hole type of each sequence: even ids take the matched pairs in turn, odd ids the others."""
     turn = sequences // 2
-    matched = (sequences % 2 == 0)[:, None]
-    same = np.stack([turn % N_TYPES] * 2, 1)
-    pair = np.where(matched, same, MISMATCHED[turn % len(MISMATCHED)])
+    pair = np.stack([turn % n_types] * 2, 1)
+    others = mismatched_pairs(n_types)
+    if len(others):
+        matched = (sequences % 2 == 0)[:, None]
+        pair = np.where(matched, pair, others[turn % len(others)])
     return pair[:, 0], pair[:, 1]
 
 
-def policy_of(policy: str, sequences: Int[np.ndarray, "n"], number: int) -> Int[np.ndarray, "n"]:
+def policy_of(
+    policy: str, sequences: Int[np.ndarray, "n"], number: int, n_types: int
+) -> Int[np.ndarray, "n"]:
     """Index of the policy of each sequence's attempt; ``mixed`` takes turns, in all pairs alike."""
     if policy == "mixed":
         turn = sequences // 2
-        # The pairs of a turn come again after 3 and after 6 turns: a shift every 6 lets them alternate, too.
-        return (turn + turn // len(MISMATCHED) + number) % len(policies.NAMES)
+        return (turn + _shifts(turn, n_types) + number) % len(policies.NAMES)
     return np.full(len(sequences), policies.NAMES.index(policy))
 
 
-def draw_attempts(
-    root: Key[Array, ""], sequences: Int[Array, "n"], policy: str, detector: DetectorConfig
-) -> Attempt:
+def _shifts(turn: Int[np.ndarray, "n"], n_types: int) -> Int[np.ndarray, "n"]:
+    """What lets a pair alternate although it comes again after an even number of turns.
+
+    A matched pair comes again after C turns, another after C (C - 1).
+    """
+    if n_types == 1:
+        return np.zeros_like(turn)
+    return turn // (n_types if n_types % 2 == 0 else n_types * (n_types - 1))
+
+
+def draw_attempts(root: Key[Array, ""], sequences: Int[Array, "n"], policy: str, config: Config) -> Attempt:
     """The first attempt of each sequence, from the detector's estimate."""
-    hole_pos, estimate, wiggle, _ = draw_places(root, sequences, detector)
-    return _attempts(sequences, policy, 0, hole_pos, estimate, wiggle)
+    hole_pos, estimate, wiggle, _ = draw_places(root, sequences, config.detector)
+    which = _pair_and_policy(sequences, policy, 0, config)
+    return _attempts(which, hole_pos, estimate, wiggle)
 
 
 def draw_later_attempts(
@@ -51,7 +69,8 @@ def draw_later_attempts(
     """Attempt ``number`` (1 or more) of each sequence, and the covariance of its estimate (m²)."""
     hole_pos, _, _, later = draw_places(root, sequences, config.detector)
     estimate, cov, wiggle = _updated(later, hole_pos, number, config.sequence)
-    return _attempts(sequences, policy, number, hole_pos, estimate, wiggle), cov
+    which = _pair_and_policy(sequences, policy, number, config)
+    return _attempts(which, hole_pos, estimate, wiggle), cov
 
 
 @partial(jax.jit, static_argnames=("detector", "robot"))
@@ -97,8 +116,11 @@ def _updated(
     return jax.vmap(draw)(keys, hole_pos_world)
 
 
-def _attempts(sequences, policy, number, hole_pos, estimate, key) -> Attempt:
-    ids = np.asarray(sequences)
-    peg_type, hole_type = pair_of(ids)
-    kind = jnp.asarray(policy_of(policy, ids, number))
-    return Attempt(jnp.asarray(peg_type), jnp.asarray(hole_type), hole_pos, estimate, kind, key)
+def _pair_and_policy(sequences, policy: str, number: int, config: Config) -> tuple[np.ndarray, ...]:
+    ids, n_types = np.asarray(sequences), config.scene.n_types
+    return *pair_of(ids, n_types), policy_of(policy, ids, number, n_types)
+
+
+def _attempts(which: tuple[np.ndarray, ...], hole_pos, estimate, key) -> Attempt:
+    peg_type, hole_type, kind = map(jnp.asarray, which)
+    return Attempt(peg_type, hole_type, hole_pos, estimate, kind, key)

@@ -139,7 +139,7 @@ def _add_demonstration(root: h5py.Group, episode: Episode, config: Config) -> in
     demo.attrs["estimate_cov"] = episode.estimate_cov
     ended = np.arange(n) == n - 1
     demo["actions"] = rollout.felt.trace.action_world[:n]
-    demo["rewards"] = (ended & rollout.truth.inserted).astype(np.float32)
+    demo["rewards"] = (ended & rollout.succeeded).astype(np.float32)
     demo["dones"] = ended.astype(np.int64)
     first = _at_rest(rollout, plate_top)
     clean = rollout.felt.trace.wrench_sensor - rollout.felt.tare_sensor

@@ -10,7 +10,7 @@ from typing_extensions import TypedDict
 
 from mjx_fit import bounded_json
 from mjx_fit.policies import NAMES
-from mjx_fit.settings import N_TYPES
+from mjx_fit.settings import MOST_TYPES
 
 MAX_EPISODES, MAX_ACTIONS, MAX_BATCH, MAX_SEQUENCE = 10**7, 1000, 65536, 30
 """Of what one command may ask for."""
@@ -59,7 +59,7 @@ class _Manifest(TypedDict):
     request: _Request
     part: Annotated[list[_Index], Field(min_length=2, max_length=2)]
     versions: dict[_Words, _Words]
-    shapes: Annotated[list[_Name], Field(min_length=N_TYPES, max_length=N_TYPES)]
+    shapes: Annotated[list[_Name], Field(min_length=1, max_length=MOST_TYPES)]
     complete: bool
     shards: list[_Shard]
 
@@ -77,7 +77,7 @@ def require(fields: Any) -> dict[str, Any]:
     index, of = manifest["part"]
     if index >= of:
         raise ValueError(f"part: {index} of {of} is not allowed: parts are counted from 0")
-    if len(set(manifest["shapes"])) < N_TYPES:
+    if len(set(manifest["shapes"])) < len(manifest["shapes"]):
         raise ValueError(f"shapes: {', '.join(manifest['shapes'])}: the names must differ")
     request = manifest["request"]
     if request["episodes"] % request["sequence"]:

@@ -16,7 +16,6 @@ from mjx_fit.dataset.episode import Episode
 from mjx_fit.dataset.plan import Plan
 from mjx_fit.filters.belief import initial_belief
 from mjx_fit.randomness import root_key
-from mjx_fit.settings import N_TYPES
 from mjx_fit.simulate.broken import report
 from mjx_fit.simulate.interface import Engine
 from mjx_fit.task.attempt_loop import Tried, Try, attempt_rounds
@@ -94,7 +93,8 @@ class _Batch:
             return None
         attempts, self._cov = self._attempts()
         if self._belief is None:
-            self._belief = initial_belief(attempts.estimate_world, self._config.detector.prior_std_m, N_TYPES)
+            std, n_types = self._config.detector.prior_std_m, self._config.scene.n_types
+            self._belief = initial_belief(attempts.estimate_world, std, n_types)
         goes_on = self._learns and self._number + 1 < self._plan.sequence
         keys = self._noise_keys(jnp.asarray(self.ids)) if goes_on else None
         return Try(attempts, self._going, self._belief, keys)
@@ -116,7 +116,7 @@ class _Batch:
                 return drawn, cov
             return replace(drawn, estimate_world=belief.pos_mean_world), belief.pos_cov
         cov = self._config.detector.prior_std_m**2 * np.eye(2, dtype=np.float32)
-        attempts = draw_attempts(self._root, ids, policy, self._config.detector)
+        attempts = draw_attempts(self._root, ids, policy, self._config)
         return attempts, np.broadcast_to(cov, (len(ids), 2, 2))
 
 

@@ -19,6 +19,7 @@ from mjx_fit.dataset.episode import Episode
 from mjx_fit.dataset.manifest import FORMAT, Shard
 from mjx_fit.policies import NAMES
 from mjx_fit.robot import ROBOTS
+from mjx_fit.settings import SceneConfig
 from mjx_fit.types import Felt, Rollout, Trace, Truth
 from mjx_fit.wrist import touched
 
@@ -144,9 +145,10 @@ def decode(content: bytes, shard: Shard, request: dict[str, Any]) -> Episode:
     Raises:
         ValueError: It is not the content of that shard.
     """
+    scene = config_.from_tree(request["config"]).scene
     try:
         with h5py.File(io.BytesIO(content), "r") as file:
-            shard_layout.require(file, _shapes(shard.episodes, request), len(content))
+            shard_layout.require(file, _shapes(shard.episodes, request["steps"], scene), len(content))
             fields = {name: np.asarray(file[name]) for name in FIELDS}
     except shard_layout.LayoutError:
         raise
@@ -155,7 +157,7 @@ def decode(content: bytes, shard: Shard, request: dict[str, Any]) -> Episode:
     contact = fields.pop(CONTACT)
     episodes = _from_fields(fields)
     shard_values.require_flags(contact, shard.first_episode)
-    shard_values.require(episodes, shard.first_episode, request["sequence"])
+    shard_values.require(episodes, shard.first_episode, request["sequence"], scene.n_types)
     return episodes
 
 
@@ -165,10 +167,9 @@ def flat(episodes: Episode, config: Config) -> dict[str, np.ndarray]:
     return {name: contact if name == CONTACT else _get(episodes, name) for name in FIELDS}
 
 
-def _shapes(n: int, request: dict[str, Any]) -> dict[str, shard_layout.Shape]:
+def _shapes(n: int, actions: int, scene: SceneConfig) -> dict[str, shard_layout.Shape]:
     """The shape of each field, of n episodes."""
-    robot = ROBOTS[config_.from_tree(request["config"]).scene.robot]
-    axes = {"n": n, "J": request["steps"], "joints": len(robot.joints)}
+    axes = {"n": n, "J": actions, "joints": len(ROBOTS[scene.robot].joints)}
     return {
         name: tuple(axes[axis] if axis in axes else int(axis) for axis in field.shape.split())
         for name, field in FIELDS.items()

@@ -5,19 +5,19 @@ import numpy as np
 
 from mjx_fit.dataset.episode import Episode, happened
 from mjx_fit.policies import NAMES
-from mjx_fit.settings import N_TYPES
 
 LARGEST = 1e12
 """Of a number that was simulated: squares of it are still far from the end of a float."""
 
 
-def require(episodes: Episode, first_episode: int, sequence: int) -> None:
+def require(episodes: Episode, first_episode: int, sequence: int, n_types: int) -> None:
     """Make sure that the numbers of a shard mean something.
 
     Args:
         episodes: Stacked, NumPy arrays of the right types and shapes.
         first_episode: Id of the first; they follow one another.
         sequence: Attempts in a row at one hole.
+        n_types: Number of shapes.
 
     Raises:
         ValueError: They do not; the message names the field and the episode.
@@ -32,8 +32,8 @@ def require(episodes: Episode, first_episode: int, sequence: int) -> None:
         _require(name, values, values == right, ids, "its ids must be those that the manifest says")
     for name, values, end in (
         ("policy", episodes.policy, len(NAMES)),
-        ("peg_type", data.felt.peg_type, N_TYPES),
-        ("hole_type", data.truth.hole_type, N_TYPES),
+        ("peg_type", data.felt.peg_type, n_types),
+        ("hole_type", data.truth.hole_type, n_types),
         ("length", data.felt.length, data.felt.trace.action_world.shape[1] + 1),
     ):
         _require(name, values, (values >= 0) & (values < end), ids, f"it must be from 0 to {end - 1}")

@@ -139,13 +139,18 @@ def describe(folder: Path) -> dict[str, Any]:
     felt, truth = done.felt, done.truth
     wrist = config_.from_tree(request["config"]).wrist
     pairs: dict[str, dict[str, int]] = {}
-    for peg, hole, inserted in zip(felt.peg_type, truth.hole_type, truth.inserted, strict=True):
+    for peg, hole, succeeded, wrong in zip(
+        felt.peg_type, truth.hole_type, done.succeeded, done.inserted_wrongly, strict=True
+    ):
         row = pairs.setdefault(
             f"{manifest.shapes[peg]}-{manifest.shapes[hole]}", {"episodes": 0, "inserted": 0}
         )
         row["episodes"] += 1
-        row["inserted"] += int(inserted)
+        row["inserted"] += int(succeeded)
+        if wrong:
+            row["inserted_wrongly"] = row.get("inserted_wrongly", 0) + 1
     matched = np.asarray(felt.peg_type == truth.hole_type)
+    wrongly = done.inserted_wrongly[~matched]
     return {
         "policy": request["policy"],
         "engine": request["engine"],
@@ -158,9 +163,10 @@ def describe(folder: Path) -> dict[str, Any]:
         "actions": int(felt.length.sum()),
         "contact_fraction": _mean(touched(felt, wrist)[_real(felt.length, request["steps"])]),
         "success_rate": {
-            "matched": _mean(truth.inserted[matched]),
-            "mismatched": _mean(truth.inserted[~matched]),
+            "matched": _mean(done.succeeded[matched]),
+            "mismatched": _mean(done.succeeded[~matched]),
         },
+        **({"inserted_wrongly": _mean(wrongly)} if wrongly.any() else {}),
         "pairs": dict(sorted(pairs.items())),
         "part": "{} of {}".format(*manifest.part),
         "shards": len(manifest.shards),

@@ -16,7 +16,6 @@ from mjx_fit.config import Config
 from mjx_fit.dataset.episode import Episode, happened
 from mjx_fit.dataset.mirror import mirror_belief, mirror_place, mirror_reading
 from mjx_fit.errors import RequestError
-from mjx_fit.settings import N_TYPES
 from mjx_fit.types import Array, Belief, Reading, pytree
 from mjx_fit.wrist import read
 
@@ -158,7 +157,7 @@ def _sample_one(episode: Episode, key: Key[Array, ""], config: Config) -> tuple[
             start=start,
             count=count,
         ),
-        prior=_prior(episode, prior_key),
+        prior=_prior(episode, prior_key, config.scene.n_types),
         hole_type=rollout.truth.hole_type,
         hole_pos_world=rollout.truth.hole_pos_world,
         failed=~(rollout.truth.inserted & (start + count == rollout.felt.length)),
@@ -176,12 +175,12 @@ def _mirror(sample: Sample) -> Sample:
     )
 
 
-def _prior(episode: Episode, key: Key[Array, ""]) -> Belief:
+def _prior(episode: Episode, key: Key[Array, ""], n_types: int) -> Belief:
     """μ0, Σ0 are what the interaction started from; ξ0 is three draws from U(0, 1) divided by their sum.
 
     Drawing μ0 afresh would show the sensor two detector readings where a real attempt has one.
     """
     estimate = episode.rollout.felt.estimate_world
     # uniform() may return 0 but never 1: a type of probability 0 would make the loss infinite.
-    draws = 1 - jax.random.uniform(key, (N_TYPES,), estimate.dtype)
+    draws = 1 - jax.random.uniform(key, (n_types,), estimate.dtype)
     return Belief(estimate, episode.estimate_cov, jnp.log(draws / draws.sum()))

@@ -52,7 +52,7 @@ def calibrate(config: Config, out: Path, run: Path, data: Path, seed: int) -> Re
     episodes = store.load(data)
     actions = _actions_read(episodes, config)
     ids = held_out.failed_attempts(episodes, actions)
-    require_sound(episodes, np.isin(np.arange(len(episodes.episode)), ids))
+    require_sound(episodes, np.isin(np.arange(len(episodes.episode)), ids), config.scene.n_types)
     request = {
         "methods": list(sensors),
         "data": provenance.fingerprint(episodes),
@@ -125,7 +125,8 @@ def summarise(trials: _Trials, actions: int, names: tuple[str, ...]) -> list[Row
             part = [t for t in trials if t["method"] == method and t["actions"] == count]
             rows += _error_rows(method, f"actions:{count}", part)
             if method == "full":
-                rows += _match_rows(method, part, f"actions:{count}:", names)
+                # Many pairs would fill the file with what nobody reads.
+                rows += _match_rows(method, part, f"actions:{count}:", names if len(names) <= 4 else ())
         if method == "full":
             rows += _match_rows(method, own, "", names)
     return rows

@@ -7,14 +7,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Int
 
-from mjx_fit.dataset.draws import MISMATCHED, draw_places
+from mjx_fit.dataset.draws import draw_places, mismatched_pairs
 from mjx_fit.errors import RequestError
 from mjx_fit.evaluation import outcome, parts, results
 from mjx_fit.evaluation.request import Request
 from mjx_fit.evaluation.results import Result
 from mjx_fit.progress import COMPILING, Progress
 from mjx_fit.randomness import root_key
-from mjx_fit.settings import N_TYPES
 from mjx_fit.simulate.broken import Reporting, report
 from mjx_fit.simulate.threads import even_batch
 from mjx_fit.task import assembly as assembly_
@@ -33,13 +32,14 @@ def attempt(request: Request) -> Result:
     """Single attempts of Algorithm 4 from the detector's estimate.
 
     Args:
-        request: Its trials count matched attempts for each shape, and mismatched ones in all, over the six
-            pairs in turn.
+        request: Its trials count matched attempts for each shape, and mismatched ones in all, over the pairs
+            in turn.
 
     Raises:
         RequestError: A value is not allowed, or the file holds another result.
     """
-    outcome.require_trials(request.trials, 4)  # as many for each shape, and mismatched ones
+    n_types = request.config.scene.n_types
+    outcome.require_trials(request.trials, n_types + (n_types > 1))  # of each shape, and mismatched ones
     asked = {"trials": request.trials}
     here = outcome.header("attempt", request.config, request.seed, request.engine.name, asked)
     return outcome.once(request.out, here, lambda: _attempt(request, here))
@@ -47,7 +47,7 @@ def attempt(request: Request) -> Result:
 
 def _attempt(request: Request, here: outcome.Header) -> Result:
     config, engine, actions = request.config, request.engine, request.config.task.attempt_actions
-    peg_type, hole_type = _attempt_pairs(request.trials)
+    peg_type, hole_type = _attempt_pairs(request.trials, config.scene.n_types)
     n = len(peg_type)
     batch = even_batch(n, ATTEMPT_BATCH)
     root, dumps = root_key(request.seed, "attempt"), outcome.broken(request.out)
@@ -135,9 +135,9 @@ def _running(rows: parts.Rows) -> str:
     )
 
 
-def _attempt_pairs(trials: int) -> tuple[Int[np.ndarray, "n"], Int[np.ndarray, "n"]]:
-    matched = np.repeat(np.arange(N_TYPES), trials)
-    others = MISMATCHED[np.arange(trials) % len(MISMATCHED)]
+def _attempt_pairs(trials: int, n_types: int) -> tuple[Int[np.ndarray, "n"], Int[np.ndarray, "n"]]:
+    matched, others = np.repeat(np.arange(n_types), trials), mismatched_pairs(n_types)
+    others = others[np.arange(trials) % len(others)] if len(others) else others
     return np.concatenate([matched, others[:, 0]]), np.concatenate([matched, others[:, 1]])
 
 
@@ -145,17 +145,18 @@ def _attempt_rows(
     rollouts: Rollout, ids: Int[np.ndarray, "n"], names: tuple[str, ...]
 ) -> list[dict[str, Any]]:
     error = np.linalg.norm(rollouts.felt.estimate_world - rollouts.truth.hole_pos_world, axis=1)
-    force = peak_force(rollouts.felt)
+    force, wrongly = peak_force(rollouts.felt), rollouts.inserted_wrongly
     return [
         {
             "trial": int(trial),
             "pair": [names[rollouts.felt.peg_type[i]], names[rollouts.truth.hole_type[i]]],
             "matched": bool(rollouts.felt.peg_type[i] == rollouts.truth.hole_type[i]),
-            "inserted": bool(rollouts.truth.inserted[i]),
+            "inserted": bool(rollouts.succeeded[i]),
             "valid": bool(rollouts.truth.valid[i]),
             "length": int(rollouts.felt.length[i]),
             "peak_force_n": float(force[i]),
             "error_m": float(error[i]),
+            **({"inserted_wrongly": True} if wrongly[i] else {}),
         }
         for i, trial in enumerate(ids)
     ]

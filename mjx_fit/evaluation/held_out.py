@@ -20,7 +20,6 @@ from mjx_fit.filters.kalman import gaussian_nll
 from mjx_fit.filters.success import success_probability
 from mjx_fit.randomness import root_key
 from mjx_fit.sensors.model import ContactSensor
-from mjx_fit.settings import N_TYPES
 from mjx_fit.task.learning import readings
 from mjx_fit.types import Array, Belief, Observation
 
@@ -112,7 +111,8 @@ def posterior(
     """
     rollout = jax.tree.map(lambda leaf: jnp.asarray(np.asarray(leaf)[ids]), data.rollout)
     estimate, cov = rollout.felt.estimate_world, jnp.asarray(np.asarray(data.estimate_cov)[ids])
-    types = jnp.full((len(ids), N_TYPES), -jnp.log(N_TYPES))
+    n_types = config.scene.n_types
+    types = jnp.full((len(ids), n_types), -jnp.log(n_types))
     prior = Belief(estimate, cov, types)
     if with_prior:
         belief = update_position(prior, observation)

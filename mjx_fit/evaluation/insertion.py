@@ -21,7 +21,6 @@ from mjx_fit.evaluation.statistics import (
     sign_flip,
 )
 from mjx_fit.randomness import root_key
-from mjx_fit.settings import N_TYPES
 from mjx_fit.task import hole
 from mjx_fit.task.methods import INSERTION, chosen
 
@@ -89,7 +88,7 @@ def summarise(trials: Rows) -> list[Row]:
 
 def draw_holes(config: Config, ids: Ids, seeds: int, seed: int) -> hole.Holes:
     draw, number = np.divmod(ids, seeds)
-    shape = draw % N_TYPES
+    shape = draw % config.scene.n_types
     place, estimate, key, _ = draw_places(root_key(seed, "insertion"), jnp.asarray(draw), config.detector)
     own = jax.vmap(jax.random.fold_in)(key, jnp.asarray(number))
     return hole.Holes(shape, shape, np.asarray(place), np.asarray(estimate), own)

@@ -200,6 +200,6 @@ def _step_of(round_: Round, row: int, so_far: tuple[Step, ...]) -> Step:
         rollout=happened,
         before=jax.tree.map(lambda leaf: leaf[row], round_.before.beliefs),
         after=jax.tree.map(lambda leaf: leaf[row], round_.learned.beliefs),
-        filled=round_.before.filled[row],
+        content=round_.before.content[row],
         helped=int(newly[0]) if len(newly) and not happened.truth.inserted else None,
     )

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from mjx_fit.config import Config
-from mjx_fit.dataset.draws import MISMATCHED, draw_places
+from mjx_fit.dataset.draws import draw_places, mismatched_pairs
 from mjx_fit.evaluation import hole_study, outcome
 from mjx_fit.evaluation.calibration import inside, squared_mahalanobis
 from mjx_fit.evaluation.hole_study import Ids, Outcomes, Study
@@ -16,7 +16,6 @@ from mjx_fit.evaluation.request import Request
 from mjx_fit.evaluation.results import Result, by_method
 from mjx_fit.evaluation.statistics import Row, bootstrap_mean
 from mjx_fit.randomness import root_key
-from mjx_fit.settings import N_TYPES
 from mjx_fit.task import hole
 from mjx_fit.task.methods import POSITION, chosen
 
@@ -30,21 +29,22 @@ def position(request: Request) -> Result:
     """Five attempts at one hole under several methods, which share every trial's draws.
 
     Args:
-        request: Its trials count holes of another type than the peg, over the six pairs in turn, and as many
-            that match.
+        request: Its trials count holes of another type than the peg, over the pairs in turn (none where the
+            scene has one shape), and as many that match.
 
     Raises:
         RequestError: A value is not allowed, there is no sensor for a method, or the file holds another
             result.
     """
     picked, trials = chosen(request.methods, POSITION), request.trials
-    outcome.require_trials(trials, 2 * len(picked))
+    kinds = 2 if request.config.scene.n_types > 1 else 1
+    outcome.require_trials(trials, kinds * len(picked))
     study = Study(
         "position",
         picked,
         {"trials": trials},
         ATTEMPTS,
-        2 * trials,
+        kinds * trials,
         partial(_holes, trials=trials, seed=request.seed),
         partial(_rows, names=request.config.scene.names),
         summarise,
@@ -58,6 +58,7 @@ def summarise(trials: Rows) -> list[Row]:
     Groups: ``k`` after k attempts at holes that do not match, where every trial has all of them;
     ``matched:k`` at those that do, where the belief stays as it is from the insertion on; ``left:k`` at those
     of them whose peg was not in after k attempts. Coverage and NEES are of what is left in both kinds.
+    ``inserted_wrongly`` is the share of mismatched holes that the peg went into, where it went into any.
     Intervals by bootstrap over trials.
     """
     rows = []
@@ -78,6 +79,9 @@ def summarise(trials: Rows) -> list[Row]:
                 "nees": squared[:, k] / 2,
             }
             rows += _means(method, scores, f"{k}", ids, left) if method != "oracle" else []
+        wrongly = np.array([trial.get("inserted_wrongly", False) for trial in own])
+        if wrongly.any():
+            rows += _means(method, {"inserted_wrongly": wrongly}, "mismatched", ids, ~matched)
     return rows
 
 
@@ -98,16 +102,20 @@ def _means(
 
 
 def _holes(config: Config, ids: Ids, trials: int, seed: int) -> hole.Holes:
-    """The first half of the trials are mismatched, over the six pairs in turn, the others match."""
-    pair = MISMATCHED[ids % len(MISMATCHED)]
-    peg = np.where(ids < trials, pair[:, 0], ids % N_TYPES)
-    other = np.where(ids < trials, pair[:, 1], peg)
+    """The first half of the trials are mismatched, over the pairs in turn, the others match."""
+    n_types = config.scene.n_types
+    peg = other = ids % n_types
+    pairs = mismatched_pairs(n_types)
+    if len(pairs):
+        pair, mismatched = pairs[ids % len(pairs)], ids < trials
+        peg = np.where(mismatched, pair[:, 0], peg)
+        other = np.where(mismatched, pair[:, 1], peg)
     place, estimate, key, _ = draw_places(root_key(seed, "position"), jnp.asarray(ids), config.detector)
     return hole.Holes(peg, other, np.asarray(place), np.asarray(estimate), key)
 
 
 def _rows(ids: Ids, world: hole.Holes, outcomes: Outcomes, names: tuple[str, ...]) -> Rows:
-    rows = []
+    rows, wrong = [], world.peg_type != world.hole_type
     for method, done in outcomes.items():
         error = world.hole_pos_world[:, None] - done.mean_world
         distance = CM_PER_M * np.linalg.norm(error, axis=-1)
@@ -123,6 +131,7 @@ def _rows(ids: Ids, world: hole.Holes, outcomes: Outcomes, names: tuple[str, ...
                 "squared_mahalanobis": outcome.rounded(squared[i]),
                 "inserted_at": int(done.inserted_at[i]) or None,
                 "peak_force_n": outcome.rounded(done.peak_force_n[i]),
+                **({"inserted_wrongly": True} if done.inserted_at[i] and wrong[i] else {}),
             }
             for i, trial in enumerate(ids)
         ]

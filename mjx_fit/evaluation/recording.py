@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from mjx_fit.config import Config
 from mjx_fit.errors import require
@@ -22,7 +22,7 @@ class Step:
         rollout: What happened.
         before: What was believed of all n holes as it began.
         after: What was believed once it had been learned from.
-        filled: Which holes were filled as it began.
+        content: Type of the peg in each hole as it began; -1 where it was empty.
         helped: The hole that a human filled thereafter, or None.
     """
 
@@ -33,7 +33,7 @@ class Step:
     rollout: Rollout
     before: Belief
     after: Belief
-    filled: Bool[np.ndarray, "n"]
+    content: Int[np.ndarray, "n"]
     helped: int | None
 
 

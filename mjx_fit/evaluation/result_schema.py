@@ -9,7 +9,7 @@ from typing_extensions import TypedDict
 from mjx_fit import bounded_json
 from mjx_fit.evaluation import trial_rows
 from mjx_fit.evaluation.trial_rows import STRICT, Name, Number, Whole
-from mjx_fit.settings import NAMES
+from mjx_fit.settings import MOST_TYPES, SceneConfig
 
 LARGEST = 4 * 2**30
 """Bytes of a result file: 10^6 trials under five methods, or 10^5 assemblies."""
@@ -53,7 +53,7 @@ class _Shape(TypedDict):
 class _Scene(TypedDict):
     __pydantic_config__ = STRICT  # pyright: ignore[reportGeneralTypeIssues]
 
-    shapes: NotRequired[Annotated[list[_Shape], Field(min_length=len(NAMES), max_length=len(NAMES))]]
+    shapes: NotRequired[Annotated[list[_Shape], Field(min_length=1, max_length=MOST_TYPES)]]
 
 
 class _Task(TypedDict):
@@ -117,7 +117,7 @@ def require(tree: Any) -> dict[str, Any]:
     if tree["experiment"] == "assembly" and trials and asked > len(trials):  # to play one, all are drawn
         raise ValueError(f"request.trials: {asked} is not allowed: there are {len(trials)} rows of trials")
     shapes = tree["config"].get("scene", {}).get("shapes")
-    names = {shape["name"] for shape in shapes} if shapes else {*NAMES}
+    names = {shape["name"] for shape in shapes} if shapes else {*SceneConfig().names}
     for number, trial in enumerate(trials):
         for wrong in _CHECKS[tree["experiment"]](trial, trials[0], names):
             raise ValueError(f"trials.{number}.{wrong}")
@@ -145,7 +145,7 @@ def _other_length(column: str, found: list, wanted: int, of: str) -> Iterator[st
 
 def _assembly(trial: dict[str, Any], first: dict[str, Any], _: set[str]) -> Iterator[str]:
     yield from _other_length("pegs", trial["pegs"], len(first["pegs"]), "the first trial")
-    for column in ("attempts", "human"):
+    for column in ("attempts", "human", *(trial.keys() & {"inserted_wrongly"})):
         yield from _other_length(column, trial[column], len(trial["pegs"]), "pegs")
     of_attempts = trial.keys() & {
         "tried", "chance", "next_best", "match_probability", "error_cm", "peak_force_n", "match_after",
@@ -165,6 +165,8 @@ def _attempt(trial: dict[str, Any], _: dict[str, Any], names: set[str]) -> Itera
     yield from _unknown("pair", trial["pair"], names)
     if trial["matched"] != (trial["pair"][0] == trial["pair"][1]):
         yield f"matched: {trial['matched']} is not allowed: the pair says otherwise"
+    if trial.get("inserted_wrongly") and (trial["matched"] or trial["inserted"]):
+        yield "inserted_wrongly: True is not allowed: the pair matches, or inserted is true"
 
 
 def _position(trial: dict[str, Any], first: dict[str, Any], names: set[str]) -> Iterator[str]:
@@ -184,6 +186,7 @@ def _insertion(trial: dict[str, Any], _: dict[str, Any], names: set[str]) -> Ite
 
 def _calibration(trial: dict[str, Any], _: dict[str, Any], names: set[str]) -> Iterator[str]:
     yield from _unknown("pair", trial["pair"], names)
+    yield from _other_length("type_probability", trial["type_probability"], len(names), "scene.shapes")
 
 
 _CHECKS: dict[str, Callable[[dict[str, Any], dict[str, Any], set[str]], Iterator[str]]] = {

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Bool
 
 from mjx_fit import bounded_json, files
 from mjx_fit.errors import RequestError
@@ -108,13 +109,15 @@ def summarise_assembly(trials: list[dict[str, Any]]) -> list[Row]:
     counts pegs. The pegs of one trial depend on each other, so both carry a bootstrap over trials. Where no
     peg or every peg was given to a human, a bootstrap knows no spread: then the interval is Wilson's for that
     many *trials*, which also bounds the rate of pegs, however the pegs of a trial depend on each other.
-    ``attempts_ratio`` is the attempts of ``full`` for all pegs over those of another method, its group, in
-    the trials that both have.
+    ``inserted_wrongly`` is the share of all pegs that the robot put into holes of another type, in the same
+    way; it is left out where no trial of any method has such a peg. ``attempts_ratio`` is the attempts of
+    ``full`` for all pegs over those of another method, its group, in the trials that both have.
 
     Args:
         trials: Rows as in ``trial_rows.AssemblyTrial``.
     """
     rows, needed = [], {}
+    wrongly = any("inserted_wrongly" in trial for trial in trials)
     for method, own in by_method(trials).items():
         clusters = [trial["trial"] for trial in own]
         total = np.cumsum([trial["attempts"] for trial in own], axis=1)
@@ -128,6 +131,9 @@ def summarise_assembly(trials: list[dict[str, Any]]) -> list[Row]:
         of_peg = np.repeat(clusters, human.shape[1]).tolist()
         rate = clustered_rate(human.ravel(), of_peg)
         rows.append(Row.of(method, "intervention_rate", "all", rate, human.size))
+        if wrongly:
+            rate = clustered_rate(pegs_inserted_wrongly(own).ravel(), of_peg)
+            rows.append(Row.of(method, "inserted_wrongly", "all", rate, human.size))
     for other in needed if "full" in needed else []:
         both = sorted(needed["full"].keys() & needed[other].keys())
         if other != "full" and both:
@@ -136,8 +142,18 @@ def summarise_assembly(trials: list[dict[str, Any]]) -> list[Row]:
     return rows
 
 
+def pegs_inserted_wrongly(trials: list[dict[str, Any]]) -> Bool[np.ndarray, "trials pegs"]:
+    """Which pegs of assemblies the robot put into holes of another type."""
+    none = [False] * len(trials[0]["human"])
+    return np.array([trial.get("inserted_wrongly", none) for trial in trials], bool)
+
+
 def summarise_attempt(trials: list[dict[str, Any]]) -> list[Row]:
     """Success rate of matched attempts, of mismatched ones, and of the matched attempts of each shape.
+
+    ``inserted_wrongly`` is the share of mismatched attempts that put the peg in; it has the group
+    ``mismatched`` and one for each pair that it ever happened to, such as ``small in big``: the α of that
+    pair. Without one it is left out: it is 0 where no peg fits another's hole.
 
     Attempts whose simulation broke (``valid`` is false) are left out, so n shows them.
 
@@ -153,8 +169,23 @@ def summarise_attempt(trials: list[dict[str, Any]]) -> list[Row]:
         groups["matched" if trial["matched"] else "mismatched"].append(trial["inserted"])
         if trial["matched"]:
             groups[trial["pair"][0]].append(trial["inserted"])
+    return _rates("success_rate", groups) + _rates("inserted_wrongly", _inserted_wrongly(trials))
+
+
+def _inserted_wrongly(trials: list[dict[str, Any]]) -> dict[str, list[bool]]:
+    """Whether each valid mismatched attempt put the peg in: of all, and of each pair that it happened to."""
+    groups: dict[str, list[bool]] = {"mismatched": []}
+    for trial in trials:
+        if trial["valid"] and not trial["matched"]:
+            wrongly = trial.get("inserted_wrongly", False)
+            groups["mismatched"].append(wrongly)
+            groups.setdefault("{} in {}".format(*trial["pair"]), []).append(wrongly)
+    return {group: seen for group, seen in groups.items() if any(seen)}
+
+
+def _rates(metric: str, groups: dict[str, list[bool]]) -> list[Row]:
     return [
-        Row.of(ATTEMPT_METHOD, "success_rate", group, wilson(sum(map(bool, seen)), len(seen)), len(seen))
+        Row.of(ATTEMPT_METHOD, metric, group, wilson(sum(map(bool, seen)), len(seen)), len(seen))
         for group, seen in groups.items()
         if seen
     ]

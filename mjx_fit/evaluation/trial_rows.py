@@ -9,7 +9,7 @@ from typing import (
 from pydantic import AfterValidator, ConfigDict, Field, TypeAdapter
 from typing_extensions import TypedDict
 
-from mjx_fit.settings import N_TYPES
+from mjx_fit.settings import MOST_TYPES
 
 MAX_PEGS, MAX_ATTEMPTS, MAX_ACTIONS = 100, 10_000, 10**6
 LARGEST = 1e12
@@ -35,12 +35,13 @@ STRICT = ConfigDict(strict=True)
 class AssemblyTrial(TypedDict):
     """One trial of the assembly experiment; lists run over the pegs in the order in which they were grasped.
 
-    A peg that a human inserted (``human``) has as many attempts as were allowed. ``holes`` are the shapes of
-    the holes. The rest says, for each peg and attempt, which of them was ``tried``; how likely it was
-    believed to match and how far from its true place it was thought to be, before (``match_probability``,
-    ``error_cm``) and after (``match_after``, ``error_after_cm``); how likely the attempt was thought to
-    succeed (``chance``), and the best of those at the other empty holes (``next_best``, null where there was
-    none); and the largest tared force.
+    A peg that a human inserted (``human``) has as many attempts as were allowed. ``inserted_wrongly``, there
+    only where it is true of a peg, says which pegs the robot put into holes of another type. ``holes`` are
+    the shapes of the holes. The rest says, for each peg and attempt, which of them was ``tried``; how likely
+    it was believed to match and how far from its true place it was thought to be, before
+    (``match_probability``, ``error_cm``) and after (``match_after``, ``error_after_cm``); how likely the
+    attempt was thought to succeed (``chance``), and the best of those at the other empty holes
+    (``next_best``, null where there was none); and the largest tared force.
     """
 
     __pydantic_config__ = STRICT  # pyright: ignore[reportGeneralTypeIssues]
@@ -50,6 +51,7 @@ class AssemblyTrial(TypedDict):
     pegs: Annotated[list[Name], Field(min_length=1, max_length=MAX_PEGS)]
     attempts: list[Count]
     human: list[bool]
+    inserted_wrongly: NotRequired[list[bool]]
     holes: NotRequired[Annotated[list[Name], Field(min_length=1, max_length=MAX_PEGS)]]
     tried: NotRequired[list[list[Whole]]]
     chance: NotRequired[list[list[Probability]]]
@@ -65,7 +67,8 @@ class AttemptTrial(TypedDict):
     """One attempt.
 
     ``pair`` is the shapes of peg and hole, ``length`` counts actions, ``error_m`` is the distance of the
-    detector's estimate from the hole, ``peak_force_n`` the largest tared force.
+    detector's estimate from the hole, ``peak_force_n`` the largest tared force. ``inserted`` means into a
+    hole that matches; ``inserted_wrongly``, there only where it is true, into one that does not.
     """
 
     __pydantic_config__ = STRICT  # pyright: ignore[reportGeneralTypeIssues]
@@ -78,13 +81,15 @@ class AttemptTrial(TypedDict):
     length: Annotated[int, Field(ge=0, le=MAX_ACTIONS)]
     peak_force_n: Size | None
     error_m: Annotated[float, Field(ge=0, le=1000, allow_inf_nan=False)]
+    inserted_wrongly: NotRequired[bool]
 
 
 class PositionTrial(TypedDict):
     """One trial of the position experiment: attempts in a row at one hole.
 
     ``error_cm`` and ``squared_mahalanobis`` are of the belief before the first and after each attempt; they
-    stay as they are from the insertion on. ``inserted_at`` is the attempt that succeeded, from 1, or null;
+    stay as they are from the insertion on. ``inserted_at`` is the attempt after which the peg was in, from 1,
+    or null; ``inserted_wrongly``, there only where it is true, says that the pair does not match.
     ``peak_force_n`` is the largest tared force of each attempt, null where there was none.
     """
 
@@ -97,6 +102,7 @@ class PositionTrial(TypedDict):
     squared_mahalanobis: list[Size]
     inserted_at: Count | None
     peak_force_n: list[Size | None]
+    inserted_wrongly: NotRequired[bool]
 
 
 class InsertionTrial(TypedDict):
@@ -137,7 +143,7 @@ class CalibrationTrial(TypedDict):
     squared_mahalanobis: Size
     nll: Number
     match_probability: Probability
-    type_probability: Annotated[list[Probability], Field(min_length=N_TYPES, max_length=N_TYPES)]
+    type_probability: Annotated[list[Probability], Field(min_length=1, max_length=MOST_TYPES)]
 
 
 KINDS: dict[str, TypeAdapter[Any]] = {

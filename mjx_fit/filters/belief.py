@@ -45,7 +45,7 @@ def update_type(
     belief: Belief,
     observation: Observation | None,
     peg_type: Int[Array, "*batch"],
-    success_probability: Float[Array, "*#batch C"],
+    success_probability: Float[Array, "*#batch C C"],
     *,
     hard: bool,
 ) -> Belief:
@@ -55,7 +55,7 @@ def update_type(
         belief: Before.
         observation: What the virtual sensors say, or None to learn from the failure alone.
         peg_type: Type of the peg in hand.
-        success_probability: α_c of the outcome model, per type; zeros to learn from the observation alone.
+        success_probability: α[c_peg, c] of the outcome model; zeros to learn from the observation alone.
         hard: Take h_match's arg max instead of averaging over its probabilities.
     """
     likelihood_logp = histogram.failure_logp(peg_type, success_probability)

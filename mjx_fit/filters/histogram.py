@@ -43,13 +43,20 @@ def match_logp(
 
 
 def failure_logp(
-    peg_type: Int[Array, "*batch"], success_probability: Float[Array, "*#batch C"]
+    peg_type: Int[Array, "*batch"], success_probability: Float[Array, "*#batch C C"]
 ) -> Float[Array, "*batch C"]:
-    """Log of the outcome model for a failed attempt, T(β = 0 | c, c_peg) = 1 - α_c 1[c = c_peg].
+    """Log of the outcome model for a failed attempt, T(β = 0 | c, c_peg) = 1 - α[c_peg, c].
 
     Args:
         peg_type: c_peg.
-        success_probability: α_c in [0, 1): the chance that a matched attempt at a hole of type c succeeds.
+        success_probability: α[c_peg, c] in [0, 1): the chance that a peg goes into a hole of type c.
     """
-    matches = jax.nn.one_hot(peg_type, success_probability.shape[-1], dtype=success_probability.dtype)
-    return jnp.log1p(-success_probability * matches)
+    return jnp.log1p(-row_of_peg(peg_type, success_probability))
+
+
+def row_of_peg(
+    peg_type: Int[Array, "*batch"], matrix: Float[Array, "*#batch C C"]
+) -> Float[Array, "*batch C"]:
+    """The row matrix[c_peg]; exact, since it is multiplied by 0 and 1 and added to 0 alone."""
+    chosen = jax.nn.one_hot(peg_type, matrix.shape[-1], dtype=matrix.dtype)
+    return (chosen[..., None] * matrix).sum(-2)

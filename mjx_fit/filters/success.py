@@ -1,8 +1,8 @@
-"""The outcome model's α: how likely an attempt succeeds at a hole that matches the peg.
+"""The outcome model's α: how likely a peg of each type goes into a hole of each type.
 
-The paper takes one number per shape. It depends on how good the estimate is: a spiral that starts 1 mm off
-hardly ever fails, one that starts 2 cm off always does. The second model is the mean, over what is believed
-of the position, of the success rate by distance.
+The paper takes one number per shape, for holes that match the peg; no peg goes into another hole. It depends
+on how good the estimate is: a spiral that starts 1 mm off hardly ever fails, one that starts 2 cm off always
+does. The second model is the mean, over what is believed of the position, of the success rate by distance.
 """
 
 import math
@@ -13,34 +13,44 @@ from jaxtyping import Float
 
 from mjx_fit.config import Config
 from mjx_fit.filters.kalman import scale_tril
+from mjx_fit.settings import TaskConfig
 from mjx_fit.types import Array
 
 RINGS, ANGLES = 24, 8
 """Of the quadrature: radii at equal steps of probability, angles over half a turn; both are symmetric."""
 
 
-def success_probability(config: Config, pos_cov: Float[Array, "*batch 2 2"]) -> Float[Array, "*batch C"]:
-    """α_c of an attempt from the mean of a belief, for each type c.
+def success_probability(config: Config, pos_cov: Float[Array, "*batch 2 2"]) -> Float[Array, "*batch C C"]:
+    """α[c_peg, c] of an attempt from the mean of a belief, for each type of peg and hole.
 
-    ``constant``: ``task.success_probability``. ``covariance``: ∫ s_c(|e|) N(e; 0, Σ) de, s_c being
-    ``task.success_by_error``, linear between its knots and constant beyond them; but for a position that
-    nothing was learnt of since the detector: its error is no Gaussian, and the constant was measured for it.
+    ``constant``: ``task.success_probability``. ``covariance``: where the types match,
+    ∫ s_c(|e|) N(e; 0, Σ) de, s_c being ``task.success_by_error``, linear between its knots and constant
+    beyond them; but for a position that nothing was learnt of since the detector: its error is no Gaussian,
+    and the constant was measured for it. Pairs that do not match keep the constant in either model.
 
     Args:
         config: ``task`` has the model and its numbers, ``detector`` Σ0.
         pos_cov: Σ of the belief, m².
     """
     task, variance = config.task, config.detector.prior_std_m**2
-    constant = jnp.asarray(task.success_probability)
-    constant = jnp.broadcast_to(constant, (*pos_cov.shape[:-2], len(task.success_probability)))
+    matrix = jnp.asarray(constant_matrix(task))
+    constant = jnp.broadcast_to(matrix, (*pos_cov.shape[:-2], *matrix.shape))
     if task.outcome_model == "constant":
         return constant
     untouched = jnp.all(jnp.abs(pos_cov - variance * jnp.eye(2)) < 1e-3 * variance, axis=(-2, -1))
     offsets = jnp.einsum("...ij,kj->...ki", scale_tril(pos_cov), _standard_normal())
     distance = jnp.linalg.norm(offsets, axis=-1)
     knots = jnp.asarray(task.error_knots_m)
-    rates = [jnp.interp(distance, knots, jnp.asarray(rate)).mean(-1) for rate in task.success_by_error]
-    return jnp.where(untouched[..., None], constant, jnp.stack(rates, axis=-1))
+    by_error = task.success_by_error or ()
+    rates = [jnp.interp(distance, knots, jnp.asarray(rate)).mean(-1) for rate in by_error]
+    keeps = untouched[..., None, None] | ~jnp.eye(len(by_error), dtype=bool)
+    return jnp.where(keeps, constant, jnp.stack(rates, axis=-1)[..., None, :])
+
+
+def constant_matrix(task: TaskConfig) -> Float[np.ndarray, "C C"]:
+    """``task.success_probability`` as a matrix, α[c_peg, c]: a number for each shape is its diagonal."""
+    alphas = np.asarray(task.success_probability, np.float32)
+    return alphas if alphas.ndim == 2 else np.diag(alphas)
 
 
 def _standard_normal() -> Float[np.ndarray, "k 2"]:

@@ -6,12 +6,13 @@ from typing import Literal
 
 import jax
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from mjx_fit.errors import require
 from mjx_fit.evaluation.recording import Recording, Step
 from mjx_fit.shapes import plate_top_m
 from mjx_fit.simulate.attempt_rules import START_HEIGHT_M
+from mjx_fit.task.table import EMPTY
 from mjx_fit.types import Belief
 
 ACTIONS_PER_S = 10
@@ -32,7 +33,7 @@ class Moment:
         actions: Actions of the attempt so far, fractional.
         tip_pos_world: Where the tip is, m.
         belief: What is believed of all holes.
-        filled: Which holes are.
+        content: Type of the peg in each hole; -1 where it is empty.
         holding: Whether the peg is in the hand.
     """
 
@@ -41,8 +42,13 @@ class Moment:
     actions: float
     tip_pos_world: Float[np.ndarray, "3"]
     belief: Belief
-    filled: Bool[np.ndarray, "n"]
+    content: Int[np.ndarray, "n"]
     holding: bool
+
+    @property
+    def filled(self) -> Bool[np.ndarray, "n"]:
+        """Which holes are."""
+        return self.content != EMPTY
 
 
 def require_speed(speed: float) -> None:
@@ -84,7 +90,7 @@ def _move(number: int, step: Step, start, tip, clear: float, fps: int) -> Iterat
     over = np.array([*start[:2], clear])
     way = np.stack([tip, [*tip[:2], max(clear, tip[2])], over, start])
     for share in _smooth(round(MOVE_S * fps)):
-        yield Moment(number, "move", 0.0, _along(way, share), step.before, step.filled, True)
+        yield Moment(number, "move", 0.0, _along(way, share), step.before, step.content, True)
 
 
 def _attempt(number: int, step: Step, path, fps: int, speed: float) -> Iterator[Moment]:
@@ -93,19 +99,19 @@ def _attempt(number: int, step: Step, path, fps: int, speed: float) -> Iterator[
     for at in np.linspace(0, length, frames):
         whole, rest = min(int(at), length - 1), at - min(int(at), length - 1)
         place = (1 - rest) * path[whole] + rest * path[whole + 1]
-        yield Moment(number, "attempt", at, place, step.before, step.filled, True)
+        yield Moment(number, "attempt", at, place, step.before, step.content, True)
 
 
 def _learn(number: int, step: Step, tip, clear: float, fps: int) -> Iterator[Moment]:
-    filled = step.filled.copy()
+    content = step.content.copy()
     done = bool(step.rollout.truth.inserted) or step.helped is not None
     if done:
-        filled[step.hole if step.helped is None else step.helped] = True
+        content[step.hole if step.helped is None else step.helped] = int(step.rollout.felt.peg_type)
     up = np.stack([tip, [*tip[:2], clear]])
     for share in _smooth(round(LEARN_S * fps)):
         belief = jax.tree.map(lambda a, b, share=share: (1 - share) * a + share * b, step.before, step.after)
         yield Moment(
-            number, "learn", float(step.rollout.felt.length), _along(up, share), belief, filled, not done
+            number, "learn", float(step.rollout.felt.length), _along(up, share), belief, content, not done
         )
 
 

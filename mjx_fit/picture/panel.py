@@ -8,7 +8,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from mjx_fit.evaluation.recording import Recording, Step
 from mjx_fit.picture.motion import ACTIONS_PER_S, Moment
-from mjx_fit.picture.puppet import TYPE_RGB
+from mjx_fit.type_colours import TYPE_RGB
 from mjx_fit.types import SUBSTEPS
 
 WIDTH_SHARE = 0.36
@@ -18,6 +18,14 @@ _INK, _FAINT, _LINE, _PAPER, _CHOSEN = "#1b1b1b", "#6a6a6a", "#d4d4d4", "#ffffff
 _FORCES = (("x", "#56B4E9"), ("y", "#CC79A7"), ("z", "#1b1b1b"))
 _EVERY = 10
 """Of the force's samples, one in so many is drawn: 50 Hz."""
+
+
+MOST_SHOWN, MOST_LETTERS = 3, 11
+"""Types of one belief, and letters of a type's name, for which there is room."""
+ROW = 13
+"""Height of a line of small text."""
+LIGHT = 0.7
+"""Brightness of a colour in which words cannot be read on white."""
 
 
 class Panel:
@@ -47,8 +55,11 @@ class Panel:
         said = [(peg, self._names[self._recording.peg_type[step.peg]])]
         said.append((f"attempt {step.attempt}", self._doing(moment, step)))
         for hole, filled in enumerate(moment.filled):
-            chances = zip(self._names, np.exp(belief.type_logp[hole]), strict=True)
-            believed = ", ".join(f"{name} {chance:.0%}" for name, chance in chances)
+            chances = np.exp(belief.type_logp[hole])
+            kinds = _shown(chances)
+            believed = ", ".join(f"{self._names[kind]} {chances[kind]:.0%}" for kind in kinds)
+            if len(kinds) < len(chances):
+                believed += f", others {1 - chances[kinds].sum():.0%}"
             said.append((f"hole {hole + 1}", "filled" if filled else believed))
         return said
 
@@ -67,7 +78,7 @@ class Panel:
         recording, step = self._recording, self._recording.steps[moment.step]
         peg = self._names[recording.peg_type[step.peg]]
         self._text(draw, 24, 24, f"{recording.method.replace('_', ' ')}, trial {recording.trial}", 26)
-        colour = _hex(recording.peg_type[step.peg])
+        colour = _ink(recording.peg_type[step.peg])
         done = f"peg {step.peg + 1} of {len(recording.peg_type)}: "
         self._text(draw, 24, 62, done, 20)
         self._text(draw, 24 + self._width(done, 20), 62, peg, 20, colour)
@@ -80,7 +91,8 @@ class Panel:
         if moment.phase == "attempt":
             return f"tries hole {step.hole + 1}"
         if step.rollout.truth.inserted:
-            return f"inserted into hole {step.hole + 1}"
+            wrongly = "wrongly " if step.rollout.inserted_wrongly else ""
+            return f"inserted {wrongly}into hole {step.hole + 1}"
         if step.helped is not None:
             return f"failed; a human inserts it into hole {step.helped + 1}"
         if not step.rollout.truth.valid:
@@ -101,8 +113,8 @@ class Panel:
             middle = y + (each - 4) / 2
             self._text(draw, 36, middle, str(hole + 1), 20, anchor="mm")
             if moment.filled[hole]:
-                kind = int(self._recording.hole_type[hole])
-                self._text(draw, 60, middle, f"filled: {self._names[kind]}", 17, _hex(kind), anchor="lm")
+                kind = int(moment.content[hole])
+                self._text(draw, 60, middle, f"filled: {self._names[kind]}", 17, _ink(kind), anchor="lm")
                 continue
             self._bars(draw, np.exp(moment.belief.type_logp[hole]), y + 5, each - 14)
             spread = 1000 * np.sqrt(np.trace(moment.belief.pos_cov[hole]) / 2)
@@ -110,12 +122,15 @@ class Panel:
         return top + n * each
 
     def _bars(self, draw: ImageDraw.ImageDraw, chance: Float[np.ndarray, "C"], y: float, room: float) -> None:
-        each = room / len(chance)
-        for kind, share in enumerate(chance):
-            line = y + kind * each
+        kinds = _shown(chance, int(room // ROW))
+        each = room / len(kinds)
+        for place, kind in enumerate(kinds):
+            line = y + place * each
             self._box(draw, (60, line + 1, 150 + 60, line + each - 1), "#f0f0f0")
-            self._box(draw, (60, line + 1, 60 + 150 * float(share), line + each - 1), _hex(kind))
-            self._text(draw, 218, line + each / 2, self._names[kind], 13, _FAINT, anchor="lm")
+            self._box(draw, (60, line + 1, 60 + 150 * float(chance[kind]), line + each - 1), _hex(kind))
+            name = self._names[kind]
+            name = name if len(name) <= MOST_LETTERS else f"{name[: MOST_LETTERS - 2]}.."
+            self._text(draw, 218, line + each / 2, name, 13, _FAINT, anchor="lm")
 
     def _forces(self, draw: ImageDraw.ImageDraw, moment: Moment, top: float) -> None:
         """The tared force so far, in the sensor's frame; the axis ends where an attempt may end."""
@@ -175,6 +190,13 @@ class Panel:
         return self._fonts[size]
 
 
+def _shown(chance: Float[np.ndarray, "C"], most: int = MOST_SHOWN) -> list[int]:
+    """The types that are shown of a belief: all where they are few, else the likeliest, that one first."""
+    if len(chance) <= MOST_SHOWN:
+        return list(range(len(chance)))
+    return np.argsort(-chance, kind="stable")[: min(most, MOST_SHOWN)].tolist()
+
+
 def _force(step: Step) -> Float[np.ndarray, "samples 3"]:
     """Tared and clean, in the sensor's frame."""
     rollout = step.rollout
@@ -186,5 +208,11 @@ def _force(step: Step) -> Float[np.ndarray, "samples 3"]:
     return force if rollout.truth.valid else force[: -(SUBSTEPS // _EVERY)]
 
 
-def _hex(kind: int) -> str:
-    return "#" + "".join(f"{round(255 * channel):02x}" for channel in TYPE_RGB[kind])
+def _hex(kind: int, shade: float = 1.0) -> str:
+    return "#" + "".join(f"{round(255 * shade * channel):02x}" for channel in TYPE_RGB[kind])
+
+
+def _ink(kind: int) -> str:
+    """The colour of a type for words on white: light ones are darkened."""
+    red, green, blue = TYPE_RGB[kind]
+    return _hex(kind, 0.6 if 0.3 * red + 0.6 * green + 0.1 * blue > LIGHT else 1.0)

@@ -18,11 +18,10 @@ from mjx_fit.filters.kalman import scale_tril
 from mjx_fit.kinematics import chain_of, inverse
 from mjx_fit.picture.motion import Moment
 from mjx_fit.scene import picture_scene
-from mjx_fit.settings import N_TYPES
 from mjx_fit.shapes import plate_top_m
+from mjx_fit.task.table import EMPTY
+from mjx_fit.type_colours import TYPE_RGB
 
-TYPE_RGB = ((0.90, 0.38, 0.05), (0.00, 0.60, 0.45), (0.80, 0.30, 0.62))
-"""A colour for each type: pegs have it, and beliefs turn to it as they grow sure."""
 UNSURE_RGB = (0.93, 0.93, 0.90)
 RADIUS_90 = float(np.sqrt(4.605))
 """A Gaussian of the plane lies within so many standard deviations with 90 %."""
@@ -66,10 +65,11 @@ class Puppet:
         chain = chain_of(self.model)
         self._inverse = jax.jit(jax.vmap(lambda tip: inverse(chain, tip)))
         self._top = plate_top_m(config)
-        self._hand = [self._geoms(f"hand_{shape.name}_") for shape in config.shapes]
-        self._placed = [self._geoms(f"placed_{i}_") for i in range(len(recording.hole_type))]
-        for kinds, groups in ((range(N_TYPES), self._hand), (recording.hole_type, self._placed)):
-            for kind, geoms in zip(kinds, groups, strict=True):
+        holes = range(len(recording.hole_type))
+        self._hand = self._pegs("hand")
+        self._placed = [self._pegs(f"placed_{hole}") for hole in holes]
+        for pegs in (self._hand, *self._placed):
+            for kind, geoms in enumerate(pegs):
                 self.model.geom_rgba[geoms, :3] = TYPE_RGB[kind]
 
     def postures(self, tips: Float[np.ndarray, "f 3"]) -> Float[np.ndarray, "f joints"]:
@@ -86,10 +86,9 @@ class Puppet:
         """
         peg_type = self._recording.peg_type[step.peg]
         self.data.qpos[: len(qpos)] = qpos
-        for kind, geoms in enumerate(self._hand):
-            self.model.geom_rgba[geoms, 3] = float(moment.holding and kind == peg_type)
-        for filled, geoms in zip(moment.filled, self._placed, strict=True):
-            self.model.geom_rgba[geoms, 3] = float(filled)
+        self._show(self._hand, peg_type if moment.holding else EMPTY)
+        for kind, pegs in zip(moment.content, self._placed, strict=True):
+            self._show(pegs, kind)
         mujoco.mj_forward(self.model, self.data)
 
     def marks(self, moment: Moment) -> list[Mark]:
@@ -109,6 +108,15 @@ class Puppet:
             marks.append(Mark(cylinder, dot, centre, np.eye(3), (0.1, 0.1, 0.1, 1.0)))
         return marks
 
+    def _show(self, pegs: list[list[int]], kind: int) -> None:
+        """Shows the peg of a type, and no other."""
+        for i, geoms in enumerate(pegs):
+            self.model.geom_rgba[geoms, 3] = float(i == kind)
+
+    def _pegs(self, place: str) -> list[list[int]]:
+        """The geoms of the peg of each type at a place."""
+        return [self._geoms(f"{place}_{name}_") for name in self._recording.config.scene.names]
+
     def _geoms(self, prefix: str) -> list[int]:
         mine = re.compile(re.escape(prefix) + r"\d+")  # a name may begin with another's
         return [i for i in range(self.model.ngeom) if mine.fullmatch(self.model.geom(i).name)]
@@ -126,6 +134,6 @@ def add(scene: mujoco.MjvScene, marks: list[Mark]) -> None:
 def mixed(chance: Float[np.ndarray, "C"]) -> tuple[float, float, float]:
     """The colour of a belief about the type: pale where all are as likely, a type's own where it is sure."""
     likely, even = int(np.argmax(chance)), 1 / len(chance)
-    sure = (chance[likely] / chance.sum() - even) / (1 - even)
+    sure = (chance[likely] / chance.sum() - even) / (1 - even) if len(chance) > 1 else 1.0
     r, g, b = (1 - sure) * np.array(UNSURE_RGB) + sure * np.array(TYPE_RGB[likely])
     return float(r), float(g), float(b)

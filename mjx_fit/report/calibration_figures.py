@@ -17,6 +17,8 @@ Trials = list[dict[str, Any]]
 LEVELS = np.linspace(0.05, 0.95, 19)
 HEADED = 45.0
 """Degrees by which the names of pairs are turned."""
+MOST_PAIRS = 12
+"""Pairs side by side on one axis; more make a matrix."""
 
 
 def error_by_actions(summary: list[Row]) -> Figure:
@@ -110,12 +112,36 @@ def match_by_pair(summary: list[Row]) -> Figure:
     pairs = {row.group: row for row in summary if row.metric == "match_auroc" and row.group.count(":") == 1}
     names = [name for name in pairs if not name.startswith("actions")]
     rows = [pairs[name] for name in names]
+    if len(rows) > MOST_PAIRS:
+        return _match_matrix(rows)
     figure, ax = style.axes()
     style.points(ax, range(len(rows)), rows, linestyle="none", color=style.MATCHED_COLOUR)
     ax.axhline(0.5, color=style.PAPER_COLOUR, linestyle="--", linewidth=1)
     texts = ["{} peg,\n{} hole".format(*name.split(":")) for name in names]
     ax.set_xticks(range(len(rows)), texts, rotation=HEADED, ha="right", rotation_mode="anchor")
     ax.set(ylabel="Area under ROC", ylim=(0.45, 1.0))
+    return figure
+
+
+def _match_matrix(rows: list[Row]) -> Figure:
+    """The same for many pairs: a cell for each, pegs below one another, holes side by side."""
+    names = list(dict.fromkeys(row.group.split(":")[0] for row in rows))
+    area = np.full((len(names), len(names)), np.nan)
+    for row in rows:
+        peg, hole = row.group.split(":")
+        area[names.index(peg), names.index(hole)] = row.value
+    figure, ax = style.axes(1.4 + 0.32 * len(names))
+    image = ax.imshow(area, cmap="cividis", vmin=0.5, vmax=1, aspect="auto")
+    for (peg, hole), value in np.ndenumerate(area):
+        if np.isfinite(value):
+            ink = "white" if value < 0.8 else "black"
+            ax.text(hole, peg, f"{100 * value:.0f}", ha="center", va="center", color=ink, fontsize=8)
+    labels = [style.label(name) for name in names]
+    ax.set_xticks(range(len(names)), labels, rotation=HEADED, ha="right", rotation_mode="anchor")
+    ax.set_yticks(range(len(names)), labels)
+    ax.set(xlabel="Hole", ylabel="Peg")
+    ax.grid(visible=False)
+    figure.colorbar(image, ax=ax, label="Area under ROC (cells: %)", format="%g", fraction=0.046, pad=0.03)
     return figure
 
 

@@ -10,14 +10,14 @@ from matplotlib.ticker import PercentFormatter
 
 from mjx_fit.config import Config
 from mjx_fit.report import style
-from mjx_fit.settings import N_TYPES
+from mjx_fit.type_colours import FIGURE_COLOURS
 from mjx_fit.types import Rollout
 from mjx_fit.wrist import touched
 
 VIEW_CM = 6.0
 """Half width of the picture of visited positions."""
-_COLOURS = ("#0072B2", "#009E73", "#CC79A7", style.MISMATCHED_COLOUR)
-"""Of the matched shapes and of all that do not match."""
+MOST_ROWS = 16
+"""Pairs of which each has a row of its own: of more, the rows are pegs."""
 
 
 def interaction_lengths(data: Rollout, names: tuple[str, ...]) -> Figure:
@@ -28,9 +28,10 @@ def interaction_lengths(data: Rollout, names: tuple[str, ...]) -> Figure:
     matched, peg = np.asarray(data.felt.peg_type == data.truth.hole_type), np.asarray(data.felt.peg_type)
     length, inserted = np.asarray(data.felt.length), np.asarray(data.truth.inserted)
     actions = np.arange(1, data.felt.trace.action_world.shape[1] + 1)
-    figure, ax = style.axes()
+    figure, ax = style.axes(None if len(names) <= 3 else 2.8 + 0.22 * len(names))
     groups = [(f"{name} in {name}", matched & (peg == i)) for i, name in enumerate(names)]
-    for (name, which), colour in zip([*groups, ("mismatched", ~matched)], _COLOURS, strict=True):
+    colours = [*FIGURE_COLOURS[: len(names)], style.MISMATCHED_COLOUR]
+    for (name, which), colour in zip([*groups, ("mismatched", ~matched)], colours, strict=True):
         if not which.any():
             continue
         going = (length[which, None] >= actions).sum(0)
@@ -64,32 +65,43 @@ def visited_positions(data: Rollout) -> Figure:
 def forces_by_pair(data: Rollout, config: Config) -> Figure:
     """Force of the peg on the plate by pair: what half and what 90 % of the samples lie within.
 
-    Actions with some contact alone; one sample in ten is looked at.
+    Actions with some contact alone; one sample in ten is looked at. Where there are more than ``MOST_ROWS``
+    pairs, all holes that do not match a peg share a row.
     """
     tared = (
         np.asarray(data.felt.trace.wrench_sensor)[:, :, ::10, :3]
         - np.asarray(data.felt.tare_sensor)[:, None, None, :3]
     )
     seen = touched(data.felt, config.wrist)
-    names = config.scene.names
-    figure, ax = style.axes(4.6)
-    labels = []
-    for row, (peg, hole) in enumerate(product(range(N_TYPES), repeat=2)):
-        pair = (np.asarray(data.felt.peg_type) == peg) & (np.asarray(data.truth.hole_type) == hole)
-        labels.append(f"{names[peg]} in {names[hole]}")
+    rows = _pairs(data, config.scene.names)
+    figure, ax = style.axes(max(4.6, 1 + 0.24 * len(rows)))
+    for row, (_, pair, matched) in enumerate(rows):
         force = np.linalg.norm(tared[seen & pair[:, None]], axis=-1).ravel()
         if not len(force):
             continue
         low, first, middle, third, high = np.quantile(force, [0.05, 0.25, 0.5, 0.75, 0.95])
-        colour = style.MATCHED_COLOUR if peg == hole else style.MISMATCHED_COLOUR
+        colour = style.MATCHED_COLOUR if matched else style.MISMATCHED_COLOUR
         ax.plot([low, high], [row, row], color=colour, linewidth=1.2)
         ax.plot([first, third], [row, row], color=colour, linewidth=6, alpha=0.55, solid_capstyle="butt")
         ax.plot(middle, row, "o", color=colour, markersize=5)
-    ax.set_yticks(range(len(labels)), labels)
-    ax.set(xlabel="Force (N)", ylim=(len(labels) - 0.4, -0.6))
+    ax.set_yticks(range(len(rows)), [label for label, _, _ in rows])
+    ax.set(xlabel="Force (N)", ylim=(len(rows) - 0.4, -0.6))
     ax.set_xlim(left=0)
     ax.grid(axis="y", visible=False)
     return figure
+
+
+def _pairs(data: Rollout, names: tuple[str, ...]) -> list[tuple[str, Bool[np.ndarray, "n"], bool]]:
+    """The rows of a figure by pair: label, which rollouts are in it, and whether peg and hole match."""
+    peg, hole = np.asarray(data.felt.peg_type), np.asarray(data.truth.hole_type)
+    if len(names) ** 2 <= MOST_ROWS:
+        return [
+            (f"{a} in {b}", (peg == i) & (hole == j), i == j)
+            for (i, a), (j, b) in product(enumerate(names), repeat=2)
+        ]
+    own = [(f"{name} in {name}", (peg == i) & (hole == i), True) for i, name in enumerate(names)]
+    others = [(f"{name} in others", (peg == i) & (hole != i), False) for i, name in enumerate(names)]
+    return [row for both in zip(own, others, strict=True) for row in both]
 
 
 def _real(data: Rollout) -> Bool[np.ndarray, "n J"]:

@@ -124,18 +124,23 @@ def _calibration(result: Result) -> list[Drawing]:
             "How often peg and hole match, by the probability given to it, with 95 % intervals.",
             lambda: calibration_figures.match_reliability(whole, names),
         ),
-        (
-            "pairs",
-            "How well one failed attempt tells a peg's own hole from another: area under the ROC curve with "
-            "95 % intervals by bootstrap over holes; 0.5 is chance.",
-            lambda: calibration_figures.match_by_pair(result.summary),
-        ),
+        *_by_pair(result, len(names)),
     ]
+
+
+def _by_pair(result: Result, n_types: int) -> list[Drawing]:
+    if n_types == 1:
+        return []
+    caption = (
+        "How well one failed attempt tells a peg's own hole from another: area under the ROC curve with "
+        "95 % intervals by bootstrap over holes; 0.5 is chance."
+    )
+    return [("pairs", caption, lambda: calibration_figures.match_by_pair(result.summary))]
 
 
 def _position(result: Result) -> list[Drawing]:
     summary = result.summary
-    return [
+    mismatched: list[Drawing] = [
         (
             "error",
             "Mean distance of the believed from the true position before the first and after each attempt, "
@@ -143,17 +148,26 @@ def _position(result: Result) -> list[Drawing]:
             "with 95 % intervals by bootstrap over trials.",
             lambda: hole_figures.error_by_attempt(summary),
         ),
-        (
-            "error-matched",
-            "The same at holes that match: the belief stays as it is once the peg is in.",
-            lambda: hole_figures.error_by_attempt(summary, "matched:"),
-        ),
+    ]
+    spread: list[Drawing] = [
         (
             "error-spread",
             "How the errors of mismatched trials are spread: median (dot), middle half (bar), middle 90 % "
             "(line).",
             lambda: hole_figures.errors_spread(result.trials),
         ),
+    ]
+    if all(trial["pair"][0] == trial["pair"][1] for trial in result.trials):
+        mismatched, spread = [], []
+    return [
+        *mismatched,
+        (
+            "error-matched",
+            "Mean distance of the believed from the true position after each attempt, at holes that match: "
+            "the belief stays as it is once the peg is in.",
+            lambda: hole_figures.error_by_attempt(summary, "matched:"),
+        ),
+        *spread,
         (
             "coverage",
             "Share of the true positions inside the belief's 90 % ellipse, of the trials whose peg is not in "

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 
-from mjx_fit.evaluation.results import by_method
+from mjx_fit.evaluation.results import by_method, pegs_inserted_wrongly
 from mjx_fit.evaluation.statistics import Row, bootstrap_means, wilson
 from mjx_fit.report import style
 from mjx_fit.report.paper import PAPER
@@ -35,7 +35,8 @@ def success_curve(trials: Trials, cap: int) -> Figure:
         attempts = np.array([trial["attempts"] for trial in own])
         human = np.array([trial["human"] for trial in own], bool)
         clusters = np.repeat([trial["trial"] for trial in own], attempts.shape[1])
-        inserted = (attempts.ravel()[:, None] <= k) & ~human.ravel()[:, None]
+        succeeded = ~human & ~pegs_inserted_wrongly(own)
+        inserted = (attempts.ravel()[:, None] <= k) & succeeded.ravel()[:, None]
         mean, low, high = bootstrap_means(inserted, clusters)
         ax.fill_between(k, low, high, color=colour[name], alpha=0.18, linewidth=0)
         ax.plot(k, mean, color=colour[name], marker=marker[name], markersize=4, markevery=max(1, cap // 10))
@@ -146,7 +147,8 @@ _SPENT = (
 
 def _spent(trial: dict[str, Any]) -> tuple[int, int, int]:
     """Attempts of one trial that succeeded, that failed at a matching hole, and that failed at another."""
-    inserted = sum(not human for human in trial["human"])
+    by_robot = len(trial["human"]) - sum(trial["human"])
+    inserted = by_robot - sum(trial.get("inserted_wrongly", []))
     fits = sum(
         trial["holes"][hole] == peg
         for peg, tried in zip(trial["pegs"], trial["tried"], strict=True)

@@ -46,6 +46,10 @@ GENERATOR = '<meta name="generator" content="mjx_fit">'
 """What tells a page of ours from one that must not be overwritten."""
 
 
+MOST_ROWS = 400
+"""Of a table that is shown at once; a longer one unfolds."""
+
+
 def page(sections: Sequence[Section]) -> str:
     """The whole report as HTML."""
     links = "".join(f'<li><a href="#{one.slug}">{escape(one.title)}</a></li>' for one in sections)
@@ -134,7 +138,10 @@ def _table(rows: Sequence[Row], paper: Mapping[tuple[str, str, str], float]) -> 
             name = escape(method).replace("_", "_<wbr>")
             lines = [f'<th class="name" rowspan="{len(rest) + 1}">{name}</th>{first}', *rest]
             bodies.append("<tbody>" + "".join(f"<tr>{line}</tr>" for line in lines) + "</tbody>")
-    return f'<div class="table"><table><thead><tr>{head}</tr></thead>{"".join(bodies)}</table></div>'
+    table = f'<div class="table"><table><thead><tr>{head}</tr></thead>{"".join(bodies)}</table></div>'
+    if len(rows) <= MOST_ROWS:
+        return table
+    return f"<details><summary>All {len(rows)} numbers</summary>{table}</details>"
 
 
 def _cells(row: Row, paper: float | None, has_paper: bool) -> str:

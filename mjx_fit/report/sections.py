@@ -163,7 +163,12 @@ def _data_facts(folder: Path) -> tuple[tuple[str, str], ...]:
     rates = ", ".join(
         f"{name} {'-' if rate is None else f'{rate:.1%}'}" for name, rate in told["success_rate"].items()
     )
-    pairs = (f"{pair} {row['inserted']} of {row['episodes']}" for pair, row in told["pairs"].items())
+    pairs = _inserted_by_pair(told["pairs"], manifest.shapes)
+    wrongly = ", ".join(
+        f"{pair} {row['inserted_wrongly']} of {row['episodes']}"
+        for pair, row in told["pairs"].items()
+        if "inserted_wrongly" in row
+    )
     size = f"{told['bytes'] / 1e6:,.0f} MB in {told['shards']} files"
     return (
         ("asked for", f"{request['episodes']:,} interactions of up to {request['steps']} actions"),
@@ -177,11 +182,22 @@ def _data_facts(folder: Path) -> tuple[tuple[str, str], ...]:
         *([("not performed", f"{told['not_performed']}: inserted before")] if told["not_performed"] else []),
         ("actions", f"{told['actions']:,}, {told['contact_fraction']:.1%} of them with some contact"),
         ("inserted", rates),
-        ("inserted by pair", ", ".join(pairs)),
+        ("inserted by pair", pairs),
+        *([("inserted wrongly", wrongly)] if wrongly else []),
         ("left out, not finite", str(told["invalid"])),
         ("size", size),
         *_provenance(request | {"device": " and ".join(told["devices"]), "versions": manifest.versions}),
     )
+
+
+def _inserted_by_pair(pairs: dict[str, dict[str, int]], names: tuple[str, ...]) -> str:
+    """In words; where there are many pairs, those that do not match are one."""
+    shown = pairs
+    if len(pairs) > data_figures.MOST_ROWS:
+        shown = {f"{name}-{name}": pairs[f"{name}-{name}"] for name in names if f"{name}-{name}" in pairs}
+        others = [row for pair, row in pairs.items() if pair not in shown]
+        shown["all others"] = {key: sum(row[key] for row in others) for key in ("inserted", "episodes")}
+    return ", ".join(f"{pair} {row['inserted']} of {row['episodes']}" for pair, row in shown.items())
 
 
 def _pictures(slug: str, shown: list[Drawing]) -> tuple[Picture, ...]:

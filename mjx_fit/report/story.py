@@ -64,6 +64,7 @@ def _story(words: str, trial: dict[str, Any]) -> Story:
         zip(trial["pegs"], trial["tried"], trial["human"], strict=True)
     ):
         ending = f"not in after {len(tried)}: a human helps" if human else f"in after {_attempts(len(tried))}"
+        ending += ", in a hole of another type" if _wrongly(trial, number) else ""
         rows = tuple(_row(trial, number, attempt) for attempt in range(len(tried)))
         pegs.append((f"Peg {number + 1}, a {peg}: {ending}", rows))
     title = f"{words} under {trial['method'].replace('_', ' ')}: trial {trial['trial']}, {_attempts(total)}"
@@ -84,10 +85,14 @@ def _row(trial: dict[str, Any], peg: int, attempt: int) -> tuple[str, ...]:
         *(_share(told(column) if column in trial else None) for column in ("chance", "next_best")),
         f"{10 * told('error_cm'):.1f} mm",
         "-" if felt is None else f"{felt:.0f} N",
-        "inserted" if inserted else "failed",
+        "inserted wrongly" if inserted and _wrongly(trial, peg) else "inserted" if inserted else "failed",
         "" if inserted else f"{told('match_after'):.0%}",
         "" if inserted else f"{10 * told('error_after_cm'):.1f} mm",
     )
+
+
+def _wrongly(trial: dict[str, Any], peg: int) -> bool:
+    return trial.get("inserted_wrongly", [False] * (peg + 1))[peg]
 
 
 def _share(value: float | None) -> str:

@@ -64,7 +64,7 @@ class ContactSensor(nnx.Module):
         Raises:
             RequestError: A field of the reading has another shape or is not finite (``mjx_fit.traces``).
         """
-        require_reading(reading)
+        require_reading(reading, self.match_model.n_types)
         batch = reading.mask.shape[:-1]
         flat = jax.tree.map(lambda x: x.reshape(math.prod(batch), *x.shape[len(batch) :]), reading)
         origin = jnp.zeros((len(flat.peg_type), 2))

@@ -70,7 +70,7 @@ def batch_at_rest(
     scene: Scene, attempts: Attempt, qpos: Float[np.ndarray, "n joints"], threads: int
 ) -> Batch:
     """A persistent batch of C simulations at the start of these attempts, held at rest against gravity."""
-    pair = np.asarray(pair_index(attempts.peg_type, attempts.hole_type))
+    pair = np.asarray(pair_index(attempts.peg_type, attempts.hole_type, scene.n_types))
     batch = Batch(scene.models[0], len(pair), threads, persistent=True)
     batch.set_models([scene.models[i] for i in pair])
     batch.bind("qpos")[:] = qpos

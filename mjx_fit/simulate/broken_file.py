@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
+from mjx_fit import config as config_
 from mjx_fit.errors import RequestError
 from mjx_fit.policies import NAMES
-from mjx_fit.settings import N_TYPES
 
 LARGEST = 1 << 20
 """Bytes of it, packed or not."""
@@ -80,7 +80,8 @@ def _require_values(arrays: dict[str, np.ndarray]) -> None:
     for name, value in arrays.items():
         if value.dtype.kind == "f" and not np.isfinite(value).all():
             raise ValueError(f"{name}: it must be finite")
-    ends = {"peg_type": N_TYPES, "hole_type": N_TYPES, "policy": len(NAMES), "horizon": MAX_HORIZON + 1}
+    n_types = config_.from_yaml(str(arrays["config"])).scene.n_types
+    ends = {"peg_type": n_types, "hole_type": n_types, "policy": len(NAMES), "horizon": MAX_HORIZON + 1}
     for name, end in (*ends.items(), ("step", int(arrays["horizon"]))):
         if not 0 <= int(arrays[name]) < end:
             raise ValueError(f"{name}: {int(arrays[name])} is not allowed: it must be from 0 to {end - 1}")

@@ -97,7 +97,7 @@ class MjxEngine:
         numerics.require()
         actions = self.config.task.attempt_actions if actions is None else actions
         actions, horizon, active = require_attempts(
-            attempts, actions, horizon, active, self.scene.robot, self._policies
+            attempts, actions, horizon, active, self.scene.config, self._policies
         )
         n = len(attempts.peg_type)
         rows = self._rows(n)
@@ -133,7 +133,7 @@ class MjxEngine:
         return self._compiled[rows, actions, horizon]
 
     def _rollout(self, attempts: Attempt, active: Bool[Array, "n"], actions: int, horizon: int) -> Rollout:
-        pair = pair_index(attempts.peg_type, attempts.hole_type)
+        pair = pair_index(attempts.peg_type, attempts.hole_type, self.scene.n_types)
         models = models_of(self._models, pair)
         qpos = attempt_rules.start_qpos(self._chain, attempts, self.scene.config)
         world = partial(self._world.rollout, actions=actions, horizon=horizon)

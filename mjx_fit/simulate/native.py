@@ -72,7 +72,7 @@ class NativeEngine:
         numerics.require()
         actions = self.config.task.attempt_actions if actions is None else actions
         actions, horizon, active = require_attempts(
-            attempts, actions, horizon, active, self.scene.robot, self._policies
+            attempts, actions, horizon, active, self.scene.config, self._policies
         )
         done = attempt_rules.nothing_done(attempts, actions, len(self.scene.robot.joints))
         wanted = np.flatnonzero(active)

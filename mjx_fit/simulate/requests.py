@@ -12,8 +12,8 @@ from jaxtyping import Bool
 from mjx_fit import memory
 from mjx_fit.errors import RequestError
 from mjx_fit.policies import NAMES
-from mjx_fit.robot import Robot
-from mjx_fit.settings import N_TYPES
+from mjx_fit.robot import ROBOTS
+from mjx_fit.settings import SceneConfig
 from mjx_fit.types import ACTION_BYTES, Attempt
 
 MOST_ACTIONS = 10_000
@@ -31,7 +31,7 @@ def require_attempts(
     actions: int,
     horizon: int | None,
     active: Bool[np.ndarray, "n"] | None,
-    robot: Robot,
+    scene: SceneConfig,
     policies: int = len(NAMES),
 ) -> tuple[int, int, Bool[np.ndarray, "n"]]:
     """Makes sure that an engine can run these attempts.
@@ -41,7 +41,7 @@ def require_attempts(
         actions: Most actions in one attempt.
         horizon: Actions that a policy plans for; None: as many.
         active: Which of them to run; None: all.
-        robot: Says where it can reach.
+        scene: Says which shapes there are, and where its robot can reach.
         policies: How many there are to choose from by ``attempts.policy``.
 
     Returns:
@@ -57,8 +57,10 @@ def require_attempts(
     active = np.ones(n, bool) if active is None else np.asarray(active)
     if active.dtype != bool or active.shape != (n,):
         _refuse("active", f"{active.dtype} {active.shape}", f"it must be bool ({n},), one for each attempt")
-    for name, count in (("peg_type", N_TYPES), ("hole_type", N_TYPES), ("policy", policies)):
+    counts = {"peg_type": scene.n_types, "hole_type": scene.n_types, "policy": policies}
+    for name, count in counts.items():
         _require_indices(name, _leaf(attempts, name, n, (), jnp.integer, "integers"), active, count)
+    robot = ROBOTS[scene.robot]
     places = {"hole_pos_world": robot.hole_reach_m, "estimate_world": robot.estimate_reach_m}
     for name, reach in places.items():
         _require_places(name, _leaf(attempts, name, n, (2,), jnp.floating, "floats"), active, reach)

@@ -52,7 +52,7 @@ def accelerate(model: mjx.Model, data: mjx.Data) -> mjx.Data:
 
 
 _GEOMETRY = ("geom_pos", "geom_size")
-"""The model's fields in which the nine pairs differ."""
+"""The model's fields in which the pairs differ."""
 
 
 def stacked_models(scene: Scene) -> tuple[mjx.Model, mjx.Model]:

@@ -7,33 +7,40 @@ import jax.numpy as jnp
 import numpy as np
 
 from mjx_fit.errors import RequestError
-from mjx_fit.settings import N_TYPES
 from mjx_fit.traces import require_readable
 from mjx_fit.types import Belief, Felt
 
 _SUM_TOLERANCE = 1e-3
 
 
-def require_update(beliefs: Belief, felt: Felt, keys: Any) -> None:
+def require_update(beliefs: Belief, felt: Felt, keys: Any, n_types: int) -> None:
     """Makes sure that n beliefs can be updated by what was felt in n attempts, with n keys of noise.
+
+    Args:
+        beliefs: (n,).
+        felt: (n,).
+        keys: (n,).
+        n_types: Number of shapes: of the scene, and of the sensor.
 
     Raises:
         RequestError: A field has another shape, or a value that is not allowed; the message names it.
     """
-    require_readable(felt)
+    require_readable(felt, n_types)
     n = len(felt.length)
-    require_beliefs(beliefs, n)
+    require_beliefs(beliefs, n, n_types)
     if not jnp.issubdtype(keys.dtype, jax.dtypes.prng_key) or keys.shape != (n,):
         _refuse("keys", f"{keys.dtype} {keys.shape}", f"they must be ({n},), as jax.random.key makes them")
 
 
-def require_beliefs(beliefs: Belief, n: int) -> None:
-    """Makes sure that n beliefs are such: finite means, positive definite covariances, probabilities.
+def require_beliefs(beliefs: Belief, n: int, n_types: int) -> None:
+    """Makes sure that n beliefs about n_types shapes are such.
+
+    Means must be finite, covariances positive definite, and type_logp must hold probabilities.
 
     Raises:
         RequestError: One is not; the message names the field and the row.
     """
-    for name, shape in (("pos_mean_world", (2,)), ("pos_cov", (2, 2)), ("type_logp", (N_TYPES,))):
+    for name, shape in (("pos_mean_world", (2,)), ("pos_cov", (2, 2)), ("type_logp", (n_types,))):
         given = np.shape(getattr(beliefs, name))
         if given != (n, *shape):
             _refuse(f"belief: {name}", f"shape {given}", f"it must be {(n, *shape)}")

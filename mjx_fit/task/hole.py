@@ -15,7 +15,6 @@ from jaxtyping import Float, Int, Key
 from mjx_fit.config import Config
 from mjx_fit.filters.belief import initial_belief
 from mjx_fit.filters.kalman import scale_tril
-from mjx_fit.settings import N_TYPES
 from mjx_fit.simulate.interface import Engine
 from mjx_fit.task.attempt_loop import Tried, Try, attempt_rounds, spirals_at
 from mjx_fit.task.learning import Update
@@ -48,7 +47,8 @@ class Outcome:
     """What came of the trials under one method, K attempts at most.
 
     Attributes:
-        inserted_at: (T,), the attempt that succeeded, from 1; 0 where none did.
+        inserted_at: (T,), the attempt after which the peg was in, from 1; 0 where it never was. The types
+            need not match.
         attempts: (T,), attempts made.
         mean_world: (T, K + 1, 2), believed position before the first and after each attempt, m. From an
             insertion on it stays as it is: it is never replaced by where the peg went in.
@@ -178,7 +178,7 @@ def _first_belief(config: Config, methods: tuple[HoleMethod, ...], holes: Holes)
     for method in methods:
         where = holes.hole_pos_world if method.knows_truth else holes.estimate_world
         std = KNOWN_VARIANCE_M2**0.5 if method.knows_truth else config.detector.prior_std_m
-        parts.append(initial_belief(jnp.asarray(where), std, N_TYPES))
+        parts.append(initial_belief(jnp.asarray(where), std, config.scene.n_types))
     return jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
 
 

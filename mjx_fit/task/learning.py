@@ -11,12 +11,13 @@ from jaxtyping import Bool, Int, Key
 
 from mjx_fit import numerics
 from mjx_fit.config import Config
+from mjx_fit.errors import RequestError
 from mjx_fit.filters.belief import update_position, update_type
 from mjx_fit.filters.success import success_probability
 from mjx_fit.sensors.model import ContactSensor
 from mjx_fit.task.entrance import require_update
 from mjx_fit.traces import require_readable
-from mjx_fit.types import Array, Belief, Felt, Reading, Rollout
+from mjx_fit.types import Array, Belief, Felt, Observation, Reading, Rollout
 from mjx_fit.wrist import read
 
 Update = Callable[[Belief, Felt, Key[Array, "n"]], Belief]
@@ -59,6 +60,7 @@ def filter_update(
         if graph is None:
             return updated
         observation = nnx.merge(graph, state)(readings(felt, keys, config))
+        _require_same_types(observation, config)
         moved = update_position(beliefs, observation)
         typed = update_type(beliefs, observation, felt.peg_type, alpha, hard=hard)
         return Belief(
@@ -70,7 +72,7 @@ def filter_update(
     compiled = jax.jit(learn)
 
     def update(beliefs: Belief, felt: Felt, keys: Key[Array, "n"]) -> Belief:
-        require_update(beliefs, felt, keys)
+        require_update(beliefs, felt, keys, config.scene.n_types)
         n = len(felt.length)
         # Traced, not constants: rows of any traits are computed alike.
         position, kind = (np.broadcast_to(one, n).copy() for one in (learns_position, learns_type))
@@ -87,11 +89,12 @@ def frame_update(config: Config, sensor: ContactSensor) -> Update:
     @jax.jit
     def learn(state, beliefs: Belief, felt: Felt, keys: Key[Array, "n"]) -> Belief:
         seen = nnx.merge(graph, state)(readings(felt, keys, config))
+        _require_same_types(seen, config)
         mean = felt.estimate_world + seen.innovation
         return replace(beliefs, pos_mean_world=mean, pos_cov=seen.pos_noise_cov)
 
     def update(beliefs: Belief, felt: Felt, keys: Key[Array, "n"]) -> Belief:
-        require_update(beliefs, felt, keys)
+        require_update(beliefs, felt, keys, config.scene.n_types)
         return learn(state, beliefs, felt, keys)
 
     return update
@@ -128,13 +131,22 @@ def readings(
         >>> mf.readings(felt, jax.random.split(jax.random.key(1), 2), mf.Config()).pressure_tip.shape
         (2, 3, 2)
     """
-    require_readable(felt)
+    require_readable(felt, config.scene.n_types)
     rows = felt.trace.action_world.shape[1]
 
     def one(attempt: Felt, key: Key[Array, ""]) -> Reading:
         return read(attempt, key, config.wrist, config.scene, rows=rows, count=count)
 
     return jax.vmap(one)(felt, keys)
+
+
+def _require_same_types(observation: Observation, config: Config) -> None:
+    known = observation.match_model_logp.shape[-2]
+    if known != config.scene.n_types:
+        raise RequestError(
+            f"sensor: {known} types are not allowed: scene.shapes has {config.scene.n_types}; train a sensor "
+            "on these shapes"
+        )
 
 
 def where_rows(condition: Bool[Array, "n"], new: Array, old: Array) -> Array:

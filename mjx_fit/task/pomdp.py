@@ -1,14 +1,15 @@
 """The high-level task as a POMDP (section "Problem Formulation" of the paper) and its greedy policy.
 
 State of a hole: its type c, its position, and β, whether it is filled. An action is a hole; the reward of an
-attempt is 1 when its peg is inserted, which happens with probability α_c when the types match and never
-otherwise. The same model T gives the likelihood of a failure: ``mjx_fit.filters.histogram.failure_logp``.
+attempt is 1 when its peg goes in, which happens with probability α[c_peg, c]; in the paper never where the
+types differ. The robot cannot tell an insertion into a hole of another type from a success. The same model T
+gives the likelihood of a failure: ``mjx_fit.filters.histogram.failure_logp``.
 """
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Bool, Float, Int
 
+from mjx_fit.filters.histogram import row_of_peg
 from mjx_fit.types import Array
 
 _TIE = 1e-6
@@ -17,17 +18,17 @@ _TIE = 1e-6
 def expected_reward(
     type_logp: Float[Array, "*batch n C"],
     peg_type: Int[Array, "*batch"],
-    success_probability: Float[Array, "*#batch n C"],
+    success_probability: Float[Array, "*#batch n C C"],
 ) -> Float[Array, "*batch n"]:
-    """Probability that an attempt at each of n holes succeeds: Σ_c α_c 1[c = c_peg] ξ_c.
+    """Probability that the peg goes in, of an attempt at each of n holes: Σ_c α[c_peg, c] ξ_c.
 
     Args:
         type_logp: ln ξ of each hole.
         peg_type: c_peg.
-        success_probability: α_c of an attempt at each hole.
+        success_probability: α of an attempt at each hole.
     """
-    match = jax.nn.one_hot(peg_type, success_probability.shape[-1])
-    return jnp.sum(match[..., None, :] * success_probability * jnp.exp(type_logp), -1)
+    row = row_of_peg(peg_type[..., None], success_probability)
+    return jnp.sum(row * jnp.exp(type_logp), -1)
 
 
 def greedy(

@@ -5,7 +5,6 @@ from typing import Any
 import numpy as np
 from jaxtyping import Int
 
-from mjx_fit.settings import N_TYPES
 from mjx_fit.task.methods import KNOWN_VARIANCE_M2
 from mjx_fit.types import Belief
 
@@ -21,7 +20,7 @@ def reveal_hole(beliefs: Belief, world: dict[str, np.ndarray], which: Any) -> No
         world: ``hole_type`` (R, n) and ``hole_pos_world`` (R, n, 2).
         which: An index into (R, n).
     """
-    one_hot = np.arange(N_TYPES) == world["hole_type"][which][..., None]
+    one_hot = np.arange(beliefs.type_logp.shape[-1]) == world["hole_type"][which][..., None]
     _reveal_position(beliefs, world, which)
     beliefs.type_logp[which] = np.where(one_hot, 0.0, _LOG_IMPOSSIBLE)
 
@@ -37,7 +36,7 @@ def reveal_match(
         which: An index into (R, n).
         peg_type: The peg in hand of each of them.
     """
-    is_peg = np.arange(N_TYPES) == peg_type[:, None]
+    is_peg = np.arange(beliefs.type_logp.shape[-1]) == peg_type[:, None]
     same = (world["hole_type"][which] == peg_type)[:, None]
     _reveal_position(beliefs, world, which)
     left = np.where(is_peg == same, beliefs.type_logp[which], _LOG_IMPOSSIBLE)

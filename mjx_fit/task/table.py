@@ -1,4 +1,10 @@
-"""The state of many assemblies at once: a row is one trial under one method."""
+"""The state of many assemblies at once: a row is one trial under one method.
+
+A peg that goes into a hole of another type fills that hole, and the robot does not notice: the next peg is
+grasped, and the attempts count as they were made. It is *inserted wrongly*: no success, and no help by a
+human. Its own hole stays empty, so that a later peg, whose hole is taken, ends in any that is empty or with a
+human, who puts it into the first of those.
+"""
 
 from dataclasses import dataclass
 from operator import attrgetter
@@ -12,7 +18,6 @@ from mjx_fit.config import Config
 from mjx_fit.filters.belief import initial_belief
 from mjx_fit.filters.success import success_probability
 from mjx_fit.randomness import root_key
-from mjx_fit.settings import N_TYPES
 from mjx_fit.task import pomdp
 from mjx_fit.task.attempt_loop import Tried, Try, spirals_at
 from mjx_fit.task.diary import Diary, believed
@@ -21,6 +26,9 @@ from mjx_fit.task.revealed import reveal_hole, reveal_match
 from mjx_fit.task.trials import Trials
 from mjx_fit.types import Belief, Rollout
 from mjx_fit.wrist import peak_force
+
+EMPTY = -1
+"""Content of a hole that is."""
 
 
 @dataclass(frozen=True)
@@ -31,13 +39,18 @@ class State:
         active: Which rows have pegs left.
         peg: Number of the peg in hand, from 0.
         beliefs: About every hole, (R, n).
-        filled: Which holes are, by the robot or by a human.
+        content: Type of the peg that the robot or a human put into each hole; -1 where it is empty.
     """
 
     active: Bool[np.ndarray, "R"]
     peg: Int[np.ndarray, "R"]
     beliefs: Belief
-    filled: Bool[np.ndarray, "R n"]
+    content: Int[np.ndarray, "R n"]
+
+    @property
+    def filled(self) -> Bool[np.ndarray, "R n"]:
+        """Which holes are."""
+        return self.content != EMPTY
 
 
 @dataclass(frozen=True)
@@ -73,9 +86,10 @@ class Table:
         n_rows, n = self._world["hole_type"].shape
         self._trial = self._world["trial"]
         self._beliefs = self._initial_beliefs()
-        self._filled = np.zeros((n_rows, n), bool)
+        self._content = np.full((n_rows, n), EMPTY)
         self._tries = np.zeros((n_rows, n), np.int32)
-        self._attempts, self._human = np.zeros((n_rows, n), int), np.zeros((n_rows, n), bool)
+        self._attempts = np.zeros((n_rows, n), int)
+        self._human, self._wrongly = np.zeros((n_rows, n), bool), np.zeros((n_rows, n), bool)
         self._diary = Diary(n_rows, n)
         self.pegs_done = np.zeros(n_rows, int)
         self._root = root_key(seed, "assembly: attempts")
@@ -85,7 +99,7 @@ class Table:
     @property
     def active(self) -> Bool[np.ndarray, "R"]:
         """Rows that have pegs left."""
-        return self.pegs_done < self._filled.shape[1]
+        return self.pegs_done < self._content.shape[1]
 
     @property
     def attempt_actions(self) -> int:
@@ -94,18 +108,18 @@ class Table:
 
     def leave_out_all_but(self, row: int) -> None:
         """Takes the other rows for done."""
-        self.pegs_done[np.arange(len(self.pegs_done)) != row] = self._filled.shape[1]
+        self.pegs_done[np.arange(len(self.pegs_done)) != row] = self._content.shape[1]
 
     def now(self) -> State:
         """A copy of where the rows stand."""
         beliefs = jax.tree.map(np.copy, self._beliefs)
-        return State(self.active, self._peg_number(), beliefs, self._filled.copy())
+        return State(self.active, self._peg_number(), beliefs, self._content.copy())
 
     def next_try(self) -> Try | None:
         """The attempt that each row makes next, at the hole of ``choice``; None once all pegs are in."""
         if not self.active.any():
             return None
-        chosen = self._choose(self._beliefs, self._peg(), self._filled, self._tries)
+        chosen = self._choose(self._beliefs, self._peg(), self._content != EMPTY, self._tries)
         self.choice = Choice(*map(np.asarray, chosen))
         hole, rows = self.choice.hole, np.arange(len(self._trial))
         wiggle_keys, noise_keys = self._keys(self._trial, self._peg_number(), self._attempt_number())
@@ -131,18 +145,20 @@ class Table:
     def record(self, tried: Tried) -> None:
         """Counts the attempts, fills holes, lets a human help at the cap, and hands out the next pegs."""
         chosen = self.choice.hole
-        rows, inserted = np.flatnonzero(self.active), np.asarray(tried.rollouts.truth.inserted)
+        rows, happened = np.flatnonzero(self.active), tried.rollouts
+        inserted, wrongly = np.asarray(happened.truth.inserted), np.asarray(happened.inserted_wrongly)
         peg, hole = self.pegs_done[rows], chosen[rows]
         self._attempts[rows, peg] += 1
         self._tries[rows, hole] += 1
         helped = ~inserted[rows] & (self._attempts[rows, peg] == self._config.task.max_attempts)
         # The human fills the first empty hole that truly matches; if another peg sits in it, any empty one.
-        matching = (self._world["hole_type"] == self._peg()[:, None]) & ~self._filled
-        best = np.where(matching.any(1, keepdims=True), matching, ~self._filled)
+        empty = self._content == EMPTY
+        matching = (self._world["hole_type"] == self._peg()[:, None]) & empty
+        best = np.where(matching.any(1, keepdims=True), matching, empty)
         hole = np.where(helped, best[rows].argmax(1), hole)
-        self._human[rows, peg] = helped
+        self._human[rows, peg], self._wrongly[rows, peg] = helped, wrongly[rows]
         done = inserted[rows] | helped
-        self._filled[rows[done], hole[done]] = True
+        self._content[rows[done], hole[done]] = self._peg()[rows[done]]
         self._tries[rows[done]] = 0
         self.pegs_done[rows[done]] += 1
 
@@ -156,6 +172,7 @@ class Table:
                 "pegs": [names[peg] for peg in self._world["peg_type"][row]],
                 "attempts": self._attempts[row].tolist(),
                 "human": self._human[row].tolist(),
+                **({"inserted_wrongly": self._wrongly[row].tolist()} if self._wrongly[row].any() else {}),
                 "holes": [names[hole] for hole in self._world["hole_type"][row]],
                 **self._diary.of(row),
             }
@@ -187,10 +204,9 @@ class Table:
 
     def _initial_beliefs(self) -> Belief:
         """Beliefs (R, n) as writable arrays: the detector's, or the truth for a method that knows it."""
-        world = self._world
-        detected = initial_belief(
-            jnp.asarray(world["estimate_world"]), self._config.detector.prior_std_m, N_TYPES
-        )
+        world, config = self._world, self._config
+        estimate = jnp.asarray(world["estimate_world"])
+        detected = initial_belief(estimate, config.detector.prior_std_m, config.scene.n_types)
         beliefs = jax.tree.map(np.array, detected)
         reveal_hole(beliefs, world, self._of("knows_truth"))
         return beliefs
@@ -213,7 +229,7 @@ class Table:
         return wiggle, noise
 
     def _peg_number(self) -> Int[np.ndarray, "R"]:
-        return np.minimum(self.pegs_done, self._filled.shape[1] - 1)
+        return np.minimum(self.pegs_done, self._content.shape[1] - 1)
 
     def _peg(self) -> Int[np.ndarray, "R"]:
         return self._world["peg_type"][np.arange(len(self._trial)), self._peg_number()]

@@ -186,7 +186,7 @@ class BeliefTracker:
             np.asarray(leaf, np.float32) for leaf in (saved.pos_mean_world, saved.pos_cov, saved.type_logp)
         )
         belief, n = Belief(*leaves), len(tracker.filled)
-        require_beliefs(belief, n)
+        require_beliefs(belief, n, len(names))
         if not len(saved.filled) == len(saved.tries) == n:
             raise RequestError(f"{path}: filled, tries: they must have an entry for each of {n} holes")
         tracker.belief = belief

@@ -12,7 +12,6 @@ from mjx_fit.config import Config
 from mjx_fit.detector import detect
 from mjx_fit.randomness import root_key
 from mjx_fit.scene import place_holes
-from mjx_fit.settings import N_TYPES
 
 
 @dataclass(frozen=True)
@@ -38,7 +37,7 @@ def draw_trials(config: Config, seed: int, trials: Int[np.ndarray, "T"]) -> Tria
     """Draws holes of random types at random places, pegs that match them in random order, and detections."""
     n = config.task.n_holes
     rngs = [np.random.default_rng([seed, trial]) for trial in trials]
-    hole_type = np.stack([rng.integers(N_TYPES, size=n) for rng in rngs])
+    hole_type = np.stack([rng.integers(config.scene.n_types, size=n) for rng in rngs])
     peg_type = np.stack([rng.permutation(row) for rng, row in zip(rngs, hole_type, strict=True)])
     hole_pos = np.stack([place_holes(rng, n, config.scene) for rng in rngs]).astype(np.float32)
     fold = jax.vmap(jax.random.fold_in, (None, 0))

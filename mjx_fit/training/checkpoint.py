@@ -19,7 +19,6 @@ from mjx_fit import numerics, provenance
 from mjx_fit.config import Config
 from mjx_fit.errors import RequestError
 from mjx_fit.sensors.model import ContactSensor
-from mjx_fit.settings import N_TYPES
 from mjx_fit.training import step_folder, stored_arrays
 from mjx_fit.training.stored_arrays import Arrays
 
@@ -123,7 +122,7 @@ def load_sensor(run: Path) -> tuple[ContactSensor, Config]:
     if checkpoint is None:
         raise RequestError(f"--run: {run} is not allowed: it holds no checkpoint ({BEST}); train it first")
     config = config_.load_stored(run / "config.yaml")
-    abstract = nnx.eval_shape(lambda: ContactSensor(config.sensor, nnx.Rngs(0), N_TYPES))
+    abstract = nnx.eval_shape(lambda: ContactSensor(config.sensor, nnx.Rngs(0), config.scene.n_types))
     _require_finite(run / BEST, checkpoint[1])
     graphdef, template = nnx.split(abstract)
     return nnx.merge(graphdef, from_arrays(template, checkpoint[1])), config

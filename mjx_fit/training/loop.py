@@ -25,7 +25,6 @@ from mjx_fit.errors import RequestError, WorkError
 from mjx_fit.progress import COMPILING, Progress
 from mjx_fit.randomness import require_seed, root_key
 from mjx_fit.sensors.model import ContactSensor, InputScale
-from mjx_fit.settings import N_TYPES
 from mjx_fit.training import checkpoint, run_files, run_folder, start
 from mjx_fit.training.epoch import run_epoch
 from mjx_fit.training.kinship import first_hole
@@ -173,7 +172,7 @@ def _begin(
 
 def _new(data, train_ids, config: Config, steps: int, key) -> tuple[nnx.GraphDef, TrainState]:
     weight_key, order_key, window_key = jax.random.split(key, 3)
-    sensor = ContactSensor(config.sensor, nnx.Rngs(weight_key), N_TYPES)
+    sensor = ContactSensor(config.sensor, nnx.Rngs(weight_key), config.scene.n_types)
     sensor.fit_input_scale(_some_windows(data, train_ids, config, order_key, window_key).reading)
     graphdef, params, scale = nnx.split(sensor, nnx.Param, InputScale)
     return graphdef, TrainState(params, scale, optimizer(config, steps).init(params))

@@ -47,7 +47,7 @@ def filter_loss(observation: Observation, sample: Sample) -> Loss:
     The type is updated with H taken softly, which can be differentiated, and with α = 0, that is T = 1: a
     window is cut from a random rollout, and how often such a cut would succeed is not known.
     """
-    never_succeeds = jnp.zeros_like(sample.prior.type_logp)
+    never_succeeds = jnp.zeros((sample.prior.type_logp.shape[-1],) * 2)
     return _after_update(sample.prior, observation, sample, never_succeeds)[1]
 
 
@@ -90,7 +90,7 @@ def frame_by_frame_loss(observation: Observation, sample: Sample) -> Loss:
 
 
 def _after_update(
-    prior: Belief, observation: Observation, sample: Sample, alpha: Float[Array, "*batch C"]
+    prior: Belief, observation: Observation, sample: Sample, alpha: Float[Array, "*#batch C C"]
 ) -> tuple[Belief, Loss]:
     """The updated belief, and its loss."""
     peg_type = sample.reading.peg_type

@@ -11,7 +11,6 @@ from mjx_fit.dataset.episode import Episode
 from mjx_fit.dataset.windows import split, usable
 from mjx_fit.errors import RequestError
 from mjx_fit.sensors.encoder import WRENCH_AXES
-from mjx_fit.settings import N_TYPES
 from mjx_fit.types import SUBSTEPS
 
 
@@ -38,7 +37,7 @@ def usable_sides(
             f"--data: {len(train_ids)} training and {len(val_ids)} validation interactions are not allowed: "
             "at least one of each must be valid and long enough"
         )
-    require_sound(data, keep)
+    require_sound(data, keep, config.scene.n_types)
     return train_ids, val_ids
 
 
@@ -90,12 +89,13 @@ def require_symmetric(config: Config) -> None:
         )
 
 
-def require_sound(data: Episode, keep: Bool[np.ndarray, "episodes"]) -> None:
+def require_sound(data: Episode, keep: Bool[np.ndarray, "episodes"], n_types: int) -> None:
     """Make sure that a sensor can be shown these episodes.
 
     Args:
         data: Stacked episodes.
         keep: Which of them it is to be shown.
+        n_types: Number of shapes that it knows.
 
     Raises:
         RequestError: One has a window of another size, a type that does not exist, or a number that is not
@@ -108,12 +108,12 @@ def require_sound(data: Episode, keep: Bool[np.ndarray, "episodes"]) -> None:
             f"--data: wrench_sensor: windows of shape {window} are not allowed: "
             f"a sensor reads {(SUBSTEPS, WRENCH_AXES)}"
         )
-    for name, leaf in (("peg_type", rollout.felt.peg_type), ("hole_type", rollout.truth.hole_type)):
-        types = np.asarray(leaf)[keep]
-        wrong = types[(types < 0) | (types >= N_TYPES)]
+    for name, every in (("peg_type", rollout.felt.peg_type), ("hole_type", rollout.truth.hole_type)):
+        types = np.asarray(every)[keep]
+        wrong = types[(types < 0) | (types >= n_types)]
         if len(wrong):
             raise RequestError(
-                f"--data: {name}: {wrong[0]} is not allowed: there are {N_TYPES} types, from 0"
+                f"--data: {name}: {wrong[0]} is not allowed: there are {n_types} types, from 0"
             )
     for path, leaf in jax.tree_util.tree_leaves_with_path(data):
         values = np.asarray(leaf).reshape(len(keep), -1)
