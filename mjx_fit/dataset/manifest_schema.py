@@ -80,6 +80,9 @@ def require(fields: Any) -> dict[str, Any]:
     if len(set(manifest["shapes"])) < len(manifest["shapes"]):
         raise ValueError(f"shapes: {', '.join(manifest['shapes'])}: the names must differ")
     request = manifest["request"]
+    asked = request["config"].get("scene", {}).get("shapes")
+    if isinstance(asked, list) and len(asked) != len(manifest["shapes"]):
+        raise ValueError(f"shapes: {len(manifest['shapes'])} names: request.config has {len(asked)} shapes")
     if request["episodes"] % request["sequence"]:
         raise ValueError("request.episodes: it must be a multiple of request.sequence")
     _require_shards(manifest["shards"], request)
