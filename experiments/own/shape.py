@@ -21,8 +21,7 @@ SQUARE = mf.Shape("square", ((-0.015, -0.015, 0.015, 0.015),))
 
 def main(folder: str, episodes: int = 240, actions: int = 100) -> None:
     """Collect rollouts of both pegs with both holes."""
-    default = mf.Config()
-    config = replace(default, scene=replace(default.scene, shapes=(ELL, SQUARE)))
+    config = mf.Config(scene=replace(mf.Config().scene, shapes=(ELL, SQUARE)))
     mf.collect_dataset(folder, mf.CollectionPlan(episodes, actions, "spiral"), config)
     done, names = mf.load_dataset(folder).rollout, config.scene.names
     pairs = [f"{names[p]}-{names[h]}" for p, h in zip(done.felt.peg_type, done.truth.hole_type, strict=True)]
