@@ -121,7 +121,8 @@ def test_a_lopsided_shape_is_not_shown_mirrored():
 @pytest.mark.parametrize(
     ("shapes", "words"),
     [
-        ([{"name": "cross", "rectangles": [[0, 0, 0.01, 0.01]]}], "scene.shapes"),
+        ([], "scene.shapes"),
+        ([{"name": f"s{i}", "rectangles": [[0, 0, 0.01, 0.01]]} for i in range(13)], "scene.shapes"),
         ([{"name": "a", "rectangles": [[0.01, 0, 0, 0.01]]}] * 3, "a lower and an upper corner"),
         ([{"name": "A b", "rectangles": [[0, 0, 0.01, 0.01]]}] * 3, "scene.shapes.0.name"),
         ([{"name": "a", "rectangles": [[0, 0, 0.5, 0.01]]}] * 3, "scene.shapes.0.rectangles"),
