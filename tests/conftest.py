@@ -40,9 +40,11 @@ LONG = {
         "parity",
     ),
     *("picture", "plausible", "reader", "requests", "sensors", "shapes", "store", "torch_twin", "training"),
-    *("view", "windows", "attention", "hole", "loss", "task"),
+    *("view", "windows", "attention", "hole", "loss", "task", "public", "tracker", "types"),
+    *("hostile_configs", "hostile_data", "hostile_results", "hostile_runs", "watchdog"),
 }
-"""Modules that compile an engine or a training, or start processes: ``make quick`` leaves them out."""
+"""Modules that compile an engine or a training, start processes, or sweep over thousands of wrong inputs:
+``make quick`` leaves them out."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
