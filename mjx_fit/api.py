@@ -14,11 +14,12 @@ from mjx_fit.dataset import collect as collect_
 from mjx_fit.dataset import draws, store
 from mjx_fit.dataset.episode import Episode
 from mjx_fit.dataset.plan import Plan
-from mjx_fit.errors import RequestError, require, shown
+from mjx_fit.errors import RequestError, shown
 from mjx_fit.evaluation import insertion
 from mjx_fit.evaluation.statistics import Interval, bootstrap_mean
 from mjx_fit.sensors.trained_sensor import TrainedSensor
 from mjx_fit.simulate.interface import Engine
+from mjx_fit.simulate.requests import require_count
 from mjx_fit.simulate.select import make_engine
 from mjx_fit.task import hole
 from mjx_fit.task.hole import Holes, Outcome
@@ -91,7 +92,7 @@ def draw_attempts(
         >>> attempts.peg_type.tolist(), attempts.hole_type.tolist()
         ([0, 0, 1, 0, 2, 1], [0, 1, 1, 2, 2, 0])
     """
-    require("n", n, 1, MOST_ATTEMPTS)
+    n = require_count("n", n, 1, MOST_ATTEMPTS)
     if policy not in draws.POLICIES:
         raise RequestError(
             f"policy: {shown(policy)} is not allowed: it must be one of {', '.join(draws.POLICIES)}"
@@ -164,7 +165,7 @@ def draw_holes(seed: int, n: int, config: Config | None = None) -> Holes:
         >>> mf.draw_holes(0, 4).peg_type.tolist()
         [0, 1, 2, 0]
     """
-    require("n", n, 1, MOST_ATTEMPTS)
+    n = require_count("n", n, 1, MOST_ATTEMPTS)
     return insertion.draw_holes(config or Config(), np.arange(n), 1, seed)
 
 
@@ -197,7 +198,7 @@ def try_holes(
         >>> kept["keep"].attempts.tolist()
         [1, 1]
     """
-    require("max_attempts", max_attempts, 1, 1000)
+    max_attempts = require_count("max_attempts", max_attempts, 1, 1000)
     config = config or Config()
     methods = tuple(HoleMethod(name) for name in updates)
     table = hole.HoleTable(config, methods, holes, max_attempts)

@@ -11,12 +11,10 @@ from jax.core import Tracer
 from jaxtyping import Bool
 
 from mjx_fit.errors import RequestError
+from mjx_fit.sensor_log import MOST_OFF_UNIT
 from mjx_fit.types import SUBSTEPS, Felt, Reading
 
 WRENCH_AXES = 6
-MOST_OFF_UNIT = 0.01
-"""How far the length of a quaternion may be from 1."""
-
 _ROWS = {
     "wrench_sensor": (SUBSTEPS, WRENCH_AXES),
     "tip_pos_world": (3,),

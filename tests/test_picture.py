@@ -20,9 +20,10 @@ from mjx_fit.evaluation import experiments, parts, playback, results
 from mjx_fit.evaluation.playback import Pick
 from mjx_fit.evaluation.request import Request
 from mjx_fit.picture import gl, render
-from mjx_fit.picture.motion import HOME_M, moments
+from mjx_fit.picture.motion import moments
 from mjx_fit.picture.panel import Panel
 from mjx_fit.picture.puppet import RADIUS_90, Puppet, mixed
+from mjx_fit.robot import PANDA
 from mjx_fit.settings import SHAPES, SceneConfig
 from mjx_fit.training.trained_sensor import TrainedSensor
 from mjx_fit.type_colours import TYPE_RGB
@@ -136,7 +137,7 @@ def test_the_tip_moves_without_jumps_through_what_was_recorded(played):
     shown = moments(played, fps=25, speed=0.1)
     tips = np.array([moment.tip_pos_world for moment in shown])
     assert np.linalg.norm(np.diff(tips, axis=0), axis=1).max() < 0.06
-    assert np.allclose(tips[0], HOME_M)
+    assert np.allclose(tips[0], PANDA.home_m)
     for number, step in enumerate(played.steps):
         own = [m for m in shown if (m.step, m.phase) == (number, "attempt")]
         ways = np.array([moment.tip_pos_world[0] for moment in own]) - step.rollout.felt.estimate_world[0]

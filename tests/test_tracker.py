@@ -3,6 +3,7 @@
 import subprocess
 import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -209,6 +210,41 @@ def test_it_goes_to_the_likeliest_hole_and_leaves_filled_ones(sensor):
     fresh = mf.BeliefTracker(sensor, np.array([[0.4, 0.1]]))
     with pytest.raises(mf.RequestError, match="call choose"):
         fresh.update(0, mf.SensorLog(*[np.zeros(1)] * 7))
+
+
+def test_a_simulated_attempt_is_taken_as_its_log_is(tracker, sensor, failed):
+    names = sensor.config.scene.names
+    other = mf.BeliefTracker(sensor, failed.estimate_world)
+    for hole in range(3):
+        for each in (tracker, other):
+            each.choose(names[int(failed.peg_type[hole])])
+        one = tracker.update(hole, failed[hole])
+        again = other.update(hole, mf.log_from_felt(failed[hole]))
+        jax.tree.map(partial(np.testing.assert_allclose, rtol=1e-3, atol=1e-6), one, again)
+
+
+def test_an_attempt_of_another_peg_place_or_a_filled_hole_is_refused(tracker, failed):
+    """Each would give a wrong belief in silence; the second is the same attempt, learned from twice."""
+    tracker.update(0, failed[0])
+    tracker.fill(2)
+    tracker.choose("square")
+    before = jax.tree.map(np.copy, tracker.belief)
+    for what, hole, felt in (
+        ("peg_type: 0 is not allowed: square is in hand", 1, replace(failed[1], peg_type=np.int32(0))),
+        ("estimate_world: .* an attempt at hole 0 starts from", 0, replace(failed[0], peg_type=np.int32(2))),
+        ("hole 2 is not allowed: it is filled", 2, replace(failed[2], peg_type=np.int32(2))),
+        ("hole: 0.5 is not allowed", 0.5, failed[0]),
+    ):
+        with pytest.raises(mf.RequestError, match=what):
+            tracker.update(hole, felt)
+    jax.tree.map(np.testing.assert_array_equal, tracker.belief, before)
+
+
+@pytest.mark.parametrize("n", [0, 2.5, -1, "3"])
+def test_counts_are_whole_numbers(n):
+    for enter in (lambda: mf.draw_attempts(jax.random.key(0), n), lambda: mf.draw_holes(0, n)):
+        with pytest.raises(mf.RequestError, match=r"n: .* must be a whole number"):
+            enter()
 
 
 @pytest.mark.parametrize("detections", [np.zeros((0, 2)), np.zeros(2), [[400.0, 100.0]], [[np.nan, 0.4]]])

@@ -29,7 +29,7 @@ def main() -> None:
     ids = np.arange(2 * HALF)
     easy = ids % 2 == 0
     peg, hole = np.where(easy, ids // 2 % 3, mismatched_pairs(3)[ids // 2 % 6].T)
-    place, estimate, key, _ = draw_places(root_key(0, "finished"), jnp.asarray(ids), config.detector)
+    place, estimate, key, _ = draw_places(root_key(0, "finished"), jnp.asarray(ids), config)
     estimate = jnp.where(easy[:, None], place, estimate)
     both = Attempt(jnp.asarray(peg), jnp.asarray(hole), place, estimate, jnp.full(2 * HALF, SPIRAL), key)
     engine = NativeEngine(config, 2)

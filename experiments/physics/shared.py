@@ -36,7 +36,7 @@ def draw(name: str, make: Callable[[], Figure]) -> None:
 
 def spiral_attempts(config: Config, use: str, peg: np.ndarray, hole: np.ndarray) -> Attempt:
     """Attempts of Algorithm 4 from the detector's estimates, seed 0, with these pegs and holes (n,)."""
-    hole_pos, estimate, key, _ = draw_places(root_key(0, use), jnp.arange(len(peg)), config.detector)
+    hole_pos, estimate, key, _ = draw_places(root_key(0, use), jnp.arange(len(peg)), config)
     return Attempt(jnp.asarray(peg), jnp.asarray(hole), hole_pos, estimate, jnp.full(len(peg), SPIRAL), key)
 
 

@@ -11,7 +11,7 @@ from jaxtyping import Float, Int, Key
 from mjx_fit import policies
 from mjx_fit.config import Config
 from mjx_fit.detector import detect
-from mjx_fit.robot import PANDA, Robot
+from mjx_fit.robot import ROBOTS, Robot
 from mjx_fit.settings import DetectorConfig, SequenceConfig
 from mjx_fit.types import Array, Attempt
 
@@ -58,7 +58,7 @@ def _shifts(turn: Int[np.ndarray, "n"], n_types: int) -> Int[np.ndarray, "n"]:
 
 def draw_attempts(root: Key[Array, ""], sequences: Int[Array, "n"], policy: str, config: Config) -> Attempt:
     """The first attempt of each sequence, from the detector's estimate."""
-    hole_pos, estimate, wiggle, _ = draw_places(root, sequences, config.detector)
+    hole_pos, estimate, wiggle, _ = draw_places(root, sequences, config)
     which = _pair_and_policy(sequences, policy, 0, config)
     return _attempts(which, hole_pos, estimate, wiggle)
 
@@ -67,28 +67,30 @@ def draw_later_attempts(
     root: Key[Array, ""], sequences: Int[Array, "n"], policy: str, number: int, config: Config
 ) -> tuple[Attempt, Float[Array, "n 2 2"]]:
     """Attempt ``number`` (1 or more) of each sequence, and the covariance of its estimate (m²)."""
-    hole_pos, _, _, later = draw_places(root, sequences, config.detector)
+    hole_pos, _, _, later = draw_places(root, sequences, config)
     estimate, cov, wiggle = _updated(later, hole_pos, number, config.sequence)
     which = _pair_and_policy(sequences, policy, number, config)
     return _attempts(which, hole_pos, estimate, wiggle), cov
 
 
-@partial(jax.jit, static_argnames=("detector", "robot"))
 def draw_places(
-    root: Key[Array, ""], ids: Int[Array, "n"], detector: DetectorConfig, robot: Robot = PANDA
+    root: Key[Array, ""], ids: Int[Array, "n"], config: Config
 ) -> tuple[Float[Array, "n 2"], Float[Array, "n 2"], Key[Array, "n"], Key[Array, "n"]]:
     """Where the holes are, what the detector says, and keys.
 
     Args:
         root: Root key.
         ids: Each draw depends on the root key and its own id alone.
-        detector: The detector.
-        robot: Gives the workspace.
+        config: Gives the detector, and the robot whose workspace it is.
 
     Returns:
         True places, uniform in the workspace, m; estimates, m; keys of the policies; keys of later attempts.
     """
+    return _places(root, ids, config.detector, ROBOTS[config.scene.robot])
 
+
+@partial(jax.jit, static_argnames=("detector", "robot"))
+def _places(root: Key[Array, ""], ids: Int[Array, "n"], detector: DetectorConfig, robot: Robot):
     def draw(i):
         place, error, wiggle, later = jax.random.split(jax.random.fold_in(root, i), 4)
         low, high = jnp.asarray(robot.workspace_m).T

@@ -18,6 +18,7 @@ from mjx_fit.dataset import shard_layout, shard_values
 from mjx_fit.dataset.episode import Episode
 from mjx_fit.dataset.manifest import FORMAT, Shard
 from mjx_fit.policies import NAMES
+from mjx_fit.rates import ACTION_S
 from mjx_fit.robot import ROBOTS
 from mjx_fit.settings import SceneConfig
 from mjx_fit.types import Felt, Rollout, Trace, Truth
@@ -91,7 +92,6 @@ FRAMES = (
     "sensor: between the hand and the peg, turned as the hand is, z along the tool: down, in an attempt. "
     "Forces and torques are what the arm exerts on the peg, torques about the sensor's origin."
 )
-ACTION_S = 0.1
 
 _OWN = ("episode", "sequence", "number", "policy", "estimate_cov")
 """Fields of the episode; the others are of its rollout."""

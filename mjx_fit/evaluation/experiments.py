@@ -55,7 +55,7 @@ def _attempt(request: Request, here: outcome.Header) -> Result:
     with Progress("attempts", n, 0, COMPILING if engine.name == "mjx" else "") as progress:
         for start in range(0, n, batch):
             ids = np.arange(start, start + batch)
-            hole_pos, estimate, wiggle, _ = draw_places(root, jnp.asarray(ids), config.detector)
+            hole_pos, estimate, wiggle, _ = draw_places(root, jnp.asarray(ids), config)
             attempts = spirals_at(peg_type[ids % n], hole_type[ids % n], hole_pos, estimate, wiggle)
             rollouts = engine.run(attempts, actions, ids < n)
             report(rollouts, attempts, ids, actions, config, dumps)

@@ -16,7 +16,7 @@ from mjx_fit.errors import RequestError
 from mjx_fit.evaluation.calibration import squared_mahalanobis
 from mjx_fit.evaluation.outcome import rounded
 from mjx_fit.filters.belief import update_position, update_type
-from mjx_fit.filters.kalman import gaussian_nll
+from mjx_fit.filters.kalman import CM_PER_M, gaussian_nll
 from mjx_fit.filters.success import success_probability
 from mjx_fit.randomness import root_key
 from mjx_fit.sensors.model import ContactSensor
@@ -24,7 +24,6 @@ from mjx_fit.task.learning import readings
 from mjx_fit.types import Array, Belief, Observation
 
 BATCH = 256
-CM_PER_M = 100.0
 
 
 @dataclass(frozen=True)

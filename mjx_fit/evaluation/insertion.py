@@ -89,7 +89,7 @@ def summarise(trials: Rows) -> list[Row]:
 def draw_holes(config: Config, ids: Ids, seeds: int, seed: int) -> hole.Holes:
     draw, number = np.divmod(ids, seeds)
     shape = draw % config.scene.n_types
-    place, estimate, key, _ = draw_places(root_key(seed, "insertion"), jnp.asarray(draw), config.detector)
+    place, estimate, key, _ = draw_places(root_key(seed, "insertion"), jnp.asarray(draw), config)
     own = jax.vmap(jax.random.fold_in)(key, jnp.asarray(number))
     return hole.Holes(shape, shape, np.asarray(place), np.asarray(estimate), own)
 

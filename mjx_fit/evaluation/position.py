@@ -15,14 +15,13 @@ from mjx_fit.evaluation.parts import Rows
 from mjx_fit.evaluation.request import Request
 from mjx_fit.evaluation.results import Result, by_method
 from mjx_fit.evaluation.statistics import Row, bootstrap_mean
+from mjx_fit.filters.kalman import CM_PER_M
 from mjx_fit.randomness import root_key
 from mjx_fit.task import hole
 from mjx_fit.task.methods import POSITION, chosen
 
 ATTEMPTS = 5
 """The paper's."""
-
-CM_PER_M = 100.0
 
 
 def position(request: Request) -> Result:
@@ -110,7 +109,7 @@ def _holes(config: Config, ids: Ids, trials: int, seed: int) -> hole.Holes:
         pair, mismatched = pairs[ids % len(pairs)], ids < trials
         peg = np.where(mismatched, pair[:, 0], peg)
         other = np.where(mismatched, pair[:, 1], peg)
-    place, estimate, key, _ = draw_places(root_key(seed, "position"), jnp.asarray(ids), config.detector)
+    place, estimate, key, _ = draw_places(root_key(seed, "position"), jnp.asarray(ids), config)
     return hole.Holes(peg, other, np.asarray(place), np.asarray(estimate), key)
 
 

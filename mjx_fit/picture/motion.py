@@ -10,13 +10,14 @@ from jaxtyping import Bool, Float, Int
 
 from mjx_fit.errors import require
 from mjx_fit.evaluation.recording import Recording, Step
+from mjx_fit.rates import ACTION_S
+from mjx_fit.robot import ROBOTS
 from mjx_fit.shapes import plate_top_m
 from mjx_fit.simulate.attempt_rules import START_HEIGHT_M
 from mjx_fit.task.table import EMPTY
 from mjx_fit.types import Belief
 
-ACTIONS_PER_S = 10
-HOME_M = (0.45, 0.0, 0.28)
+ACTIONS_PER_S = round(1 / ACTION_S)
 CLEAR_M = 0.09
 """Height of the tip over the plates between attempts."""
 MOVE_S, LEARN_S, END_S = 0.8, 0.7, 1.2
@@ -60,6 +61,11 @@ def require_speed(speed: float) -> None:
     require("--speed", speed, 0.1, 100)
 
 
+def home(recording: Recording) -> Float[np.ndarray, "3"]:
+    """Where the tip rests before an assembly, m."""
+    return np.array(ROBOTS[recording.config.scene.robot].home_m)
+
+
 def moments(recording: Recording, fps: int, speed: float) -> list[Moment]:
     """All moments of a recording.
 
@@ -69,7 +75,7 @@ def moments(recording: Recording, fps: int, speed: float) -> list[Moment]:
         speed: Seconds of an attempt in a second of the video.
     """
     shown: list[Moment] = []
-    tip = np.array(HOME_M)
+    tip = home(recording)
     for index in range(len(recording.steps)):
         shown += moments_of(recording, index, tip, fps, speed)
         tip = shown[-1].tip_pos_world

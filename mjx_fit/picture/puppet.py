@@ -17,6 +17,7 @@ from mjx_fit.evaluation.recording import Recording, Step
 from mjx_fit.filters.kalman import scale_tril
 from mjx_fit.kinematics import chain_of, inverse
 from mjx_fit.picture.motion import Moment
+from mjx_fit.robot import ROBOTS
 from mjx_fit.scene import picture_scene
 from mjx_fit.shapes import plate_top_m
 from mjx_fit.task.table import EMPTY
@@ -62,7 +63,7 @@ class Puppet:
         config = recording.config.scene
         self.model = picture_scene(config, recording.hole_type.tolist(), recording.hole_pos_world)
         self.data = mujoco.MjData(self.model)
-        chain = chain_of(self.model)
+        chain = chain_of(self.model, ROBOTS[config.robot])
         self._inverse = jax.jit(jax.vmap(lambda tip: inverse(chain, tip)))
         self._top = plate_top_m(config)
         holes = range(len(recording.hole_type))

@@ -14,7 +14,7 @@ import numpy as np
 from mjx_fit import interrupts
 from mjx_fit.errors import RequestError, require
 from mjx_fit.evaluation.recording import Recording
-from mjx_fit.picture.motion import HOME_M, Moment, moments_of, require_speed
+from mjx_fit.picture.motion import Moment, home, moments_of, require_speed
 from mjx_fit.picture.panel import Panel
 from mjx_fit.picture.puppet import Puppet
 
@@ -95,7 +95,6 @@ class _Show:
         self._open, self._speed, self._attempt = open_screen, speed, attempt
         self._puppet: Puppet | None = None
         self._screen: Screen | None = None
-        self._tip = np.array(HOME_M)
 
     def is_open(self) -> bool:
         """Whether anybody looks."""
@@ -105,6 +104,7 @@ class _Show:
         """Shows the latest attempt of a recording, if it is one to be shown; gives whether anybody looks."""
         if self._puppet is None or self._screen is None:
             self._puppet = Puppet(recording)
+            self._tip = home(recording)
             self._screen = self._open(self._puppet)
         if not self._screen.is_open():
             return False

@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int, Shaped
 
+from mjx_fit.filters.kalman import CM_PER_M
 from mjx_fit.types import Belief
 
 DIGITS = 4
-CM_PER_M = 100.0
 
 
 class Diary:

@@ -5,6 +5,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
 from mjx_fit.errors import RequestError
 from mjx_fit.traces import require_readable
@@ -59,6 +60,29 @@ def require_beliefs(beliefs: Belief, n: int, n_types: int) -> None:
             row = int(good.argmin())
             shown = [float(f"{number:.4g}") for number in leaf[row].ravel()]
             _refuse(f"belief: {name} of row {row}", str(shown), allowed)
+
+
+def require_places(detections: Any, reach: tuple[float, float]) -> Float[np.ndarray, "n 2"]:
+    """Detections (n, 2) as an array, m, if all are within reach of the robot's base.
+
+    Raises:
+        RequestError: One is not, or there is none; the message names it.
+    """
+    places = np.asarray(detections, np.float32)
+    if places.ndim != 2 or places.shape[1] != 2 or not len(places):
+        raise RequestError(
+            f"detections: shape {places.shape} is not allowed: it must be (n, 2), n of 1 or more"
+        )
+    distance = np.linalg.norm(places, axis=1)
+    wrong = ~((distance >= reach[0]) & (distance <= reach[1]))
+    if wrong.any():
+        row = int(wrong.argmax())
+        x, y = places[row].tolist()
+        raise RequestError(
+            f"detections: ({x:.6g}, {y:.6g}) of hole {row} is not allowed: it must be {reach[0]} to "
+            f"{reach[1]} m from the robot's base"
+        )
+    return places
 
 
 def _refuse(name: str, value: str, allowed: str) -> None:

@@ -15,7 +15,7 @@ from jaxtyping import Float
 
 from mjx_fit import numerics
 from mjx_fit.config import Config
-from mjx_fit.errors import RequestError, require, shown
+from mjx_fit.errors import RequestError, shown
 from mjx_fit.filters.belief import initial_belief
 from mjx_fit.filters.success import success_probability
 from mjx_fit.resampling import felt_from_log
@@ -23,11 +23,15 @@ from mjx_fit.robot import ROBOTS
 from mjx_fit.sensor_log import SensorLog
 from mjx_fit.sensors.trained_sensor import TrainedSensor
 from mjx_fit.settings import WristConfig
+from mjx_fit.simulate.requests import require_count
 from mjx_fit.task import pomdp
-from mjx_fit.task.entrance import require_beliefs
+from mjx_fit.task.entrance import require_beliefs, require_places
 from mjx_fit.task.learning import filter_update
 from mjx_fit.task.saved_beliefs import FORMAT, SavedBeliefs, read_beliefs, write_beliefs
 from mjx_fit.types import Belief, Felt
+
+MOST_OFF_START_M = 1e-4
+"""How far from the estimate an attempt may start: the filter's innovation is measured from there."""
 
 
 class BeliefTracker:
@@ -68,7 +72,7 @@ class BeliefTracker:
         self._config = sensor.adapt(config or sensor.config)
         self._sensor = sensor
         self._robot = ROBOTS[self._config.scene.robot]
-        places = _require_places(detections, self._robot.estimate_reach_m)
+        places = require_places(detections, self._robot.estimate_reach_m)
         names, std = self._config.scene.names, self._config.detector.prior_std_m
         self.belief: Belief = jax.tree.map(np.array, initial_belief(jnp.asarray(places), std, len(names)))
         self.filled = np.zeros(len(places), bool)
@@ -122,13 +126,15 @@ class BeliefTracker:
             The new belief about that hole.
 
         Raises:
-            RequestError: The log cannot be used (``felt_from_log``), or no peg is known; no belief changes.
+            RequestError: The log cannot be used (``felt_from_log``), no peg is known, or the attempt was made
+                with another peg, from elsewhere, or at a filled hole; no belief changes.
         """
         hole = self._require_hole(hole)
         if isinstance(felt, SensorLog):
             if self._peg is None:
                 raise RequestError("update: no peg is in hand: call choose(peg=...) before the attempt")
             felt = felt_from_log(felt, self._peg, self.estimate(hole), self._robot)
+        self._require_own(hole, felt)
         before = jax.tree.map(lambda leaf: leaf[hole : hole + 1], self.belief)
         rows = max(self._config.task.attempt_actions, len(felt.trace.action_world))
         batch = jax.tree.map(lambda leaf: np.asarray(leaf)[None], _padded(felt, rows))
@@ -201,26 +207,21 @@ class BeliefTracker:
         return names.index(peg)
 
     def _require_hole(self, hole: int) -> int:
-        require("hole", hole, 0, len(self.filled) - 1)
-        return int(hole)
+        return require_count("hole", hole, 0, len(self.filled) - 1)
 
-
-def _require_places(detections: Any, reach: tuple[float, float]) -> Float[np.ndarray, "n 2"]:
-    places = np.asarray(detections, np.float32)
-    if places.ndim != 2 or places.shape[1] != 2 or not len(places):
-        raise RequestError(
-            f"detections: shape {places.shape} is not allowed: it must be (n, 2), n of 1 or more"
-        )
-    distance = np.linalg.norm(places, axis=1)
-    wrong = ~((distance >= reach[0]) & (distance <= reach[1]))
-    if wrong.any():
-        row = int(wrong.argmax())
-        x, y = places[row].tolist()
-        raise RequestError(
-            f"detections: ({x:.6g}, {y:.6g}) of hole {row} is not allowed: it must be {reach[0]} to "
-            f"{reach[1]} m from the robot's base"
-        )
-    return places
+    def _require_own(self, hole: int, felt: Felt) -> None:
+        """Make sure that an attempt is one of this hole: another would give a wrong belief in silence."""
+        names, peg = self._config.scene.names, int(felt.peg_type)
+        if self._peg not in (None, peg):
+            raise RequestError(f"update: peg_type: {peg} is not allowed: {names[self._peg]} is in hand")
+        if self.filled[hole]:
+            raise RequestError(f"update: hole {hole} is not allowed: it is filled")
+        start, estimate = np.asarray(felt.estimate_world), self.estimate(hole)
+        if not np.linalg.norm(start - estimate) <= MOST_OFF_START_M:
+            raise RequestError(
+                f"update: estimate_world: {np.round(start, 5).tolist()} is not allowed: an attempt at hole "
+                f"{hole} starts from {np.round(estimate, 5).tolist()}"
+            )
 
 
 def _padded(felt: Felt, rows: int) -> Felt:
