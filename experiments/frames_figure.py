@@ -115,7 +115,7 @@ def main(path: str) -> None:
     import matplotlib.pyplot as plt
     import mujoco
 
-    from mjx_fit.config import Config
+    from mjx_fit.config.schema import Config
     from mjx_fit.kinematics import chain_of, inverse
     from mjx_fit.scene import picture_scene, simulation_scene
     from mjx_fit.shapes import plate_top_m

@@ -21,8 +21,8 @@ from typing import Any
 _PUBLIC = {
     # Settings
     "configure": ("mjx_fit.runtime", "configure"),
-    "Config": ("mjx_fit.config", "Config"),
-    "Shape": ("mjx_fit.settings", "Shape"),
+    "Config": ("mjx_fit.config.schema", "Config"),
+    "Shape": ("mjx_fit.config.sections.shape", "Shape"),
     "load_config": ("mjx_fit.api", "load_config"),
     "RequestError": ("mjx_fit.errors", "RequestError"),
     # Simulation

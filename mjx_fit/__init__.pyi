@@ -8,7 +8,8 @@ from mjx_fit.api import load_dataset as load_dataset
 from mjx_fit.api import load_sensor as load_sensor
 from mjx_fit.api import mean_interval as mean_interval
 from mjx_fit.api import try_holes as try_holes
-from mjx_fit.config import Config as Config
+from mjx_fit.config.schema import Config as Config
+from mjx_fit.config.sections.shape import Shape as Shape
 from mjx_fit.dataset.plan import Plan as _CollectionPlan
 from mjx_fit.errors import RequestError as RequestError
 from mjx_fit.filters.kalman import update as _kalman_update
@@ -20,7 +21,6 @@ from mjx_fit.resampling import log_from_felt as log_from_felt
 from mjx_fit.runtime import configure as configure
 from mjx_fit.sensor_log import SensorLog as SensorLog
 from mjx_fit.sensors.trained_sensor import TrainedSensor as TrainedSensor
-from mjx_fit.settings import Shape as Shape
 from mjx_fit.simulate.select import make_engine as make_engine
 from mjx_fit.task.learning import filter_update as filter_update
 from mjx_fit.task.learning import readings as readings

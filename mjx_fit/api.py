@@ -7,9 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Key
 
-from mjx_fit import config as config_
 from mjx_fit import resources
-from mjx_fit.config import Config
+from mjx_fit.config.files import read_config
+from mjx_fit.config.schema import Config
 from mjx_fit.dataset import collect as collect_
 from mjx_fit.dataset import draws, store
 from mjx_fit.dataset.episode import Episode
@@ -46,7 +46,7 @@ def load_config(path: Path | str | None = None, *overrides: str) -> Config:
         >>> mf.load_config(None, "scene.friction=0.4").scene.friction
         0.4
     """
-    return config_.load(None if path is None else Path(path), overrides)
+    return read_config(None if path is None else Path(path), overrides)
 
 
 def load_sensor(run: Path | str | None = None) -> TrainedSensor:

@@ -6,10 +6,10 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mjx_fit import config as config_
-from mjx_fit.config import Config
+from mjx_fit.config.files import read_config
+from mjx_fit.config.schema import Config, config_from_stored
+from mjx_fit.config.sections.learning import MAX_EPOCHS
 from mjx_fit.errors import RequestError, WorkError, require
-from mjx_fit.settings import MAX_EPOCHS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator
@@ -135,7 +135,7 @@ def _other_trainings() -> str:
 
 
 def evaluate_attempt(args: argparse.Namespace) -> None:
-    from mjx_fit.evaluation.experiments import attempt
+    from mjx_fit.evaluation.attempt import attempt
 
     _evaluate(attempt, args)
 
@@ -153,7 +153,7 @@ def evaluate_insertion(args: argparse.Namespace) -> None:
 
 
 def evaluate_assembly(args: argparse.Namespace) -> None:
-    from mjx_fit.evaluation.experiments import assembly
+    from mjx_fit.evaluation.assembly import assembly
 
     _evaluate(assembly, args)
 
@@ -224,7 +224,7 @@ def _played(args: argparse.Namespace) -> "Generator[Recording]":
         engine, sensor = make_engine(args.engine, config), load_trained_sensor(_run(args))
         return playback.record(config, pick, args.seed, engine, sensor)
     result = results.read(args.result)
-    engine = make_engine(result.engine, config_.from_stored(result.config))
+    engine = make_engine(result.engine, config_from_stored(result.config))
     return playback.replay(result, pick, engine, load_trained_sensor(_run(args)))
 
 
@@ -235,7 +235,7 @@ def bench(args: argparse.Namespace) -> None:
 
 
 def config_keys(args: argparse.Namespace) -> None:
-    from mjx_fit.config_table import as_json, as_text, keys
+    from mjx_fit.config.table import as_json, as_text, keys
 
     table = keys(_config(args))
     print(json.dumps(as_json(table), indent=1) if args.json else as_text(table))
@@ -270,7 +270,7 @@ def _config(args: argparse.Namespace, preset: str | None = None) -> Config:
     if hasattr(args, "seed"):  # before sensors and data are read
         require_seed(args.seed)
     preset_file = [] if preset is None else [resources.folder("configs") / f"{preset}.yaml"]
-    return config_.load([*preset_file, *args.config], args.set)
+    return read_config([*preset_file, *args.config], args.set)
 
 
 def _show(tree: dict, as_json: bool) -> None:

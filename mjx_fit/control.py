@@ -1,6 +1,6 @@
 """Operational-space control: pure arrays in, joint torques out. Knows no simulator.
 
-One world's arrays or, with the worlds as their last axis, those of many: ``mjx_fit.lanes`` says why last.
+One world's arrays or, with the worlds as their last axis, those of many: ``mjx_fit.linalg`` says why last.
 
 Task-space impedance shaped by the task-space inertia (Khatib, "A unified approach for motion and force
 control of robot manipulators", 1987), in the form of VICES (Martín-Martín et al., 2019) and robosuite, where
@@ -20,11 +20,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from mjx_fit import spd
+from mjx_fit.config.sections.world import ControlConfig
 from mjx_fit.kinematics import STRAIGHT_DOWN, jacobian, posture_towards, rotation_error
-from mjx_fit.lanes import column, times, total
+from mjx_fit.linalg import CholeskyFactor, cholesky_factor, cholesky_solve, column, solve_lower, times, total
 from mjx_fit.robot import PANDA, Robot
-from mjx_fit.settings import ControlConfig
 from mjx_fit.types import Array, pytree
 
 # Keeps the Cholesky factors finite at a singular posture; inertias are 1e-2 kg m2 and up, inverse inertias
@@ -101,14 +100,14 @@ def torque(
     posture_acc = gains.kp_posture * posture_error - 2 * jnp.sqrt(gains.kp_posture) * arm.qvel
 
     # With M = L Lᵀ, J M⁻¹ Jᵀ = (L⁻¹ Jᵀ)ᵀ (L⁻¹ Jᵀ): half a solve, and symmetric by construction.
-    whitened = spd.solve_lower(spd.factor(arm.mass_matrix, _DAMPING_MASS), jac.swapaxes(0, 1))
+    whitened = solve_lower(cholesky_factor(arm.mass_matrix, _DAMPING_MASS), jac.swapaxes(0, 1))
     inverse_inertia = total(whitened[:, :, None] * whitened[:, None])
-    root = spd.factor(inverse_inertia, _DAMPING_TASK)
+    root = cholesky_factor(inverse_inertia, _DAMPING_TASK)
     # The factor of a leading block is the leading block of the factor.
-    of_position = spd.Factor(root.lower[:3], root.inverse_diagonal[:3])
-    of_rotation = spd.factor(inverse_inertia[3:, 3:], _DAMPING_TASK)
-    apart = [spd.solve(of_position, task_acc[:3]), spd.solve(of_rotation, task_acc[3:])]
-    force = jnp.concatenate(apart) - spd.solve(root, times(jac, posture_acc))
+    of_position = CholeskyFactor(root.lower[:3], root.inverse_diagonal[:3])
+    of_rotation = cholesky_factor(inverse_inertia[3:, 3:], _DAMPING_TASK)
+    apart = [cholesky_solve(of_position, task_acc[:3]), cholesky_solve(of_rotation, task_acc[3:])]
+    force = jnp.concatenate(apart) - cholesky_solve(root, times(jac, posture_acc))
     unlimited = total(jac * force[:, None]) + times(arm.mass_matrix, posture_acc) + arm.bias
     limit = column(np.array(robot.torque_limit_nm, np.float32), unlimited)
     return jnp.clip(unlimited, -limit, limit)

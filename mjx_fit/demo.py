@@ -6,11 +6,11 @@ from pathlib import Path
 from rich.console import Console
 
 from mjx_fit import children, files, locks, resources
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
 from mjx_fit.dataset.collect import collect
 from mjx_fit.dataset.plan import Plan
 from mjx_fit.errors import RequestError
-from mjx_fit.evaluation import experiments
+from mjx_fit.evaluation.assembly import assembly
 from mjx_fit.evaluation.request import Request
 from mjx_fit.filesystem import inside
 from mjx_fit.report.build import build
@@ -84,7 +84,7 @@ def _stages(config: Config, out: Path, size: Size, train: bool) -> None:
     console.rule(f"{size.assemblies} assemblies of {config.task.n_holes} pegs, each under {METHODS}")
     result = out / "assembly.json"
     request = Request(config, result, engine, size.assemblies, methods=METHODS)
-    print_summary(experiments.assembly(request.with_sensors_of(run)))
+    print_summary(assembly(request.with_sensors_of(run)))
 
     console.rule("a video of one of them")
     if not (out / VIDEO).exists():

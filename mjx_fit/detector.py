@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Float, Key
 
-from mjx_fit.settings import DetectorConfig
+from mjx_fit.config.sections.world import DetectorConfig
 from mjx_fit.types import Array
 
 

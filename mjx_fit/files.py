@@ -12,15 +12,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from mjx_fit.errors import RequestError
-from mjx_fit.filesystem import (
-    is_at,
-    naming,
-    open_entry,
-    refuse_dangling,
-    sync,
-    sync_folder,
-    try_lock,
-)
+from mjx_fit.filesystem import is_at, naming, open_entry, refuse_dangling, sync, sync_folder, try_lock
 
 LOCK = ".lock"
 """End of the name of a file that a command locks while it writes."""

@@ -12,8 +12,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from mjx_fit import spd
-from mjx_fit.lanes import column, cross, total
+from mjx_fit.linalg import cholesky_factor, cholesky_solve, column, cross, total
 from mjx_fit.robot import PANDA, Robot
 from mjx_fit.shapes import HANGING
 from mjx_fit.types import Array, pytree, static
@@ -114,7 +113,7 @@ def inverse(chain: Chain, tip_pos_world: Float[Array, "3"]) -> Float[Array, "joi
     def step(qpos, _):
         position, frame, jac = forward(chain, qpos)
         error = jnp.concatenate([tip_pos_world - position, rotation_error(frame, STRAIGHT_DOWN)])
-        return qpos + jac.T @ spd.solve(spd.factor(jac @ jac.T, _DAMPING), error), None
+        return qpos + jac.T @ cholesky_solve(cholesky_factor(jac @ jac.T, _DAMPING), error), None
 
     return jax.lax.scan(step, posture_towards(tip_pos_world, chain.robot), length=_ITERATIONS)[0]
 

@@ -10,12 +10,13 @@ import numpy as np
 from rich.console import Console
 
 from mjx_fit import files, locks
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
 from mjx_fit.dataset.collect import collect
 from mjx_fit.dataset.draws import draw_attempts
 from mjx_fit.dataset.plan import Plan
 from mjx_fit.errors import RequestError, shown
-from mjx_fit.evaluation import experiments
+from mjx_fit.evaluation.assembly import assembly
+from mjx_fit.evaluation.attempt import attempt
 from mjx_fit.evaluation.calibrate import calibrate
 from mjx_fit.evaluation.insertion import insertion
 from mjx_fit.evaluation.position import position
@@ -169,7 +170,6 @@ def _stages(base: Request, size: Size) -> dict[str, Callable[[], object]]:
     def inserted(request: Request) -> Result:
         return insertion(replace(request, seeds=size.seeds))
 
-    attempt, assembly = experiments.attempt, experiments.assembly
     return {
         f"{size.episodes:,} interactions to train on": lambda: collect(config, data, plan, engine),
         f"{size.held_out:,} to calibrate on": lambda: collect(config, test, test_plan, engine),

@@ -12,8 +12,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Bool, Float, Int, Key
 
-from mjx_fit.config import Config
-from mjx_fit.settings import RandomConfig, SpiralConfig
+from mjx_fit.config.schema import Config
+from mjx_fit.config.sections.world import RandomConfig, SpiralConfig
 from mjx_fit.types import Array, Attempt, pytree, static
 
 NAMES = ("spiral", "random")

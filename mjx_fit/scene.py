@@ -18,9 +18,10 @@ import numpy as np
 from jaxtyping import Float
 
 from mjx_fit import resources
+from mjx_fit.config.sections.shape import Shape
+from mjx_fit.config.sections.world import SceneConfig
 from mjx_fit.errors import RequestError
 from mjx_fit.robot import ROBOTS, Robot
-from mjx_fit.settings import SceneConfig, Shape
 from mjx_fit.shapes import HANGING, Boxes, hole_boxes, peg_boxes, plate_top_m
 
 _PEG_BIT, _HOLE_BIT = 1, 2

@@ -12,7 +12,8 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Float
 
-from mjx_fit.settings import SceneConfig, Shape
+from mjx_fit.config.sections.shape import Shape
+from mjx_fit.config.sections.world import SceneConfig
 
 FLOOR_THICKNESS_M = 0.01
 HANGING = np.array([1.0, -1.0, -1.0])

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int, Key
 
-from mjx_fit.settings import SceneConfig, WristConfig
+from mjx_fit.config.sections.world import SceneConfig, WristConfig
 from mjx_fit.shapes import plate_top_m
 from mjx_fit.traces import require_readable
 from mjx_fit.types import Array, Felt, Reading

@@ -6,7 +6,7 @@ import jax
 import pytest
 from collecting import Collector
 
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
 from mjx_fit.scene import Scene, simulation_scene
 from mjx_fit.simulate.native import NativeEngine
 

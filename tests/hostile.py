@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args, get_origin
 
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
 
 SEED = 20261126
 Request = tuple[list[bytes], list[str]]

@@ -12,7 +12,7 @@ import numpy as np
 from h5py import h5d, h5p, h5s, h5t
 from synthetic import make_episodes
 
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
 from mjx_fit.dataset import manifest as manifest_
 from mjx_fit.dataset.episode import Episode
 from mjx_fit.dataset.manifest import Manifest

@@ -7,10 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 from fakes import FakeEngine
 
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
+from mjx_fit.config.sections.learning import SensorConfig
 from mjx_fit.filters.belief import initial_belief
 from mjx_fit.policies import SPIRAL
-from mjx_fit.settings import SensorConfig
 from mjx_fit.task.attempt_loop import Try, attempt_rounds, spirals_at
 from mjx_fit.training.trained_sensor import TrainedSensor
 

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from synthetic import PAPER_SENSOR, PAPER_TRAINING
 
-from mjx_fit.bench import reference, run, training
+from benchmarks import python_loop
+from mjx_fit.bench import peers, run, training
 from mjx_fit.bench.engines import CONTENDERS, attempts_of
-from mjx_fit.config import Config
-from mjx_fit.settings import SensorConfig, TrainConfig
+from mjx_fit.config.schema import Config
+from mjx_fit.config.sections.learning import SensorConfig, TrainConfig
 
 CONFIG = Config()
 
@@ -25,14 +26,28 @@ def test_a_contender_counts_the_steps_that_it_makes(name):
 
 
 def test_the_peer_presses_its_peg_on_the_plate():
-    model, data, goal = reference.one_world(CONFIG, attempts_of(CONFIG, 1))
+    model, data, goal = python_loop.one_world(CONFIG, attempts_of(CONFIG, 1))
     for _ in range(500):
         mujoco.mj_step1(model, data)
-        data.ctrl[:] = reference.torque(model, data, goal, CONFIG.control)
+        data.ctrl[:] = python_loop.torque(model, data, goal, CONFIG.control)
         mujoco.mj_step2(model, data)
     reading = data.sensordata[2] + 0.1 * 9.81
     assert 10 < reading < 40
     assert np.abs(data.qvel).max() < 0.02
+
+
+def test_an_absent_peer_is_skipped_in_one_line(monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr(peers, "_FOLDER", tmp_path)
+    monkeypatch.setattr(run, "measure", lambda name, *_: {"name": name, "physics_steps_per_s": 1})
+    monkeypatch.setattr(training, "measure", lambda _: [{"name": "train_step"}])
+    run.bench(CONFIG, as_json=True)
+    told = capsys.readouterr()
+    skipped = [line for line in told.err.splitlines() if "skipped" in line]
+    assert skipped == [
+        "bench: python_loop: skipped, benchmarks/python_loop.py comes with a checkout only",
+        "bench: train_step_torch: skipped, benchmarks/torch_twin.py comes with a checkout only",
+    ]
+    assert "python_loop" not in told.out
 
 
 def test_actions_shrink_with_worlds():

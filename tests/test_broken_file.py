@@ -7,7 +7,7 @@ import jax
 import numpy as np
 import pytest
 
-from mjx_fit import config
+from mjx_fit.config.schema import Config, config_to_yaml
 from mjx_fit.errors import RequestError
 from mjx_fit.simulate import broken, broken_file
 
@@ -16,7 +16,7 @@ RIGHT: dict[str, Any] = {
     "qvel": np.zeros(7, np.float32),
     "step": np.int32(3),
     "horizon": 100,
-    "config": config.to_yaml(config.Config()),
+    "config": config_to_yaml(Config()),
     "key": np.asarray(jax.random.key_data(jax.random.key(0))),
     "peg_type": np.int32(0),
     "hole_type": np.int32(2),

@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 from synthetic import PAPER_SENSOR, make_episodes, with_truth, with_unit_quaternions
 
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
+from mjx_fit.config.sections.learning import SensorConfig
 from mjx_fit.errors import RequestError
 from mjx_fit.evaluation import calibration, held_out
 from mjx_fit.randomness import root_key
 from mjx_fit.sensors.model import ContactSensor
-from mjx_fit.settings import SensorConfig
 from mjx_fit.types import Observation
 from mjx_fit.wrist import read
 

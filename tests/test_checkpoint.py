@@ -16,7 +16,7 @@ import yaml
 from synthetic import PAPER_SENSOR, PAPER_TRAINING, make_episodes
 
 from mjx_fit import cli
-from mjx_fit.settings import WristConfig
+from mjx_fit.config.sections.world import WristConfig
 from mjx_fit.training.checkpoint import load_sensor
 from mjx_fit.wrist import read
 

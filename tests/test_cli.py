@@ -11,7 +11,9 @@ import pytest
 import yaml
 from synthetic import PAPER_SENSOR
 
-from mjx_fit import cli, config, interrupts, resources
+from mjx_fit import cli, interrupts, resources
+from mjx_fit.config.files import read_config
+from mjx_fit.config.schema import Config, config_to_yaml
 from mjx_fit.dataset import manifest
 from mjx_fit.evaluation import results
 from mjx_fit.training import checkpoint
@@ -126,8 +128,8 @@ def test_a_result_has_a_name_by_which_a_report_finds_it(refused, tmp_path):
     ("inside", "argv", "goes_on"),
     [
         ("mjx_fit.dataset.collect.collect", ["collect", "--out", "d"], True),
-        ("mjx_fit.evaluation.experiments.assembly", ["evaluate", "assembly", "--out", "a.json"], True),
-        ("mjx_fit.evaluation.experiments.attempt", ["evaluate", "attempt", "--out", "a.json"], False),
+        ("mjx_fit.evaluation.assembly.assembly", ["evaluate", "assembly", "--out", "a.json"], True),
+        ("mjx_fit.evaluation.attempt.attempt", ["evaluate", "attempt", "--out", "a.json"], False),
         ("mjx_fit.report.build.build", ["report", "d", "--out", "page"], False),
     ],
 )
@@ -160,7 +162,7 @@ def test_a_file_of_ones_own_comes_on_top_of_a_preset(inside, argv, preset, monke
     mine = tmp_path / "mine.yaml"
     mine.write_text("scene: {friction: 0.4}\n")
     assert cli.main([*argv, "--out", str(tmp_path / "out"), "--config", str(mine)]) == 0
-    by_itself = config.load(resources.folder("configs") / f"{preset}.yaml")
+    by_itself = read_config(resources.folder("configs") / f"{preset}.yaml")
     assert asked == [replace(by_itself, scene=replace(by_itself.scene, friction=0.4))]
 
 
@@ -183,7 +185,7 @@ def test_run_without_a_checkpoint(refused, tmp_path):
     assert "no such folder" in refused(*command, "--run", run)
     run.mkdir()
     assert "no training run" in refused(*command, "--run", run)
-    (run / "config.yaml").write_text(config.to_yaml(config.Config()))
+    (run / "config.yaml").write_text(config_to_yaml(Config()))
     assert "no checkpoint" in refused(*command, "--run", run)
     assert not out.exists()
 

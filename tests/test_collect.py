@@ -11,7 +11,8 @@ from collecting import Collector, files_of
 from fakes import FakeEngine, Peeking
 from synthetic import with_truth
 
-from mjx_fit.config import Config, load
+from mjx_fit.config.files import read_config
+from mjx_fit.config.schema import Config
 from mjx_fit.dataset import manifest, shard, store
 from mjx_fit.dataset.draws import pair_of, policy_of
 from mjx_fit.dataset.merge import merge
@@ -73,7 +74,7 @@ def test_describe_counts(folder):
 
 def test_sequences_keep_their_hole_and_end_with_an_insertion(collect, tmp_path):
     """Easy holes and narrow estimates, so that pegs do go in."""
-    easy = load(None, ["scene.clearance_m=0.003", "sequence.max_std_m=0.001", "spiral.push_m=0.008"])
+    easy = read_config(None, ["scene.clearance_m=0.003", "sequence.max_std_m=0.001", "spiral.push_m=0.008"])
     easily = Collector(NativeEngine(easy, 2))
     plan = {"episodes": 36, "sequence": 3, "actions": 30, "policy": "spiral", "batch": 6}
     data = store.load(easily(tmp_path / "easy", easy, **plan))
@@ -104,7 +105,7 @@ def test_sequences_keep_their_hole_and_end_with_an_insertion(collect, tmp_path):
 
 def test_a_spiral_is_as_long_as_an_attempt(collect, tmp_path):
     """Twice the steps must not make it a slower spiral: it is to be what the robot does later."""
-    config = load(None, ["task.attempt_actions=4"])
+    config = read_config(None, ["task.attempt_actions=4"])
     data = store.load(collect(tmp_path / "long", config, episodes=24, batch=24, actions=6)).rollout
     short = store.load(collect(tmp_path / "short", config, episodes=24, batch=24, actions=4)).rollout
     # Fewer steps are the beginning of it, and not a spiral in a hurry.
@@ -175,7 +176,7 @@ def test_later_attempts_start_from_what_a_sensor_believes(native, tmp_path):
             collect(tmp_path / "own", **{**plan, "sensor": sensor})
     with pytest.raises(RequestError, match="--run: it is not allowed with --sequence 1"):
         collect(tmp_path / "one", **{**plan, "sequence": 1})
-    wide = load(None, ["detector.half_width_m=0.03"])
+    wide = read_config(None, ["detector.half_width_m=0.03"])
     with pytest.raises(RequestError, match=r"plate_half_width_m: 0.08 .* random.reach_m and half a peg"):
         collect(tmp_path / "wide", wide, policy="random")
 
@@ -218,7 +219,7 @@ def test_folder_of_another_run_is_refused_and_untouched(folder, collect, tmp_pat
     with pytest.raises(RequestError, match=r"holds another run .its seed differs: 5 there, 6 here"):
         collect(folder, seed=6)
     with pytest.raises(RequestError, match=r"its config differs: scene.friction is 0.3 there and 0.2 here"):
-        collect(folder, load(None, ["scene.friction=0.2"]))
+        collect(folder, read_config(None, ["scene.friction=0.2"]))
     with pytest.raises(RequestError, match=r"holds another run .its part differs"):
         collect(folder, num_shards=2)
     assert files_of(folder) == before
@@ -230,7 +231,7 @@ def test_folder_of_another_run_is_refused_and_untouched(folder, collect, tmp_pat
 
 def test_how_a_sensor_is_built_and_trained_makes_no_other_data(folder, collect):
     before = files_of(folder)
-    collect(folder, load(None, ["sensor.noise=trace", "train.epochs=7"]))
+    collect(folder, read_config(None, ["sensor.noise=trace", "train.epochs=7"]))
     assert files_of(folder) == before
 
 

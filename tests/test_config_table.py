@@ -7,9 +7,9 @@ from typing import get_origin
 import pytest
 from hostile import numbers
 
-from mjx_fit import cli, config, resources
-from mjx_fit.config import Config
-from mjx_fit.config_table import WIDTH, Key, as_text, keys
+from mjx_fit import cli, resources
+from mjx_fit.config.schema import Config, config_to_tree
+from mjx_fit.config.table import WIDTH, Key, as_text, keys
 
 PURE = {
     *("scene.friction", "control.damping_ratio", "task.success_probability", "task.success_by_error"),
@@ -31,7 +31,7 @@ def table() -> dict[str, Key]:
 
 
 def test_every_key_is_there_with_unit_and_description(table):
-    tree = config.to_tree(Config())
+    tree = config_to_tree(Config())
     assert list(table) == [f"{section}.{key}" for section, values in tree.items() for key in values]
     for name, key in table.items():
         assert key.default == key.value == tree[key.section][key.name]

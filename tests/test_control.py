@@ -4,11 +4,11 @@ import mujoco
 import numpy as np
 import pytest
 
+from benchmarks import python_loop
 from mjx_fit import control
-from mjx_fit.bench import reference
+from mjx_fit.config.sections.world import ControlConfig
 from mjx_fit.kinematics import STRAIGHT_DOWN, chain_of, inverse, rotation_error
 from mjx_fit.robot import PANDA
-from mjx_fit.settings import ControlConfig
 
 GAINS = ControlConfig()
 LIMIT_NM = np.array(PANDA.torque_limit_nm, np.float32)
@@ -61,17 +61,17 @@ def test_torque_is_the_textbooks(scene):
     rng = np.random.default_rng(5)
     for data in random_states(model, 30):
         goal = data.site("tip").xpos + rng.uniform(-0.02, 0.02, 3)
-        arm = reference.arm_state(model, data)
+        arm = python_loop.arm_state(model, data)
         got = np.asarray(control.torque(arm, jnp.asarray(goal, jnp.float32), GAINS))
         want = textbook_torque(model, data, goal)
         assert np.abs(got - want).max() < 2e-3 * np.abs(want).max()
-        assert reference.torque(model, data, goal, GAINS) == pytest.approx(want, rel=1e-6, abs=1e-6)
+        assert python_loop.torque(model, data, goal, GAINS) == pytest.approx(want, rel=1e-6, abs=1e-6)
 
 
 def test_torques_stay_within_limits(scene):
     model = scene.models[0]
     data = next(random_states(model, 1))
-    arm = reference.arm_state(model, data)
+    arm = python_loop.arm_state(model, data)
     got = np.asarray(control.torque(arm, jnp.array([3.0, -3.0, 3.0]), GAINS))
     assert (np.abs(got) <= LIMIT_NM).all()
     assert (np.abs(got) == LIMIT_NM).any()
@@ -80,7 +80,7 @@ def test_torques_stay_within_limits(scene):
 def test_tip_velocity_and_quaternion_are_mujocos(scene):
     model = scene.models[0]
     for data in random_states(model, 10, seed=2):
-        arm = reference.arm_state(model, data)
+        arm = python_loop.arm_state(model, data)
         velocity, quat = np.zeros(6), np.zeros(4)
         site = mujoco.mjtObj.mjOBJ_SITE
         mujoco.mj_objectVelocity(model, data, site, model.site("tip").id, velocity, 0)
@@ -100,10 +100,10 @@ def test_the_wrist_reads_what_is_commanded(scene):
     command = jax.jit(lambda arm: control.torque(arm, jnp.asarray(goal, jnp.float32), GAINS))
     for _ in range(1000):
         mujoco.mj_step1(model, data)
-        data.ctrl[:] = command(reference.arm_state(model, data))
+        data.ctrl[:] = command(python_loop.arm_state(model, data))
         mujoco.mj_step2(model, data)
     mujoco.mj_forward(model, data)
-    *_, apart = reference.task_space(model, data)
+    *_, apart = python_loop.task_space(model, data)
     turn = np.asarray(rotation_error(data.site("tip").xmat.reshape(3, 3), STRAIGHT_DOWN))
     commanded = GAINS.kp_position * apart @ np.concatenate([goal - data.site("tip").xpos, turn])
     frame = data.site("wrist_sensor").xmat.reshape(3, 3)
@@ -128,7 +128,7 @@ def test_free_space_reach_settles_without_overshoot(scene):
         track = []
         for _ in range(300):
             mujoco.mj_forward(model, data)
-            arm = reference.arm_state(model, data)
+            arm = python_loop.arm_state(model, data)
             data.ctrl[:] = torque(arm, jnp.asarray(goal, jnp.float32))
             mujoco.mj_step(model, data)
             track.append((data.site("tip").xpos - start)[axis])

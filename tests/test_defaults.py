@@ -6,13 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from mjx_fit import cli, commands, config, resources
+from mjx_fit import cli, commands, resources
 from mjx_fit.arguments import parser
-from mjx_fit.config import Config
+from mjx_fit.config.files import read_config, read_stored_config
+from mjx_fit.config.schema import Config, config_differences, config_to_yaml
+from mjx_fit.config.sections.learning import SensorConfig, TrainConfig
 from mjx_fit.dataset.manifest import Manifest
 from mjx_fit.dataset.plan import Plan, plan_of
 from mjx_fit.errors import RequestError
-from mjx_fit.settings import SensorConfig, TrainConfig
 from mjx_fit.training.checkpoint import load_sensor
 
 REQUESTS = "7b073a3030f4736c0c48500af961d62f"
@@ -56,7 +57,7 @@ def test_steps_is_another_name_of_actions(planned, capsys):
 
 def test_stored_requests_do_not_follow_the_defaults():
     """Bytes of shards and digests of manifests hold them; the key is still ``steps``."""
-    cpu = config.load(resources.folder("configs") / "cpu.yaml")
+    cpu = read_config(resources.folder("configs") / "cpu.yaml")
     asked = [
         Plan(12, 7, "mixed", "native", 3, 4, 2).request(Config()),
         Plan(actions=5, policy="random", engine="native").request(cpu),
@@ -70,13 +71,13 @@ def test_stored_requests_do_not_follow_the_defaults():
 
 
 def test_train_without_a_preset_is_the_training_that_ships():
-    ships = config.load(resources.folder("weights") / "config.yaml")
-    assert ships == Config() == config.load(resources.folder("configs") / "cpu.yaml")
+    ships = read_config(resources.folder("weights") / "config.yaml")
+    assert ships == Config() == read_config(resources.folder("configs") / "cpu.yaml")
 
 
 def test_presets_mean_what_they_meant():
     folder = resources.folder("configs")
-    paper = config.load(folder / "paper.yaml")
+    paper = read_config(folder / "paper.yaml")
     assert paper.sensor == SensorConfig(
         width=64,
         conv_channels=(16, 32, 64, 64, 64),
@@ -106,10 +107,10 @@ def test_presets_mean_what_they_meant():
         patience=0,
         baseline_share=1.0,
     )
-    quick = config.load(folder / "quick.yaml")
-    assert config.differences(Config(), quick) == ["train.baseline_share is 0.5 there and 0.0 here"]
-    demo = config.load(folder / "demo.yaml")
-    assert config.differences(Config(), demo) == [
+    quick = read_config(folder / "quick.yaml")
+    assert config_differences(Config(), quick) == ["train.baseline_share is 0.5 there and 0.0 here"]
+    demo = read_config(folder / "demo.yaml")
+    assert config_differences(Config(), demo) == [
         "task.max_attempts is 30 there and 10 here",
         "task.outcome_model is constant there and covariance here",
     ]
@@ -128,14 +129,14 @@ def test_other_trainings_are_named_with_files_that_exist(monkeypatch, tmp_path):
 def test_a_key_that_a_stored_run_lacks_means_what_it_meant_then(tmp_path):
     """``tests/earlier_run`` is older than noise, places and schedule."""
     folder = Path(__file__).parent / "earlier_run"
-    stored = config.load_stored(folder / "config.yaml")
+    stored = read_stored_config(folder / "config.yaml")
     assert (stored.sensor.noise, stored.sensor.contact_features, stored.sensor.places) == ("peg", False, 0)
     assert (stored.train.schedule, stored.train.mirror, stored.train.weight_decay) == ("constant", False, 0)
     assert (stored.sensor.width, stored.train.epochs) == (8, 2)
     load_sensor(folder)
-    (tmp_path / "c.yaml").write_text(config.to_yaml(Config()))
-    assert config.load_stored(tmp_path / "c.yaml") == Config()
+    (tmp_path / "c.yaml").write_text(config_to_yaml(Config()))
+    assert read_stored_config(tmp_path / "c.yaml") == Config()
     for text in ("sensor: 3", "train: {colour: 1}"):
         (tmp_path / "c.yaml").write_text(text)
         with pytest.raises(RequestError, match=r"^config: (sensor|train)"):
-            config.load_stored(tmp_path / "c.yaml")
+            read_stored_config(tmp_path / "c.yaml")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
 from mjx_fit.dataset.draws import draw_attempts, draw_later_attempts, pair_of, policy_of
 from mjx_fit.randomness import root_key
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from mjx_fit import policies, wrist
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
 from mjx_fit.dataset import collect, shard, store
 from mjx_fit.dataset.draws import draw_attempts, pair_of
 from mjx_fit.dataset.plan import Plan

@@ -15,7 +15,7 @@ import pytest
 from collecting import Collector, run
 from fakes import FakeEngine
 
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
 from mjx_fit.types import Attempt, Belief, Observation
 
 EXAMPLES = Path(__file__).parent.parent / "experiments" / "data"

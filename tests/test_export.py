@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from collecting import Collector
 
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
 from mjx_fit.dataset import manifest, shard, store
 from mjx_fit.dataset.export import export
 from mjx_fit.dataset.windows import split

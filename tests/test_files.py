@@ -11,7 +11,7 @@ import pytest
 from faults import Faults, without
 
 from mjx_fit import cli, files, filesystem, locks
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
 from mjx_fit.errors import RequestError, WorkError
 from mjx_fit.evaluation import outcome, parts
 from mjx_fit.training import run_files, run_folder

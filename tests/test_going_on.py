@@ -13,7 +13,7 @@ from synthetic import make_episodes
 from test_training import CONFIG, DATA, EPISODES, files, metrics
 
 from mjx_fit.cli import main
-from mjx_fit.config import to_yaml
+from mjx_fit.config.schema import config_to_yaml
 from mjx_fit.errors import RequestError
 from mjx_fit.training import kinship, run_files
 from mjx_fit.training.baseline import FRAME_BY_FRAME, train_with_baseline
@@ -270,7 +270,7 @@ def test_a_finished_run_repeated_says_that_nothing_was_left(tmp_path, capsys, mo
     monkeypatch.setattr("mjx_fit.training.baseline.train_from", partial(_train_on_data, DATA))
     monkeypatch.setattr("mjx_fit.dataset.manifest.read", lambda folder: SimpleNamespace(part=(0, 1)))
     whole = tmp_path / "config.yaml"
-    whole.write_text(to_yaml(with_train(epochs=24, patience=2, baseline_share=0.0)))
+    whole.write_text(config_to_yaml(with_train(epochs=24, patience=2, baseline_share=0.0)))
     command = ["train", "--data", "set", "--out", str(tmp_path / "run"), "--config", str(whole)]
     early = "stopped early after"
     for more, said in (

@@ -15,7 +15,8 @@ from faults import Faults, Killed
 from synthetic import with_trace, with_truth
 
 from mjx_fit import resources
-from mjx_fit.config import Config, load
+from mjx_fit.config.files import read_config
+from mjx_fit.config.schema import Config
 from mjx_fit.evaluation import insertion, outcome, parts, position
 from mjx_fit.evaluation.request import Request
 from mjx_fit.filters.belief import initial_belief
@@ -250,7 +251,7 @@ def test_trials_of_position_and_insertion_are_what_they_are_said_to_be(tmp_path)
         position.position(replace(without, methods="full,frame_by_frame"))
     with pytest.raises(outcome.RequestError, match="--run: none is not allowed: full needs"):
         position.position(replace(without, methods="full", sensor=None))
-    wide = load(None, ["scene.clearance_m=0.002"])
+    wide = read_config(None, ["scene.clearance_m=0.002"])
     found = position.position(replace(base, config=wide, out=tmp_path / "w.json", trials=2, methods="oracle"))
     assert found.request["differs_from_training"] == []
 

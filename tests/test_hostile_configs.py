@@ -13,9 +13,10 @@ import numpy as np
 import pytest
 from fakes import FakeEngine
 
-from mjx_fit import cli, config, resources
+from mjx_fit import cli, resources
 from mjx_fit.arguments import parser
-from mjx_fit.config import Config
+from mjx_fit.config.files import read_config
+from mjx_fit.config.schema import Config, config_to_tree, config_to_yaml
 from mjx_fit.dataset.collect import collect
 from mjx_fit.dataset.draws import draw_attempts
 from mjx_fit.dataset.plan import Plan
@@ -55,7 +56,7 @@ def outcomes(tmp_path_factory) -> list[Config | str]:
             paths, sets = hostile.write(request, folder)
             began = time.process_time()
             try:
-                found.append(config.load(paths, sets))
+                found.append(read_config(paths, sets))
             except RequestError as error:
                 found.append(str(error))
             assert time.process_time() - began < CPU_S, request
@@ -63,7 +64,7 @@ def outcomes(tmp_path_factory) -> list[Config | str]:
 
 
 def test_a_thousand_configurations_are_taken_or_refused_in_one_line(outcomes):
-    taken = {config.to_yaml(one) for one in outcomes if isinstance(one, Config)}
+    taken = {config_to_yaml(one) for one in outcomes if isinstance(one, Config)}
     refused = [one for one in outcomes if isinstance(one, str)]
     assert len(taken) >= 100
     assert len(refused) >= 300
@@ -96,11 +97,11 @@ def test_the_fifty_are_of_the_thousand(outcomes):
 
 def fifty_of(outcomes: list[Config | str]) -> list[tuple[str, ...]]:
     """What ``accepted_configs.json`` holds: those that change most of what is simulated, as --set strings."""
-    home = config.to_tree(Config())
+    home = config_to_tree(Config())
     found = []
     for one in outcomes:
         if isinstance(one, Config):
-            tree = config.to_tree(one)
+            tree = config_to_tree(one)
             found.append(
                 tuple(
                     f"{section}.{key}={json.dumps(value)}"
@@ -125,7 +126,7 @@ def test_fifty_accepted_configurations_run(sets):
 
 def assert_it_runs(sets: tuple[str, ...]) -> None:
     """One attempt of each policy, two actions each: valid, finite, upright."""
-    asked = config.load(None, sets)
+    asked = read_config(None, sets)
     attempts = draw_attempts(root_key(0, "hostile"), np.array([0, 3]), "mixed", asked)
     done = NativeEngine(asked, threads=1).run(attempts, 2, horizon=max(2, asked.task.attempt_actions))
     assert done.truth.valid.all()
@@ -156,7 +157,7 @@ def test_every_number_has_both_ends(section, key, kind, low, high):
     beyond = [repr(kind(value)) for value in (low - 1, high + 1, 2 * high + 1)]
     for text in (*beyond, "1e308", "-1e308", ".nan", ".inf", "-.inf", "1" + "0" * 99, "1" + "0" * 400):
         with pytest.raises(RequestError, match=rf"{section}\.{key}.*is not allowed") as error:
-            config.load(None, [f"{section}.{key}={text}"])
+            read_config(None, [f"{section}.{key}={text}"])
         assert len(str(error.value)) < 400
         if len(text) < 100:
             assert f"between {low} and {high}" in str(error.value)
@@ -172,11 +173,11 @@ def _beside(section: str, key: str, end: float) -> dict:
 def test_ranges_hold_what_is_planned():
     """The worlds of DESIGN's section 9."""
     for kp in (350, 360, 375, 565 * math.exp(-0.41), 565 * math.exp(0.41), 840, 1000, 1400):
-        config.load(None, [f"control.kp_position={kp}", f"control.kp_orientation={kp}"])
+        read_config(None, [f"control.kp_position={kp}", f"control.kp_orientation={kp}"])
     for friction in (0.15, 0.25, 0.6, 0.8, 1.25):
         for contact_time in (0.004, 0.01, 0.02):
-            config.load(None, [f"scene.friction={friction}", f"scene.contact_time_s={contact_time}"])
-    config.load(None, ["wrist.force_noise_n=1", "spiral.push_m=0.008", "spiral.wiggle_m=0.0025"])
+            read_config(None, [f"scene.friction={friction}", f"scene.contact_time_s={contact_time}"])
+    read_config(None, ["wrist.force_noise_n=1", "spiral.push_m=0.008", "spiral.wiggle_m=0.0025"])
 
 
 @pytest.mark.parametrize(
@@ -198,7 +199,7 @@ def test_ranges_hold_what_is_planned():
 )
 def test_what_tilts_a_peg_or_lifts_it_is_refused(sets, field):
     with pytest.raises(RequestError, match=rf"^config: {field}: .* is not allowed: it must be .*between"):
-        config.load(None, sets)
+        read_config(None, sets)
 
 
 @pytest.mark.parametrize(
@@ -210,7 +211,7 @@ def test_what_tilts_a_peg_or_lifts_it_is_refused(sets, field):
     ],
 )
 def test_sweeps_that_tilt_a_peg_are_refused_where_they_are_used(sets, tmp_path):
-    asked = config.load(None, sets)
+    asked = read_config(None, sets)
     with pytest.raises(
         RequestError, match=r"^config: random\.reach_m: .* is not allowed: it must be between"
     ):
@@ -285,4 +286,4 @@ def test_whole_numbers_without_end_are_refused_everywhere(name, option, tmp_path
 def test_every_shipped_configuration_is_accepted():
     for folder in ("configs", "weights"):
         for path in resources.folder(folder).rglob("*.yaml"):
-            config.load(path)
+            read_config(path)

@@ -7,10 +7,11 @@ from typing import Any
 import pytest
 
 from mjx_fit import provenance
-from mjx_fit.config import Config, load
+from mjx_fit.config.files import read_config
+from mjx_fit.config.schema import Config
+from mjx_fit.config.sections.shape import SHAPES, Shape
 from mjx_fit.dataset import manifest, store
 from mjx_fit.errors import RequestError
-from mjx_fit.settings import SHAPES, Shape
 from mjx_fit.training import kinship
 from mjx_fit.training.baseline import train_from
 from mjx_fit.training.trained_sensor import TrainedSensor
@@ -51,11 +52,11 @@ def test_other_holes_are_new(run, collect, tmp_path):
 
 def test_data_of_another_world_are_refused(folder, tmp_path):
     for key, value in (("scene.clearance_m", 0.002), ("control.kp_position", 500.0)):
-        config = load(None, [f"{key}={value}"])
+        config = read_config(None, [f"{key}={value}"])
         with pytest.raises(RequestError, match=rf"--data: .*{key} is .* there and {value} here"):
             train_from(folder, config, tmp_path / "run", seed=0)
     assert not (tmp_path / "run").exists()
-    kinship.require_world(manifest.read(folder).request, load(None, ["wrist.force_noise_n=0.2"]))
+    kinship.require_world(manifest.read(folder).request, read_config(None, ["wrist.force_noise_n=0.2"]))
 
 
 def test_data_of_other_shapes_are_refused(collect, tmp_path):

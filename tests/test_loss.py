@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
 from mjx_fit.dataset.windows import Sample
 from mjx_fit.filters.success import constant_matrix
 from mjx_fit.training.loss import filter_loss, frame_by_frame_loss, sequence_loss, weighted_sum

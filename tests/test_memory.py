@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mjx_fit import cli, memory
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
 from mjx_fit.dataset.draws import draw_attempts
 from mjx_fit.errors import RequestError
 from mjx_fit.types import ACTION_BYTES

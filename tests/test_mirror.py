@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 from synthetic import make_rollouts
 
 from mjx_fit import policies
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
+from mjx_fit.config.sections.world import WristConfig
 from mjx_fit.dataset.mirror import mirror_belief, mirror_place, mirror_reading
-from mjx_fit.settings import WristConfig
 from mjx_fit.simulate.native import NativeEngine
 from mjx_fit.types import Attempt, Belief, Reading
 from mjx_fit.wrist import centre_of_pressure, peak_force, read, touched

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 from collecting import files_of
 
-from mjx_fit import cli, config, numerics, provenance, randomness, runtime
+from mjx_fit import cli, numerics, provenance, randomness, runtime
+from mjx_fit.config.schema import Config
 from mjx_fit.dataset import manifest
 from mjx_fit.errors import RequestError
 from mjx_fit.evaluation import parts
@@ -73,7 +74,7 @@ def test_commands_set_it(option):
 
 
 def test_every_way_into_the_library_looks():
-    settings = config.Config()
+    settings = Config()
     ways = (
         lambda: make_engine("native", settings),
         lambda: make_engine("mjx", settings),

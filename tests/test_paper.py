@@ -5,8 +5,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from mjx_fit import config, resources
 from mjx_fit import paper as paper_
+from mjx_fit import resources
+from mjx_fit.config.files import read_config
 from mjx_fit.errors import RequestError
 from mjx_fit.evaluation import request, results
 from mjx_fit.paper import RESULTS, SIZES, Size, paper, size_of
@@ -52,7 +53,7 @@ def asked(monkeypatch):
 
 def test_what_each_stage_is_asked(tmp_path, asked):
     out = tmp_path / "paper"
-    paper(config.load(None, TINY), out, SIZE, 10)
+    paper(read_config(None, TINY), out, SIZE, 10)
     names = ["collect", "collect", "train_from", "calibrate", "collect", "calibrate"]
     names += [name.split("_")[0] for name in RESULTS[2:]]
     assert [name for name, _ in asked] == [*names, "build"]
@@ -83,7 +84,7 @@ def test_what_each_stage_is_asked(tmp_path, asked):
 
 @pytest.mark.slow
 def test_every_stage_is_done_once_and_a_kill_goes_on(tmp_path, monkeypatch, capsys):
-    settings = config.load(None, TINY)
+    settings = read_config(None, TINY)
     out = tmp_path / "paper"
 
     def killed(*args):
@@ -113,13 +114,13 @@ def test_every_stage_is_done_once_and_a_kill_goes_on(tmp_path, monkeypatch, caps
 def test_sizes_have_names_and_presets_that_can_be_compared(tmp_path):
     for name, size in SIZES.items():
         assert size_of(name) == size
-        assert config.load(resources.folder("configs") / f"{size.preset}.yaml").train.baseline_share > 0
+        assert read_config(resources.folder("configs") / f"{size.preset}.yaml").train.baseline_share > 0
         for count in (size.episodes / size.sequence, size.own / 5):
             assert count == int(count)
     with pytest.raises(RequestError, match="it must be above 0"):
-        paper(config.load(None, [*TINY, "train.baseline_share=0"]), tmp_path / "p", SIZE, 0)
+        paper(read_config(None, [*TINY, "train.baseline_share=0"]), tmp_path / "p", SIZE, 0)
     (tmp_path / "mine.json").write_text("{}")
     with pytest.raises(RequestError, match="it holds other files"):
-        paper(config.load(None, TINY), tmp_path, SIZE, 0)
+        paper(read_config(None, TINY), tmp_path, SIZE, 0)
     with pytest.raises(RequestError, match="--size: 'huge' is not allowed: choose from quick, cpu, full"):
         size_of("huge")

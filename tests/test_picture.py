@@ -14,7 +14,9 @@ from PIL import Image
 from synthetic import with_truth
 
 from mjx_fit import files
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
+from mjx_fit.config.sections.shape import SHAPES
+from mjx_fit.config.sections.world import SceneConfig
 from mjx_fit.errors import RequestError, WorkError
 from mjx_fit.evaluation import experiments, parts, playback, results
 from mjx_fit.evaluation.playback import Pick
@@ -24,7 +26,6 @@ from mjx_fit.picture.motion import moments
 from mjx_fit.picture.panel import Panel
 from mjx_fit.picture.puppet import RADIUS_90, Puppet, mixed
 from mjx_fit.robot import PANDA
-from mjx_fit.settings import SHAPES, SceneConfig
 from mjx_fit.training.trained_sensor import TrainedSensor
 from mjx_fit.type_colours import TYPE_RGB
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from synthetic import make_episodes
 
 from mjx_fit import policies
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
 from mjx_fit.dataset import collect, store
 from mjx_fit.dataset.draws import draw_attempts
 from mjx_fit.dataset.episode import happened

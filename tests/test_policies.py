@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from mjx_fit import policies
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
+from mjx_fit.config.sections.world import DetectorConfig, RandomConfig, SpiralConfig
 from mjx_fit.detector import detect
-from mjx_fit.settings import DetectorConfig, RandomConfig, SpiralConfig
 from mjx_fit.types import Attempt
 
 QUIET = SpiralConfig(wiggle_m=0.0)

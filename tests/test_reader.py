@@ -10,10 +10,10 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from synthetic import PAPER_TRAINING, make_episodes
 
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
+from mjx_fit.config.sections.learning import TrainConfig
 from mjx_fit.dataset.reader import batches, equal_batches, placed
 from mjx_fit.dataset.windows import sample_windows
-from mjx_fit.settings import TrainConfig
 
 DATA = make_episodes(20, actions=12, min_length=6)
 CHOSEN = np.arange(3, 20)

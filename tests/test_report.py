@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from faults import NO_ROOM, Faults, Killed
 
-from mjx_fit import config
+from mjx_fit.config.schema import Config, config_to_tree
 from mjx_fit.dataset.episode import Episode
 from mjx_fit.dataset.plan import Plan
 from mjx_fit.dataset.shard import encode
@@ -43,7 +43,7 @@ def assembly(methods: dict[str, float], n_trials: int) -> Result:
                  "holes": ["cross"] * 5, "tried": [[0] * min(count, 30) for count in needed.tolist()],
                  "attempts": np.minimum(needed, 30).tolist(), "human": (needed > 30).tolist()}
             )  # fmt: skip
-    tree = config.to_tree(config.Config())
+    tree = config_to_tree(Config())
     return Result("assembly", tree, 0, "native", "cpu", {"jax": "0.10"}, summarise_assembly(trials), trials)
 
 
@@ -81,7 +81,7 @@ def as_stored(leaf: np.ndarray) -> np.ndarray:
 
 def dataset_folder(path: Path) -> Path:
     plan = Plan(episodes=20, actions=30, policy="random", engine="native", seed=12)
-    request, ids = plan.request(config.Config()), np.arange(20)
+    request, ids = plan.request(Config()), np.arange(20)
     cov = np.tile(1e-4 * np.eye(2, dtype=np.float32), (20, 1, 1))
     policy = np.zeros(20, np.int32)
     episodes = Episode(ids, ids, 0 * ids, policy, cov, jax.tree.map(as_stored, interactions()))

@@ -12,7 +12,7 @@ from flax import nnx
 from synthetic import make_rollouts, with_truth
 
 from mjx_fit import policies, wrist
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
 from mjx_fit.dataset.draws import draw_attempts
 from mjx_fit.errors import RequestError
 from mjx_fit.filters.belief import initial_belief

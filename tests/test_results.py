@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mjx_fit import config
+from mjx_fit.config.schema import Config, config_to_tree
 from mjx_fit.errors import RequestError
 from mjx_fit.evaluation import results
 from mjx_fit.evaluation.results import Result, summarise_assembly, summarise_attempt
@@ -35,7 +35,7 @@ ATTEMPTS = [
 ]  # fmt: skip
 RESULT = Result(
     experiment="assembly",
-    config=config.to_tree(config.Config()),
+    config=config_to_tree(Config()),
     seed=3,
     request={"trials": 2},
     engine="native",

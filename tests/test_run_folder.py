@@ -12,7 +12,7 @@ import pytest
 from synthetic import make_episodes
 
 from mjx_fit import locks
-from mjx_fit.config import Config, to_yaml
+from mjx_fit.config.schema import Config, config_to_yaml
 from mjx_fit.errors import RequestError
 from mjx_fit.training import checkpoint, kinship, run_files, run_folder, saver
 from mjx_fit.training.baseline import train_with_baseline
@@ -25,7 +25,7 @@ DEEP = "[" * 100_000
 
 @pytest.fixture
 def run(tmp_path) -> Path:
-    (tmp_path / "config.yaml").write_text(to_yaml(Config()))
+    (tmp_path / "config.yaml").write_text(config_to_yaml(Config()))
     (tmp_path / "run.json").write_text(json.dumps({"seed": 0, "data": "d"}))
     write_rows(tmp_path, *(ROW | {"epoch": epoch} for epoch in range(3)))
     return tmp_path
@@ -128,7 +128,7 @@ def test_a_damaged_configuration_is_refused(content, run):
 
 
 def test_a_start_that_was_killed_is_no_other_run(tmp_path):
-    (tmp_path / "config.yaml").write_text(to_yaml(Config()))
+    (tmp_path / "config.yaml").write_text(config_to_yaml(Config()))
     for name in ("config.yaml.tmp", "config.yaml.0123abcd.tmp", "run.json.89abcdef.tmp", ".lock"):
         (tmp_path / name).write_bytes(b"{")
     run_folder.check(tmp_path, Config(), 0, "d")

@@ -1,4 +1,5 @@
 import dataclasses
+from typing import get_args
 
 import jax.numpy as jnp
 import mujoco
@@ -7,10 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mjx_fit.config.sections.shape import SHAPES, Shape
+from mjx_fit.config.sections.world import RobotName, SceneConfig
 from mjx_fit.kinematics import chain_of, inverse
-from mjx_fit.robot import PANDA
+from mjx_fit.robot import PANDA, ROBOTS
 from mjx_fit.scene import pair_index, picture_scene, place_holes, simulation_scene
-from mjx_fit.settings import SHAPES, SceneConfig, Shape
 from mjx_fit.shapes import hole_boxes, peg_boxes
 
 MASS = {
@@ -146,3 +148,7 @@ def test_holes_may_stand_side_by_side():
         gap = np.abs(centres[:, None] - centres)[np.triu_indices(3, 1)]
         beside += (gap.min(1) < 2 * config.plate_half_width_m).sum()
     assert beside > 10
+
+
+def test_a_configuration_names_every_robot():
+    assert get_args(RobotName) == tuple(ROBOTS)

@@ -11,6 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic import PAPER_SENSOR, make_rollouts
 
+from mjx_fit.config.sections.learning import SensorConfig
+from mjx_fit.config.sections.world import SceneConfig, WristConfig
 from mjx_fit.errors import RequestError
 from mjx_fit.sensors.encoder import TraceEncoder
 from mjx_fit.sensors.heads import PositionNoise
@@ -22,7 +24,6 @@ from mjx_fit.sensors.model import (
     final_position,
     row_features,
 )
-from mjx_fit.settings import SceneConfig, SensorConfig, WristConfig
 from mjx_fit.types import Observation, Reading
 from mjx_fit.wrist import read
 

@@ -8,10 +8,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjx_fit.config import Config, load
+from mjx_fit.config.files import read_config
+from mjx_fit.config.schema import Config
+from mjx_fit.config.sections.shape import SHAPES, Shape
+from mjx_fit.config.sections.world import SceneConfig
 from mjx_fit.errors import RequestError
 from mjx_fit.policies import SPIRAL
-from mjx_fit.settings import SHAPES, SceneConfig, Shape
 from mjx_fit.shapes import hole_boxes, peg_boxes, plate_top_m
 from mjx_fit.simulate.native import NativeEngine
 from mjx_fit.training.sides import require_symmetric
@@ -110,9 +112,9 @@ def test_a_lopsided_shape_is_not_shown_mirrored():
     assert all(shape.is_its_own_mirror_image for shape in (*SHAPES, TEE))
     assert not ELL.is_its_own_mirror_image
     shapes = [{"name": s.name, "rectangles": [list(r) for r in s.rectangles]} for s in (ELL, *SHAPES[1:])]
-    config = load(None, [f"scene.shapes={shapes}", "train.mirror=false"])
+    config = read_config(None, [f"scene.shapes={shapes}", "train.mirror=false"])
     assert config.scene.names == ("ell", "rectangle", "square")
-    mirrored = load(None, [f"scene.shapes={shapes}", "train.mirror=true"])
+    mirrored = read_config(None, [f"scene.shapes={shapes}", "train.mirror=true"])
     with pytest.raises(RequestError, match=r"train\.mirror: True is not allowed: mirrored, the shape 'ell'"):
         require_symmetric(mirrored)
     require_symmetric(config)
@@ -135,7 +137,7 @@ def test_a_lopsided_shape_is_not_shown_mirrored():
 )
 def test_shapes_that_are_none(shapes, words):
     with pytest.raises(RequestError, match=words) as error:
-        load(None, [f"scene.shapes={shapes}"])
+        read_config(None, [f"scene.shapes={shapes}"])
     assert "\n" not in str(error.value)
 
 
@@ -150,7 +152,7 @@ def test_a_peg_that_is_let_through_stays_over_its_plate(half_width, radius, plat
     """Straight from the corners: the worst error and the worst of the spiral along either axis."""
     settings = (f"detector.half_width_m={half_width}", f"spiral.radius_m={radius}")
     try:
-        config = load(None, [*settings, f"scene.plate_half_width_m={plate}"])
+        config = read_config(None, [*settings, f"scene.plate_half_width_m={plate}"])
     except RequestError:
         return
     corners = np.abs([rectangle for shape in config.scene.shapes for rectangle in shape.rectangles])

@@ -7,9 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjx_fit import config, strict_yaml
+from mjx_fit.config import strict_yaml
+from mjx_fit.config.files import read_config
+from mjx_fit.config.schema import config_from_yaml, config_to_yaml
+from mjx_fit.config.strict_yaml import StrictYamlError
 from mjx_fit.errors import RequestError
-from mjx_fit.strict_yaml import StrictYamlError
 
 
 @pytest.mark.parametrize(
@@ -54,7 +56,7 @@ def test_values_mean_what_a_researcher_means(text, value):
 def test_not_a_number_is_read_and_no_field_takes_it():
     assert math.isnan(strict_yaml.load(".nan"))
     with pytest.raises(RequestError, match=r"scene\.friction: nan is not allowed"):
-        config.load(None, ["scene.friction=.nan"])
+        read_config(None, ["scene.friction=.nan"])
 
 
 @pytest.mark.parametrize(
@@ -140,7 +142,7 @@ def test_files_are_utf_8_whatever_the_locale(tmp_path, monkeypatch):
     monkeypatch.setenv("LC_ALL", "C")
     path = tmp_path / "c.yaml"
     path.write_bytes("# größer\ntask: {n_holes: 3}".encode())
-    assert config.load(path).task.n_holes == 3
+    assert read_config(path).task.n_holes == 3
     for content in (
         "task: {n_holes: 3}".encode("utf-16"),
         b"\xef\xbb\xbftask: {}",
@@ -148,13 +150,13 @@ def test_files_are_utf_8_whatever_the_locale(tmp_path, monkeypatch):
     ):
         path.write_bytes(content)
         with pytest.raises(RequestError, match=r"c\.yaml cannot be read: .* is not allowed"):
-            config.load(path)
+            read_config(path)
 
 
 def test_paths_that_are_none_are_one_line(tmp_path):
     for path in ("a\0b", "x" * 5000, str(tmp_path), "new\nline", "\udcff"):
         with pytest.raises(RequestError, match=r"^config: .* cannot be read: ") as error:
-            config.load(type(tmp_path)(path))
+            read_config(type(tmp_path)(path))
         assert str(error.value).isprintable()
         assert len(str(error.value)) < 400
 
@@ -163,13 +165,13 @@ def test_a_large_file_is_refused_before_it_is_read(tmp_path):
     (tmp_path / "c.yaml").write_text("scene: {friction: 0.3}\n" * 450_000)
     began = time.process_time()
     with pytest.raises(RequestError, match="more than the 131072 bytes"):
-        config.load(tmp_path / "c.yaml")
+        read_config(tmp_path / "c.yaml")
     assert time.process_time() - began < 0.1
 
 
 def test_a_section_twice_in_set_is_refused():
     with pytest.raises(RequestError, match="'name' is given twice"):
-        config.load(None, ["scene.shapes=[{name: a, name: b}]"])
+        read_config(None, ["scene.shapes=[{name: a, name: b}]"])
 
 
 def test_what_to_yaml_wrote_is_read(tmp_path):
@@ -177,10 +179,10 @@ def test_what_to_yaml_wrote_is_read(tmp_path):
         "[{name: 'no', rectangles: [[0, 0, 1e-2, 0.01]]}, {name: 'null', rectangles: [[0, 0, 0.01, 0.01]]}, "
         "{name: y, rectangles: [[0, 0, 0.01, 0.01]]}]"
     )
-    odd = config.load(
+    odd = read_config(
         None, [f"scene.shapes={shapes}", "train.learning_rate=1e-12", "detector.half_width_m=5e-324"]
     )
-    assert config.from_yaml(config.to_yaml(odd)) == odd
+    assert config_from_yaml(config_to_yaml(odd)) == odd
     assert odd.scene.names == ("no", "null", "y")
     with pytest.raises(RequestError, match="the key 'a' is given twice"):
-        config.from_yaml("a: 1\na: 2")
+        config_from_yaml("a: 1\na: 2")

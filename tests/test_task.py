@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from synthetic import with_truth
 
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
 from mjx_fit.errors import RequestError
 from mjx_fit.filters.belief import initial_belief
 from mjx_fit.filters.success import constant_matrix, success_probability

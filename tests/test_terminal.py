@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mjx_fit import cli
-from mjx_fit.config import Config, differences, load
+from mjx_fit.config.files import read_config
+from mjx_fit.config.schema import Config, config_differences
 from mjx_fit.evaluation import playback
 from mjx_fit.evaluation.results import Result
 from mjx_fit.evaluation.statistics import Row
@@ -64,8 +65,8 @@ def test_it_is_one_line_whatever_a_result_says(differs):
     ],
 )
 def test_settings_of_the_network_are_the_runs_own(change, is_said):
-    assert bool(away_from_training(differences(Config(), load(None, [change])))) == is_said
-    assert away_from_training(differences(Config(), Config())) == ""
+    assert bool(away_from_training(config_differences(Config(), read_config(None, [change])))) == is_said
+    assert away_from_training(config_differences(Config(), Config())) == ""
 
 
 def test_collecting_and_playing_away_from_the_training_say_so(capsys, monkeypatch):
@@ -80,7 +81,7 @@ def test_collecting_and_playing_away_from_the_training_say_so(capsys, monkeypatc
     away = ["--set", "scene.friction=0.6"]
     for options, is_away in ((away, True), ([], False)):
         assert cli.main([*collecting, *options]) == 0
-        config = load(None, options[1:])
+        config = read_config(None, options[1:])
         with pytest.raises(KeyboardInterrupt):
             playback.record(config, playback.Pick("full", 0), 0, FakeEngine(), sensor)
         line = "settings differ from the sensor's training: scene.friction is 0.3 there and 0.6 here"

@@ -7,10 +7,10 @@ import pytest
 from flax import nnx
 from synthetic import PAPER_SENSOR, PAPER_TRAINING, make_episodes
 
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
+from mjx_fit.config.sections.learning import SensorConfig, TrainConfig
 from mjx_fit.dataset.windows import sample_windows
 from mjx_fit.sensors.model import ContactSensor
-from mjx_fit.settings import SensorConfig, TrainConfig
 from mjx_fit.training.loss import filter_loss
 
 pytest.importorskip("torch")
@@ -37,7 +37,7 @@ def sensor(sample):
 
 
 def test_loss_and_gradients_are_pytorchs(sensor, sample):
-    from mjx_fit.bench import torch_twin
+    from benchmarks import torch_twin
 
     twin = torch_twin.ContactSensor(CONFIG.sensor)
     torch_twin.copy_weights(sensor, twin)

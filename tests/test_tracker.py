@@ -14,8 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import mjx_fit as mf
+from mjx_fit.config.sections.world import WristConfig
 from mjx_fit.filters.belief import initial_belief
-from mjx_fit.settings import WristConfig
 from mjx_fit.task.learning import filter_update
 
 OWN = Path(__file__).parent.parent / "experiments" / "own"

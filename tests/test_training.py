@@ -18,11 +18,12 @@ from faults import Faults
 from flax import nnx
 from synthetic import PAPER_SENSOR, PAPER_TRAINING, make_episodes, with_felt, with_trace, with_truth
 
-from mjx_fit.config import Config, load, to_tree
+from mjx_fit.config.files import read_config
+from mjx_fit.config.schema import Config, config_to_tree
+from mjx_fit.config.sections.learning import SensorConfig, TrainConfig
 from mjx_fit.dataset.reader import placed
 from mjx_fit.dataset.windows import sample_windows
 from mjx_fit.errors import RequestError, WorkError
-from mjx_fit.settings import SensorConfig, TrainConfig
 from mjx_fit.training import run_files
 from mjx_fit.training.baseline import FRAME_BY_FRAME, train_with_baseline
 from mjx_fit.training.checkpoint import LAST, from_arrays, load_sensor, to_arrays
@@ -103,7 +104,7 @@ def test_it_learns_more_than_the_prior_knows(run):
 
 
 def test_the_folder_says_what_the_run_is(run):
-    assert load(run / "config.yaml") == CONFIG
+    assert read_config(run / "config.yaml") == CONFIG
     told = json.loads((run / "run.json").read_text())
     assert told["seed"] == 0
     assert told["versions"]["jax"] == jax.__version__
@@ -162,7 +163,7 @@ def test_more_epochs_continue_the_run(run, tmp_path):
     train(DATA, longer, out, 0)
     assert metrics(out)[:EPOCHS] == metrics(run)
     assert len(metrics(out)) == EPOCHS + 2
-    assert load(out / "config.yaml") == longer
+    assert read_config(out / "config.yaml") == longer
 
 
 @pytest.mark.parametrize(
@@ -357,7 +358,7 @@ def test_training_through_sequences(tmp_path, monkeypatch):
     train(data, config, tmp_path / "host", 0)
     for one, other in zip(rows, metrics(tmp_path / "host"), strict=True):
         assert one == pytest.approx(other, rel=1e-4, abs=1e-4)
-    asked = {"steps": 8, "config": to_tree(Config())}
+    asked = {"steps": 8, "config": config_to_tree(Config())}
     for request, message in (
         ({"sequence": 2, "sensor": "x"}, "they have 2 attempts in a row; collect them with --sequence 3"),
         ({"sequence": 3}, "start from drawn estimates; collect them with the --run of a sensor"),

@@ -14,15 +14,17 @@ import pytest
 from fakes import FakeEngine
 from synthetic import with_truth
 
-from mjx_fit import config as config_
-from mjx_fit.config import Config
+from mjx_fit.config.files import read_config
+from mjx_fit.config.schema import Config, config_from_tree, config_from_yaml, config_to_tree, config_to_yaml
+from mjx_fit.config.sections.shape import SHAPES, Shape
+from mjx_fit.config.sections.task import TaskConfig
+from mjx_fit.config.sections.world import SceneConfig
 from mjx_fit.dataset.draws import draw_attempts, pair_of, policy_of
 from mjx_fit.errors import RequestError
 from mjx_fit.evaluation import experiments, position, results
 from mjx_fit.evaluation.request import Request
 from mjx_fit.filters.success import constant_matrix, success_probability
 from mjx_fit.scene import pair_index, simulation_scene
-from mjx_fit.settings import SHAPES, SceneConfig, Shape, TaskConfig
 from mjx_fit.simulate.native import NativeEngine
 from mjx_fit.task import assembly, methods
 from mjx_fit.task import trials as trials_
@@ -74,7 +76,7 @@ def test_policies_alternate_from_one_time_to_the_next_where_a_pair_comes_again_a
 def test_the_default_rates_of_other_shapes_are_the_mean_of_ours(n):
     config = config_of(n)
     assert constant_matrix(config.task) == pytest.approx(np.eye(n) * (0.118 + 0.162 + 0.117) / 3, abs=1e-6)
-    assert config_.from_yaml(config_.to_yaml(config)) == config
+    assert config_from_yaml(config_to_yaml(config)) == config
     assert Config().task.success_probability == (0.118, 0.162, 0.117)
     covariance = replace(config, task=replace(config.task, outcome_model="covariance"))
     got = success_probability(covariance, jnp.eye(2) * 1e-6)
@@ -111,16 +113,16 @@ def test_pairs_that_do_not_match_keep_the_matrix_in_either_outcome_model(outcome
 )
 def test_rates_that_are_no_matrix_of_the_shapes_are_refused(rates, what):
     with pytest.raises(RequestError, match=what):
-        config_.load(None, [f"task.success_probability={rates}"])
+        read_config(None, [f"task.success_probability={rates}"])
 
 
 def test_one_to_twelve_shapes_are_allowed():
-    tree = config_.to_tree(config_of(12))["scene"]["shapes"]
+    tree = config_to_tree(config_of(12))["scene"]["shapes"]
     for wrong in ([], [*tree, {**tree[0], "name": "another"}]):
         with pytest.raises(RequestError, match=r"scene.shapes: \d+ given, at (least 1|most 12) are allowed"):
-            config_.from_tree({"scene": {"shapes": wrong}})
+            config_from_tree({"scene": {"shapes": wrong}})
     with pytest.raises(RequestError, match="names must differ"):
-        config_.from_tree({"scene": {"shapes": tree[:1] * 2}})
+        config_from_tree({"scene": {"shapes": tree[:1] * 2}})
 
 
 def test_a_scene_of_twelve_shapes_has_a_model_for_each_pair_and_runs():
@@ -233,7 +235,7 @@ def test_three_other_shapes_keep_their_rates_when_replaced():
 def test_from_data_to_video_end_to_end(n, tmp_path):
     """Every command once, as small as it gets."""
     scene, recipe = tmp_path / "scene.yaml", tmp_path / "recipe.yaml"
-    scene.write_text(json.dumps({"scene": {"shapes": config_.to_tree(config_of(n))["scene"]["shapes"]}}))
+    scene.write_text(json.dumps({"scene": {"shapes": config_to_tree(config_of(n))["scene"]["shapes"]}}))
     network = {"width": 16, "conv_channels": [4] * 5, "layers": 1, "feedforward": 16}
     train = {"min_window": 5, "max_window": 20, "mirror": False, "epochs": 1}
     recipe.write_text(json.dumps({"sensor": network, "train": train}))

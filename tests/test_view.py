@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from fakes import PathEngine
 
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
 from mjx_fit.errors import RequestError
 from mjx_fit.evaluation import playback
 from mjx_fit.picture import view

@@ -10,10 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic import make_episodes, with_truth
 
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
+from mjx_fit.config.sections.learning import TrainConfig
+from mjx_fit.config.sections.world import WristConfig
 from mjx_fit.dataset.windows import MIN_ACTIONS, chains, sample_windows, split, usable
 from mjx_fit.errors import RequestError
-from mjx_fit.settings import TrainConfig, WristConfig
 from mjx_fit.shapes import plate_top_m
 
 CLEAN = WristConfig(force_noise_n=0.0, torque_xy_noise_nm=0.0, torque_z_noise_nm=0.0)

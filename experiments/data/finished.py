@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from mjx_fit import runtime
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
 from mjx_fit.dataset.draws import draw_places, mismatched_pairs
 from mjx_fit.policies import SPIRAL
 from mjx_fit.randomness import root_key

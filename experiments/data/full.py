@@ -12,7 +12,7 @@ from pathlib import Path
 
 import jax
 
-from mjx_fit import config as config_
+from mjx_fit.config.schema import config_from_tree
 from mjx_fit.dataset import manifest, store
 from mjx_fit.dataset.episode import happened
 from mjx_fit.report import data_figures, script
@@ -39,7 +39,7 @@ def main(folder: Path) -> None:
         "request": {name: value for name, value in there.request.items() if name != "config"},
         "holds": store.describe(folder),
     }
-    config = config_.from_tree(there.request["config"])
+    config = config_from_tree(there.request["config"])
     script.save(HERE / f"{folder.name}.json", results)
     for name, figure in (
         ("visited", lambda data, config: data_figures.visited_positions(data)),

@@ -17,12 +17,12 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
 from mjx_fit import policies, runtime
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
+from mjx_fit.config.sections.world import SceneConfig
 from mjx_fit.dataset.draws import draw_attempts
 from mjx_fit.evaluation.statistics import wilson
 from mjx_fit.randomness import root_key
 from mjx_fit.report import script
-from mjx_fit.settings import SceneConfig
 from mjx_fit.shapes import plate_top_m
 from mjx_fit.simulate.native import NativeEngine
 from mjx_fit.types import Array, Rollout

@@ -13,9 +13,9 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from mjx_fit import config as config_
 from mjx_fit import provenance, resources, runtime
-from mjx_fit.config import Config
+from mjx_fit.config.files import read_config
+from mjx_fit.config.schema import Config, config_from_tree, config_to_tree
 from mjx_fit.dataset import store
 from mjx_fit.dataset.collect import collect
 from mjx_fit.dataset.plan import Plan
@@ -94,7 +94,7 @@ def _trained_and_judged(folder: Path, name: str, row: Row, test: Path, seed: int
     name += f" seed {seed}" if seed else ""
     run = folder / "runs" / name.replace(" ", "_").replace(",", "").replace("'", "")
     config = _with_epochs(
-        config_.load(resources.folder("configs") / "cpu.yaml", (AS_IT_WAS, *row.changes)), data
+        read_config(resources.folder("configs") / "cpu.yaml", (AS_IT_WAS, *row.changes)), data
     )
     train(store.load(data), config, run, seed)
     return calibrate(Config(), run / "calibration.json", run, test, seed=0)
@@ -110,9 +110,9 @@ def _with_epochs(config: Config, data: Path) -> Config:
     """As many epochs as come to ``STEPS`` steps."""
     training, _ = usable_sides(store.load(data), config, seed=0)
     epochs = max(1, round(STEPS / math.ceil(len(training) / config.train.batch_size)))
-    tree = config_.to_tree(config)
+    tree = config_to_tree(config)
     tree["train"] |= {"epochs": epochs, "baseline_share": 0.0}
-    return config_.from_tree(tree)
+    return config_from_tree(tree)
 
 
 def _scores(result: Result) -> dict:

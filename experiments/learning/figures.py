@@ -3,10 +3,10 @@
 from pathlib import Path
 
 from mjx_fit import resources
+from mjx_fit.config.sections.world import SceneConfig
 from mjx_fit.evaluation import results
 from mjx_fit.report import calibration_figures as figures
 from mjx_fit.report import run_figures, script
-from mjx_fit.settings import SceneConfig
 
 HERE = Path(__file__).parent
 

@@ -23,9 +23,8 @@ import numpy as np
 import shared
 from jaxtyping import Float
 
-from mjx_fit import config as config_
 from mjx_fit import runtime
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config, config_from_tree, config_to_tree
 from mjx_fit.dataset.episode import Episode
 from mjx_fit.evaluation import held_out
 from mjx_fit.report import script
@@ -50,9 +49,9 @@ def main(training: Path, test: Path, run: Path) -> None:
             for name, data in (("as it was", test_as_is), ("exchanged", test_exchanged))
         },
     }
-    tree = config_.to_tree(config)
+    tree = config_to_tree(config)
     tree["train"] |= {"epochs": EPOCHS, "sequence": 1, "min_window": 20}
-    config = config_.from_tree(tree)
+    config = config_from_tree(tree)
     for name, data, judged in (
         ("control", train_as_is, test_as_is),
         ("retrained", train_exchanged, test_exchanged),

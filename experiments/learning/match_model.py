@@ -22,11 +22,11 @@ from jaxtyping import Float, Int
 from scipy.special import log_softmax
 
 from mjx_fit import runtime
+from mjx_fit.config.sections.world import SceneConfig
 from mjx_fit.dataset import store
 from mjx_fit.dataset.episode import Episode
 from mjx_fit.evaluation import held_out
 from mjx_fit.report import script
-from mjx_fit.settings import SceneConfig
 from mjx_fit.training.checkpoint import load_sensor
 from mjx_fit.types import Observation
 

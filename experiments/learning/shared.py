@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
 from mjx_fit.dataset import store
 from mjx_fit.dataset.episode import Episode
 from mjx_fit.evaluation.held_out import failed_attempts

@@ -16,9 +16,9 @@ from jaxtyping import Float
 from sklearn.ensemble import ExtraTreesClassifier, ExtraTreesRegressor  # pyright: ignore[reportMissingImports]
 
 from mjx_fit import runtime
+from mjx_fit.config.sections.world import SceneConfig
 from mjx_fit.evaluation.calibration import auroc
 from mjx_fit.report import script
-from mjx_fit.settings import SceneConfig
 from mjx_fit.types import Reading
 
 NAMES = SceneConfig().names

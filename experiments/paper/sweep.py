@@ -13,9 +13,9 @@ from pathlib import Path
 from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
-from mjx_fit import config as config_
 from mjx_fit import resources, runtime
-from mjx_fit.evaluation import experiments
+from mjx_fit.config.files import read_config
+from mjx_fit.evaluation.assembly import assembly
 from mjx_fit.evaluation.request import Request
 from mjx_fit.evaluation.results import Result
 from mjx_fit.evaluation.statistics import Row
@@ -44,14 +44,14 @@ def main(folder: Path, trials: int) -> None:
 
 
 def _assembled(folder: Path, key: str, value: float, trials: int) -> Result:
-    config = config_.load(None, [f"{key}={value}", "task.outcome_model=covariance"])
+    config = read_config(None, [f"{key}={value}", "task.outcome_model=covariance"])
     # One file for each configuration: the defaults are in every sweep, and are done once.
-    same = config == config_.load(None, ["task.outcome_model=covariance"])
+    same = config == read_config(None, ["task.outcome_model=covariance"])
     name = "default" if same else f"{key}-{value:g}"
     out = folder / f"{name}.json"
     sensor = load_trained_sensor(resources.folder("weights"))
     request = Request(config, out, make_engine("auto", config), trials, methods=METHODS, sensor=sensor)
-    return experiments.assembly(request)
+    return assembly(request)
 
 
 def _figure(rows: list[tuple[str, float, Row]]) -> Figure:

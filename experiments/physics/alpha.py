@@ -17,11 +17,11 @@ import shared
 from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
+from mjx_fit.config.sections.world import SceneConfig
 from mjx_fit.dataset.draws import mismatched_pairs
 from mjx_fit.evaluation.statistics import wilson
 from mjx_fit.report import style
-from mjx_fit.settings import SceneConfig
 from mjx_fit.simulate.select import make_engine
 from mjx_fit.types import Array, Attempt
 

@@ -14,8 +14,8 @@ import numpy as np
 import shared
 from matplotlib.figure import Figure
 
-from mjx_fit.bench.reference import task_space
-from mjx_fit.config import Config
+from benchmarks.python_loop import task_space
+from mjx_fit.config.schema import Config
 from mjx_fit.dataset.draws import mismatched_pairs
 from mjx_fit.report import style
 from mjx_fit.simulate.native import NativeEngine

@@ -18,7 +18,7 @@ import numpy as np
 import shared
 
 from mjx_fit import compiled, runtime
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
 from mjx_fit.dataset.draws import draw_attempts
 from mjx_fit.simulate.mjx import MjxEngine
 

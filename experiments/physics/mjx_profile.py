@@ -17,9 +17,9 @@ from mujoco import mjx
 
 from mjx_fit import control
 from mjx_fit.bench.engines import attempts_of
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
 from mjx_fit.kinematics import chain_of
-from mjx_fit.lanes import worlds_last
+from mjx_fit.linalg import worlds_last
 from mjx_fit.scene import pair_index, simulation_scene
 from mjx_fit.simulate import contact, stages
 from mjx_fit.simulate.attempt_rules import start_qpos

@@ -15,7 +15,7 @@ import shared
 from mujoco.batch import Batch
 
 from mjx_fit.bench.engines import attempts_of
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
 from mjx_fit.simulate.block import Block, Layout, batch_at_rest
 from mjx_fit.simulate.native import NativeEngine
 from mjx_fit.types import SUBSTEPS

@@ -20,7 +20,7 @@ import shared
 from matplotlib.figure import Figure
 from mujoco import mjx
 
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
 from mjx_fit.dataset.draws import draw_attempts, mismatched_pairs
 from mjx_fit.evaluation.statistics import bootstrap_mean, bootstrap_means
 from mjx_fit.policies import NAMES

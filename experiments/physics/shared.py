@@ -1,5 +1,6 @@
 """What the experiments on the physics have in common: where results go, and how they look."""
 
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from mjx_fit import runtime
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
 from mjx_fit.dataset.draws import draw_places
 from mjx_fit.policies import SPIRAL
 from mjx_fit.randomness import root_key
@@ -17,6 +18,7 @@ from mjx_fit.report import script
 from mjx_fit.types import Attempt, Rollout
 
 FOLDER = Path(__file__).parent
+sys.path.append(str(FOLDER.parents[1]))  # benchmarks/ is not installed
 
 
 def begin() -> None:

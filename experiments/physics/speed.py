@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
 from mjx_fit.bench.run import measure
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
 from mjx_fit.report import style
 
 NAMES = ("raw_batch", "native", "mjx_step", "mjx")

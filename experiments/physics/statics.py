@@ -15,9 +15,9 @@ import mujoco
 import numpy as np
 import shared
 
+from benchmarks.python_loop import arm_state, stiffness_acc, task_space
 from mjx_fit import control
-from mjx_fit.bench.reference import arm_state, stiffness_acc, task_space
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
 from mjx_fit.kinematics import chain_of, inverse
 from mjx_fit.robot import PANDA
 from mjx_fit.scene import Scene, pair_index, simulation_scene

@@ -10,7 +10,7 @@ import shared
 from matplotlib.figure import Figure
 
 from mjx_fit import control
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
 from mjx_fit.kinematics import chain_of, inverse
 from mjx_fit.policies import SPIRAL
 from mjx_fit.report import style

@@ -15,8 +15,8 @@ from jaxtyping import Float
 from mujoco.batch import Batch
 
 from mjx_fit import granted, numerics
-from mjx_fit.bench import reference
-from mjx_fit.config import Config
+from mjx_fit.bench.peers import load_peer
+from mjx_fit.config.schema import Config
 from mjx_fit.dataset.draws import draw_attempts
 from mjx_fit.kinematics import chain_of
 from mjx_fit.robot import PANDA
@@ -43,11 +43,13 @@ class Contender:
         prepare: Makes its ``Run`` from a configuration, attempts, and a number of actions.
         actions: Actions of 256 worlds that take a CPU some seconds.
         one_world: Whether it simulates one world at a time, whatever the batch.
+        peer: Name of the peer that it needs, if any.
     """
 
     prepare: Callable[[Config, Attempt, int], Run]
     actions: int
     one_world: bool = False
+    peer: str | None = None
 
 
 def attempts_of(config: Config, worlds: int) -> Attempt:
@@ -123,12 +125,13 @@ def _mjx_step(config: Config, attempts: Attempt, actions: int) -> Run:
 
 def _python_loop(config: Config, attempts: Attempt, actions: int) -> Run:
     """What most scripts do: one world, ``mj_step`` in a loop, the same control law in NumPy."""
-    model, data, goal = reference.one_world(config, attempts)
+    peer = load_peer("python_loop")
+    model, data, goal = peer.one_world(config, attempts)
 
     def run() -> int:
         for _ in range(actions * SUBSTEPS):
             mujoco.mj_step1(model, data)
-            data.ctrl[:] = reference.torque(model, data, goal, config.control)
+            data.ctrl[:] = peer.torque(model, data, goal, config.control)
             mujoco.mj_step2(model, data)
         return actions * SUBSTEPS
 
@@ -140,5 +143,5 @@ CONTENDERS = {
     "native": Contender(partial(_engine, "native"), 40),
     "mjx_step": Contender(_mjx_step, 20),
     "mjx": Contender(partial(_engine, "mjx"), 20),
-    "python_loop": Contender(_python_loop, 100, one_world=True),
+    "python_loop": Contender(_python_loop, 100, one_world=True, peer="python_loop"),
 }

@@ -19,7 +19,8 @@ from rich.table import Table
 from mjx_fit import children, provenance, runtime
 from mjx_fit.bench import training
 from mjx_fit.bench.engines import CONTENDERS, attempts_of
-from mjx_fit.config import Config
+from mjx_fit.bench.peers import absence
+from mjx_fit.config.schema import Config
 from mjx_fit.types import SUBSTEPS
 
 WORLDS = {"cpu": 256, "gpu": 4096, "tpu": 4096}
@@ -33,11 +34,17 @@ def bench(config: Config, as_json: bool) -> None:
     worlds = WORLDS[jax.default_backend()]
     rows = []
     for number, name in enumerate(CONTENDERS, 1):
+        peer = CONTENDERS[name].peer
+        if peer and (why := absence(peer)):
+            print(f"bench: {name}: skipped, {why}", file=sys.stderr)
+            continue
         print(f"bench: {name} ({number} of {len(CONTENDERS)}) ...", file=sys.stderr)
         rows.append(measure(name, config, worlds))
         print(f"bench: {name}: {rows[-1]['physics_steps_per_s']:,} physics steps/s", file=sys.stderr)
     raw = rows[0]["physics_steps_per_s"]
     rows = [row | {"ratio_to_raw_batch": round(row["physics_steps_per_s"] / raw, 3)} for row in rows]
+    if why := absence("torch_twin"):
+        print(f"bench: train_step_torch: skipped, {why}", file=sys.stderr)
     print("bench: train_step ...", file=sys.stderr)
     steps = training.measure(config)
     if as_json:

@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Callable
-from importlib.util import find_spec
 from typing import Any
 
 import jax
@@ -11,7 +10,8 @@ import numpy as np
 from flax import nnx
 
 from mjx_fit import children, numerics, runtime
-from mjx_fit.config import Config
+from mjx_fit.bench.peers import absence, load_peer
+from mjx_fit.config.schema import Config
 from mjx_fit.dataset.windows import Sample
 from mjx_fit.sensors.model import ContactSensor, InputScale
 from mjx_fit.training.step import Recipe, TrainState, optimizer, train_step_jit
@@ -25,8 +25,8 @@ Step = Callable[[], object]
 
 
 def measure(config: Config) -> list[dict[str, Any]]:
-    """A row for each kind of step; without PyTorch only ours."""
-    names = ["train_step"] + ["train_step_torch"] * (find_spec("torch") is not None)
+    """A row for each kind of step; where PyTorch's is absent only ours."""
+    names = ["train_step"] + ["train_step_torch"] * (absence("torch_twin") is None)
     seconds: dict[str, list[float]] = {name: [] for name in names}
     compile_s: dict[str, float] = {}
     for _ in range(ROUNDS):
@@ -108,8 +108,7 @@ def _ours(config: Config) -> Step:
 def _pytorchs(config: Config) -> Step:
     import torch  # pyright: ignore[reportMissingImports]
 
-    from mjx_fit.bench import torch_twin
-
+    torch_twin = load_peer("torch_twin")
     sample = sample_of(config)
     sensor = ContactSensor(config.sensor, nnx.Rngs(0), config.scene.n_types)
     sensor.fit_input_scale(sample.reading)

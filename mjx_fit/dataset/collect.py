@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from mjx_fit import limits, memory
-from mjx_fit.config import Config, require_room
+from mjx_fit import memory
+from mjx_fit.config import limits
+from mjx_fit.config.schema import Config, require_room
 from mjx_fit.dataset import shard as shard_
 from mjx_fit.dataset.plan import Plan, check
 from mjx_fit.dataset.sequences import Sequences

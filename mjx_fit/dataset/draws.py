@@ -9,10 +9,10 @@ import numpy as np
 from jaxtyping import Float, Int, Key
 
 from mjx_fit import policies
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
+from mjx_fit.config.sections.world import DetectorConfig, SequenceConfig
 from mjx_fit.detector import detect
 from mjx_fit.robot import ROBOTS, Robot
-from mjx_fit.settings import DetectorConfig, SequenceConfig
 from mjx_fit.types import Array, Attempt
 
 POLICIES = (*policies.NAMES, "mixed")

@@ -11,9 +11,8 @@ import jax
 import numpy as np
 from jaxtyping import Int
 
-from mjx_fit import config as config_
 from mjx_fit import files, locks
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config, config_from_tree
 from mjx_fit.dataset import manifest as manifest_
 from mjx_fit.dataset.episode import Episode, happened
 from mjx_fit.dataset.manifest import Manifest
@@ -74,7 +73,7 @@ def export(folder: Path, out: Path) -> None:
 
 def _write_npz(folder: Path, manifest: Manifest, path: Path) -> None:
     data = load(folder)
-    keep, config = happened(data), config_.from_tree(manifest.request["config"])
+    keep, config = happened(data), config_from_tree(manifest.request["config"])
     arrays: dict[str, Any] = {
         name.replace("/", "_"): value[keep] for name, value in flat(data, config).items()
     }
@@ -91,7 +90,7 @@ def _write_robomimic(folder: Path, manifest: Manifest, path: Path) -> None:
     before. Before the first action the robot is at rest, straight down over the estimate. The masks are the
     sides that ``mjx-fit train`` divides the set into by default: all demonstrations of a sequence are on one.
     """
-    config = config_.from_tree(manifest.request["config"])
+    config = config_from_tree(manifest.request["config"])
     total, buffer = 0, io.BytesIO()
     names: list[str] = []
     sequences: list[int] = []

@@ -9,8 +9,8 @@ from pydantic import ConfigDict, Field, TypeAdapter
 from typing_extensions import TypedDict
 
 from mjx_fit import bounded_json
+from mjx_fit.config.sections.world import MOST_TYPES
 from mjx_fit.policies import NAMES
-from mjx_fit.settings import MOST_TYPES
 
 MAX_EPISODES, MAX_ACTIONS, MAX_BATCH, MAX_SEQUENCE = 10**7, 1000, 65536, 30
 """Of what one command may ask for."""

@@ -4,14 +4,13 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
-from mjx_fit import config as config_
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config, config_to_tree
+from mjx_fit.config.sections.learning import FIRST_SENSOR, FIRST_TRAIN
 from mjx_fit.dataset.draws import POLICIES
 from mjx_fit.dataset.manifest import Manifest
 from mjx_fit.dataset.manifest_schema import MAX_ACTIONS, MAX_BATCH, MAX_EPISODES, MAX_SEQUENCE
 from mjx_fit.errors import RequestError, require, shown
 from mjx_fit.randomness import require_seed
-from mjx_fit.settings import FIRST_SENSOR, FIRST_TRAIN
 from mjx_fit.simulate.select import resolve
 from mjx_fit.simulate.threads import even_batch
 
@@ -92,7 +91,7 @@ class Plan:
             **{name: getattr(self, name) for name in ("policy", "seed", "batch", "sequence")},
             **({"sensor": self.sensor} if self.sensor else {}),
             "engine": resolve(self.engine),
-            "config": config_.to_tree(replace(config, sensor=FIRST_SENSOR, train=FIRST_TRAIN)),
+            "config": config_to_tree(replace(config, sensor=FIRST_SENSOR, train=FIRST_TRAIN)),
         }
 
 

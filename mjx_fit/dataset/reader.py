@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int, Key
 
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
 from mjx_fit.dataset.episode import Episode
 from mjx_fit.dataset.windows import Sample, windows_of
 from mjx_fit.types import Array

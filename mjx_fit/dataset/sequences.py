@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, Key
 
 from mjx_fit import policies
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
 from mjx_fit.dataset.draws import draw_attempts, draw_later_attempts
 from mjx_fit.dataset.episode import Episode
 from mjx_fit.dataset.plan import Plan

@@ -12,15 +12,14 @@ from typing import Any, NamedTuple
 import h5py
 import numpy as np
 
-from mjx_fit import config as config_
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config, config_from_tree
+from mjx_fit.config.sections.world import SceneConfig
 from mjx_fit.dataset import shard_layout, shard_values
 from mjx_fit.dataset.episode import Episode
 from mjx_fit.dataset.manifest import FORMAT, Shard
 from mjx_fit.policies import NAMES
 from mjx_fit.rates import ACTION_S
 from mjx_fit.robot import ROBOTS
-from mjx_fit.settings import SceneConfig
 from mjx_fit.types import Felt, Rollout, Trace, Truth
 from mjx_fit.wrist import touched
 
@@ -109,7 +108,7 @@ def encode(episodes: Episode, request: dict[str, Any]) -> bytes:
         episodes: Stacked (n,), NumPy arrays.
         request: What the data set was asked to be; kept in the shard so that it explains itself.
     """
-    config = config_.from_tree(request["config"])
+    config = config_from_tree(request["config"])
     values = flat(episodes, config)
     buffer = io.BytesIO()
     with h5py.File(buffer, "w", libver=_HDF5) as file:
@@ -145,7 +144,7 @@ def decode(content: bytes, shard: Shard, request: dict[str, Any]) -> Episode:
     Raises:
         ValueError: It is not the content of that shard.
     """
-    scene = config_.from_tree(request["config"]).scene
+    scene = config_from_tree(request["config"]).scene
     try:
         with h5py.File(io.BytesIO(content), "r") as file:
             shard_layout.require(file, _shapes(shard.episodes, request["steps"], scene), len(content))

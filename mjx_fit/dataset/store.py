@@ -9,8 +9,8 @@ from typing import Any
 import jax
 import numpy as np
 
-from mjx_fit import config as config_
 from mjx_fit import files
+from mjx_fit.config.schema import config_from_tree
 from mjx_fit.dataset import manifest as manifest_
 from mjx_fit.dataset import shard as shard_
 from mjx_fit.dataset.episode import Episode, happened
@@ -137,7 +137,7 @@ def describe(folder: Path) -> dict[str, Any]:
     keep = happened(data)
     done: Rollout = jax.tree.map(lambda leaf: leaf[keep], data.rollout)
     felt, truth = done.felt, done.truth
-    wrist = config_.from_tree(request["config"]).wrist
+    wrist = config_from_tree(request["config"]).wrist
     pairs: dict[str, dict[str, int]] = {}
     for peg, hole, succeeded, wrong in zip(
         felt.peg_type, truth.hole_type, done.succeeded, done.inserted_wrongly, strict=True

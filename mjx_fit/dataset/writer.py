@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Int
 
-from mjx_fit import config as config_
 from mjx_fit import files, locks, provenance
+from mjx_fit.config.schema import config_differences, config_from_tree
 from mjx_fit.dataset import manifest as manifest_
 from mjx_fit.dataset.manifest import Manifest, Shard
 from mjx_fit.errors import RequestError
@@ -26,7 +26,7 @@ _SIDE = {"broken", "report"}
 
 def new_manifest(request: dict[str, Any], part: tuple[int, int]) -> Manifest:
     """The manifest of a data set of which nothing is there yet, made by this installation."""
-    return Manifest(request, part, provenance.versions(), config_.from_tree(request["config"]).scene.names)
+    return Manifest(request, part, provenance.versions(), config_from_tree(request["config"]).scene.names)
 
 
 def new_shard(name: str, episodes: Int[np.ndarray, "n"], content: bytes) -> Shard:
@@ -144,7 +144,7 @@ def _require_same(folder: Path, there: Manifest, wanted: Manifest) -> None:
         if old != new:
             detail = f": {old!r} there, {new!r} here"
             if name == "config":
-                detail = f": {config_.differences(*map(config_.from_tree, (old, new)))[0]}"
+                detail = f": {config_differences(*map(config_from_tree, (old, new)))[0]}"
             raise RequestError(
                 f"--out: {folder} is not allowed: it holds another run (its {name} differs{detail})"
             )

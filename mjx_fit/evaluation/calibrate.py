@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from mjx_fit import provenance
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
 from mjx_fit.dataset import manifest, store
 from mjx_fit.dataset.episode import Episode
 from mjx_fit.evaluation import calibration, held_out, outcome

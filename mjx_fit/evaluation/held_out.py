@@ -10,7 +10,7 @@ import numpy as np
 from flax import nnx
 from jaxtyping import Float, Int, Key
 
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
 from mjx_fit.dataset.episode import Episode, happened
 from mjx_fit.errors import RequestError
 from mjx_fit.evaluation.calibration import squared_mahalanobis

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Int
 
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
 from mjx_fit.errors import RequestError
 from mjx_fit.evaluation import outcome, parts
 from mjx_fit.evaluation.parts import Rows

@@ -6,20 +6,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
 from mjx_fit.dataset.draws import draw_places
 from mjx_fit.evaluation import hole_study, outcome
 from mjx_fit.evaluation.hole_study import Ids, Outcomes, Study
 from mjx_fit.evaluation.parts import Rows
 from mjx_fit.evaluation.request import Request
 from mjx_fit.evaluation.results import Result, by_method
-from mjx_fit.evaluation.statistics import (
-    Row,
-    bootstrap_mean,
-    clustered_rate,
-    holm,
-    sign_flip,
-)
+from mjx_fit.evaluation.statistics import Row, bootstrap_mean, clustered_rate, holm, sign_flip
 from mjx_fit.randomness import root_key
 from mjx_fit.task import hole
 from mjx_fit.task.methods import INSERTION, chosen

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from mjx_fit import config as config_
 from mjx_fit import files, locks, provenance
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config, config_to_tree
 from mjx_fit.errors import RequestError, require
 from mjx_fit.evaluation import results
 from mjx_fit.evaluation.results import Result
@@ -34,7 +33,7 @@ def header(experiment: str, config: Config, seed: int, engine: str, request: dic
     """
     return {
         "experiment": experiment,
-        "config": config_.to_tree(config),
+        "config": config_to_tree(config),
         "seed": seed,
         "request": request,
         "engine": engine,

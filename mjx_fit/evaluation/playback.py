@@ -8,8 +8,7 @@ import jax
 import numpy as np
 from jaxtyping import Int
 
-from mjx_fit import config as config_
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config, config_from_stored
 from mjx_fit.errors import RequestError, require, shortened, shown
 from mjx_fit.evaluation import outcome, parts
 from mjx_fit.evaluation.recording import Recording, Step, require_attempt
@@ -107,7 +106,7 @@ def replay(
     pieces = parts.pieces(trials, len(names), engine.name)
     ids = next(piece for piece in pieces if pick.trial in piece)
     picked = chosen(",".join(names), ASSEMBLY)
-    assemblies = _Assemblies(config_.from_stored(result.config), picked, ids, result.seed)
+    assemblies = _Assemblies(config_from_stored(result.config), picked, ids, result.seed)
     tried = [hole for holes in rows[wanted].get("tried", []) for hole in holes]
     return _compared(_play(assemblies, pick, engine, sensor), tried[: pick.attempt], pick)
 

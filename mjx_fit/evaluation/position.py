@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
 from mjx_fit.dataset.draws import draw_places, mismatched_pairs
 from mjx_fit.evaluation import hole_study, outcome
 from mjx_fit.evaluation.calibration import inside, squared_mahalanobis

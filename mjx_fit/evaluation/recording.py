@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Int
 
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
 from mjx_fit.errors import require
 from mjx_fit.types import Belief, Rollout
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
 from mjx_fit.simulate.interface import Engine
 from mjx_fit.training.checkpoint import FRAME_BY_FRAME
 from mjx_fit.training.trained_sensor import TrainedSensor, load_baseline, load_trained_sensor

@@ -9,7 +9,7 @@ from typing import (
 from pydantic import AfterValidator, ConfigDict, Field, TypeAdapter
 from typing_extensions import TypedDict
 
-from mjx_fit.settings import MOST_TYPES
+from mjx_fit.config.sections.world import MOST_TYPES
 
 MAX_PEGS, MAX_ATTEMPTS, MAX_ACTIONS = 100, 10_000, 10**6
 LARGEST = 1e12

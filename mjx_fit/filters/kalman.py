@@ -7,7 +7,7 @@ positive definite gives NaN for itself alone.
 import jax.numpy as jnp
 from jaxtyping import Float
 
-from mjx_fit import spd
+from mjx_fit.linalg import cholesky_factor, cholesky_solve, solve_lower
 from mjx_fit.types import Array
 
 CM_PER_M = 100.0
@@ -43,9 +43,9 @@ def update(
         [0.005, 0.0]
     """
     cov, noise_cov = jnp.broadcast_arrays(cov, noise_cov)
-    root = spd.factor(_axes_first(_symmetric(cov + noise_cov)))
+    root = cholesky_factor(_axes_first(_symmetric(cov + noise_cov)))
     # Σ and Σ + R are symmetric, so the solution X of (Σ + R) X = Σ is Kᵀ.
-    gain = _transpose(jnp.moveaxis(spd.solve(root, _axes_first(cov)), (0, 1), (-2, -1)))
+    gain = _transpose(jnp.moveaxis(cholesky_solve(root, _axes_first(cov)), (0, 1), (-2, -1)))
     residual = jnp.eye(mean.shape[-1], dtype=mean.dtype) - gain
     new_mean = mean + (gain * innovation[..., None, :]).sum(-1)
     return new_mean, _symmetric(_sandwich(residual, cov) + _sandwich(gain, noise_cov))
@@ -59,8 +59,8 @@ def gaussian_nll_terms(
     Arguments are in m and m². The density is taken per cm², so that numbers are readable: Σ = (1 cm)² I gives
     a determinant term of 0 (in m it would be -9.21). The constant ln 2π is left out, as in the paper.
     """
-    root = spd.factor(_axes_first(_symmetric(cov) * CM_PER_M**2))
-    whitened = spd.solve_lower(root, jnp.moveaxis((target - mean) * CM_PER_M, -1, 0))
+    root = cholesky_factor(_axes_first(_symmetric(cov) * CM_PER_M**2))
+    whitened = solve_lower(root, jnp.moveaxis((target - mean) * CM_PER_M, -1, 0))
     half_logdet = -jnp.log(jnp.stack(root.inverse_diagonal)).sum(0)
     return half_logdet, 0.5 * jnp.square(whitened).sum(0)
 
@@ -91,7 +91,7 @@ def _symmetric(matrix: Float[Array, "*batch n n"]) -> Float[Array, "*batch n n"]
 
 
 def _axes_first(matrix: Float[Array, "*batch n n"]) -> Float[Array, "n n *batch"]:
-    """As ``mjx_fit.spd`` has it."""
+    """As ``mjx_fit.linalg`` has it."""
     return jnp.moveaxis(matrix, (-2, -1), (0, 1))
 
 

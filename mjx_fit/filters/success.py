@@ -11,9 +11,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
+from mjx_fit.config.sections.task import TaskConfig
 from mjx_fit.filters.kalman import scale_tril
-from mjx_fit.settings import TaskConfig
 from mjx_fit.types import Array
 
 RINGS, ANGLES = 24, 8

@@ -8,7 +8,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
 from mjx_fit.report import style
 from mjx_fit.type_colours import FIGURE_COLOURS
 from mjx_fit.types import Rollout

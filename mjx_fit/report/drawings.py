@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from matplotlib.figure import Figure
 
-from mjx_fit import config as config_
+from mjx_fit.config.schema import config_from_tree
 from mjx_fit.evaluation.results import Result
 from mjx_fit.report import calibration_figures, figures, hole_figures, paper
 
@@ -104,7 +104,7 @@ def _calibration(result: Result) -> list[Drawing]:
     # Only a set whose attempts start from this sensor's own beliefs tells what it makes of several.
     own = result.request.get("beliefs_of") == result.request.get("sensor", {}).get("full", "-")
     several = _by_attempt(result) if own else []
-    names = config_.from_tree(result.config).scene.names
+    names = config_from_tree(result.config).scene.names
     return [
         *several,
         (

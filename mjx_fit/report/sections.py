@@ -11,7 +11,7 @@ import yaml
 from pydantic import TypeAdapter
 
 from mjx_fit import bounded_json
-from mjx_fit import config as config_
+from mjx_fit.config.schema import config_from_tree
 from mjx_fit.dataset import manifest as manifest_
 from mjx_fit.dataset import store
 from mjx_fit.dataset.episode import happened
@@ -129,7 +129,7 @@ def of_dataset(slug: str, folder: Path) -> Section:
     manifest, episodes = manifest_.read(folder), store.load(folder)
     keep = happened(episodes)
     data = jax.tree.map(lambda leaf: leaf[keep], episodes.rollout)
-    asked = config_.from_tree(manifest.request["config"])
+    asked = config_from_tree(manifest.request["config"])
     if not len(data.felt.length):
         raise RequestError(f"report: {folder} holds no valid interaction; nothing can be shown")
     shown: list[Drawing] = [

@@ -13,9 +13,9 @@ import numpy as np
 from flax import nnx
 from jaxtyping import Bool, Float
 
+from mjx_fit.config.sections.learning import SensorConfig
 from mjx_fit.errors import RequestError
 from mjx_fit.sensors.attention import attend
-from mjx_fit.settings import SensorConfig
 from mjx_fit.types import SUBSTEPS, Array
 
 WRENCH_AXES = 6

@@ -8,9 +8,9 @@ import jax.numpy as jnp
 from flax import nnx
 from jaxtyping import Float
 
+from mjx_fit.config.sections.learning import SensorConfig
 from mjx_fit.sensors.encoder import WRENCH_AXES, TraceEncoder
 from mjx_fit.sensors.heads import MatchModel, PositionNoise, SkipMLP
-from mjx_fit.settings import SensorConfig
 from mjx_fit.traces import require_reading
 from mjx_fit.types import Array, Observation, Reading
 

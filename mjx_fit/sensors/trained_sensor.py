@@ -4,11 +4,10 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from mjx_fit import config as config_
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config, config_differences
+from mjx_fit.config.sections.learning import SensorConfig, TrainConfig
 from mjx_fit.errors import RequestError
 from mjx_fit.sensors.model import ContactSensor
-from mjx_fit.settings import SensorConfig, TrainConfig
 
 
 @dataclass(frozen=True)
@@ -47,14 +46,14 @@ class TrainedSensor:
             asked, there = getattr(config, section), getattr(trained, section)
             if asked not in (there, getattr(Config(), section)):
                 word = next(
-                    word for word in config_.differences(trained, config) if word.startswith(f"{section}.")
+                    word for word in config_differences(trained, config) if word.startswith(f"{section}.")
                 )
                 raise RequestError(f"config: {word}: it belongs to the trained sensor and cannot be changed")
         return replace(config, sensor=trained.sensor, train=trained.train)
 
     def differences(self, config: Config) -> list[str]:
         """In what a configuration differs from the training's, but for the network and its training."""
-        return config_.differences(*(_without_network(one) for one in (self.config, config)))
+        return config_differences(*(_without_network(one) for one in (self.config, config)))
 
     def say_if_away(self, config: Config, doing: str) -> None:
         """Notes on stderr, where a configuration differs from the training's, what is done with it."""

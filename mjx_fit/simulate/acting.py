@@ -5,8 +5,8 @@ import jax.numpy as jnp
 from jaxtyping import Float, Int, Key
 
 from mjx_fit import wrist as wrist_
+from mjx_fit.config.sections.world import WristConfig
 from mjx_fit.policies import Policy, PolicyInput, PolicyStart, State, start_of
-from mjx_fit.settings import WristConfig
 from mjx_fit.simulate.attempt_rules import Tip
 from mjx_fit.types import SUBSTEPS, Array, Attempt, pytree
 

@@ -9,10 +9,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from mjx_fit import control
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
+from mjx_fit.config.sections.world import SceneConfig
 from mjx_fit.control import ArmState
 from mjx_fit.kinematics import Chain, inverse
-from mjx_fit.settings import SceneConfig
 from mjx_fit.shapes import plate_top_m
 from mjx_fit.simulate import plausible
 from mjx_fit.types import SUBSTEPS, Array, Attempt, Felt, Rollout, Trace, Truth, pytree

@@ -9,7 +9,7 @@ stiffer contact in about a quarter of C's points (experiments/physics/parity.py)
 
 The peg is taken to be within 45 degrees of upright and of the plate's axes, as a peg in any attempt is.
 
-Arrays have the worlds, ``b``, last: see ``mjx_fit.lanes``.
+Arrays have the worlds, ``b``, last: see ``mjx_fit.linalg``.
 """
 
 from functools import reduce
@@ -18,7 +18,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Float
 
-from mjx_fit.lanes import cross, largest, times, total
+from mjx_fit.linalg import cross, largest, times, total
 from mjx_fit.types import Array
 
 MOST_PAIRS = 6

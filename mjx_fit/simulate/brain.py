@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from mjx_fit import control
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
 from mjx_fit.kinematics import chain_of
 from mjx_fit.policies import Policy
 from mjx_fit.scene import Scene

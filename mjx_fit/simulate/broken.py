@@ -10,9 +10,8 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Int
 
-from mjx_fit import config as config_
 from mjx_fit import files
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config, config_from_yaml, config_to_yaml
 from mjx_fit.filesystem import inside
 from mjx_fit.numerics import KEY_IMPL
 from mjx_fit.simulate import broken_file
@@ -59,7 +58,7 @@ def report(
             "qvel": rollouts.truth.end_qvel[i],
             "step": rollouts.felt.length[i] - 1,
             "horizon": horizon,
-            "config": config_.to_yaml(config),
+            "config": config_to_yaml(config),
             "key": jax.random.key_data(attempts.key[i]),
             **{name: np.asarray(getattr(attempts, name))[i] for name in _PLAIN},
         }
@@ -92,7 +91,7 @@ def replay(path: Path) -> Rollout:
         RequestError: It is no such file.
     """
     kept = broken_file.read(path)
-    config = config_.from_yaml(str(kept["config"]))
+    config = config_from_yaml(str(kept["config"]))
     key = jax.random.wrap_key_data(jax.numpy.asarray(kept["key"])[None], impl=KEY_IMPL)
     attempt = Attempt(key=key, **{name: kept[name][None] for name in _PLAIN})
     step, horizon = int(kept["step"]), int(kept["horizon"])

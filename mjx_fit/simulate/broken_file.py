@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mjx_fit import config as config_
+from mjx_fit.config.schema import config_from_yaml
 from mjx_fit.errors import RequestError
 from mjx_fit.policies import NAMES
 
@@ -80,7 +80,7 @@ def _require_values(arrays: dict[str, np.ndarray]) -> None:
     for name, value in arrays.items():
         if value.dtype.kind == "f" and not np.isfinite(value).all():
             raise ValueError(f"{name}: it must be finite")
-    n_types = config_.from_yaml(str(arrays["config"])).scene.n_types
+    n_types = config_from_yaml(str(arrays["config"])).scene.n_types
     ends = {"peg_type": n_types, "hole_type": n_types, "policy": len(NAMES), "horizon": MAX_HORIZON + 1}
     for name, end in (*ends.items(), ("step", int(arrays["horizon"]))):
         if not 0 <= int(arrays[name]) < end:

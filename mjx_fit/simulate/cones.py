@@ -10,7 +10,7 @@ coefficient of friction and μ = f / √impratio. With N = u₀ and T = |u₁₂
 which is MuJoCo's elliptic cone (documentation, chapter Computation, "Constraint model") for one coefficient
 of friction.
 
-Arrays have the contacts first and the worlds last: see ``mjx_fit.lanes``.
+Arrays have the contacts first and the worlds last: see ``mjx_fit.linalg``.
 """
 
 from functools import reduce
@@ -20,7 +20,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Bool, Float
 
-from mjx_fit.lanes import total
+from mjx_fit.linalg import total
 from mjx_fit.types import Array
 
 _SMALL = 1e-12

@@ -6,7 +6,7 @@ with a the joint accelerations and τ all other torques. The minimum is unique, 
 own solvers converge to. MJX's takes many times as long on a CPU (experiments/physics/mjx_profile.py): its
 line search always makes all of its steps, and it calls LAPACK for every world.
 
-Arrays have the worlds last, one axis of them: see ``mjx_fit.lanes``. Each world's result is its own: a world
+Arrays have the worlds last, one axis of them: see ``mjx_fit.linalg``. Each world's result is its own: a world
 that is solved is not touched again while others are not.
 """
 
@@ -17,8 +17,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Bool, Float
 
-from mjx_fit import spd
-from mjx_fit.lanes import times, total
+from mjx_fit.linalg import cholesky_factor, cholesky_solve, times, total
 from mjx_fit.simulate import cones
 from mjx_fit.simulate.cones import Cones
 from mjx_fit.types import Array
@@ -86,7 +85,7 @@ def solve(problem: Problem, guess: Float[Array, "joints b"]) -> Solution:
         problem: The problems.
         guess: Joint accelerations to begin from where they cost less than those without constraints, rad/s².
     """
-    smooth_acc = spd.solve(spd.factor(problem.mass_matrix), problem.torque)
+    smooth_acc = cholesky_solve(cholesky_factor(problem.mass_matrix), problem.torque)
     start = jnp.where(_cost(problem, guess) < _cost(problem, smooth_acc), guess, smooth_acc)
 
     def goes_on(carry):
@@ -95,7 +94,7 @@ def solve(problem: Problem, guess: Float[Array, "joints b"]) -> Solution:
 
     def newton(carry):
         step, acc, local = carry
-        direction = -spd.solve(spd.factor(local.hessian), local.gradient)
+        direction = -cholesky_solve(cholesky_factor(local.hessian), local.gradient)
         length = _line_search(problem, acc, direction, local.unsolved)
         acc = jnp.where(local.unsolved, acc + length * direction, acc)
         return step + 1, acc, _local(problem, acc)

@@ -16,8 +16,7 @@ import numpy as np
 from jaxtyping import Int
 from mujoco import mjx
 
-from mjx_fit import spd
-from mjx_fit.lanes import worlds_last
+from mjx_fit.linalg import cholesky_factor, cholesky_solve, worlds_last
 from mjx_fit.simulate import boxes, cones, constraints
 
 
@@ -125,7 +124,7 @@ def integrate(model: mjx.Model, data: mjx.Data) -> mjx.Data:
 
 def _next_velocity(mass_matrix, damping, impulse, velocity):
     matrix = mass_matrix + jnp.eye(len(damping))[:, :, None] * damping
-    return velocity + spd.solve(spd.factor(matrix), impulse)
+    return velocity + cholesky_solve(cholesky_factor(matrix), impulse)
 
 
 def _geoms(model: mjx.Model, prefix: str) -> Int[np.ndarray, "n"]:

@@ -13,9 +13,9 @@ from jaxtyping import Bool, Float
 from mujoco import mjx
 
 from mjx_fit import control, interrupts, numerics, policies
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
 from mjx_fit.kinematics import chain_of
-from mjx_fit.lanes import worlds_last
+from mjx_fit.linalg import worlds_last
 from mjx_fit.policies import Policy
 from mjx_fit.scene import Scene, pair_index, simulation_scene
 from mjx_fit.simulate import acting, attempt_rules

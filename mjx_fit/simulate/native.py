@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Int
 from mujoco.batch import Batch
 
 from mjx_fit import interrupts, numerics, policies
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
 from mjx_fit.policies import Policy
 from mjx_fit.scene import simulation_scene
 from mjx_fit.simulate import attempt_rules

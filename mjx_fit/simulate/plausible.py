@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from mjx_fit.config.sections.world import SceneConfig
 from mjx_fit.rates import ACTION_S
 from mjx_fit.robot import Robot
-from mjx_fit.settings import SceneConfig
 from mjx_fit.shapes import plate_top_m
 from mjx_fit.types import Array, Rollout
 

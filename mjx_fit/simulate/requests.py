@@ -10,10 +10,10 @@ import numpy as np
 from jaxtyping import Bool
 
 from mjx_fit import memory
+from mjx_fit.config.sections.world import SceneConfig
 from mjx_fit.errors import RequestError
 from mjx_fit.policies import NAMES
 from mjx_fit.robot import ROBOTS
-from mjx_fit.settings import SceneConfig
 from mjx_fit.types import ACTION_BYTES, Attempt
 
 MOST_ACTIONS = 10_000

@@ -3,7 +3,7 @@
 import jax
 
 from mjx_fit import granted
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
 from mjx_fit.errors import RequestError, shown
 from mjx_fit.policies import Policy
 from mjx_fit.simulate.interface import Engine

@@ -11,7 +11,7 @@ from operator import attrgetter
 import numpy as np
 from jaxtyping import Int
 
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
 from mjx_fit.sensors.model import ContactSensor
 from mjx_fit.simulate.interface import Engine
 from mjx_fit.task.attempt_loop import attempt_rounds

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int, Key
 
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
 from mjx_fit.filters.belief import initial_belief
 from mjx_fit.filters.kalman import scale_tril
 from mjx_fit.simulate.interface import Engine

@@ -10,7 +10,7 @@ from flax import nnx
 from jaxtyping import Bool, Int, Key
 
 from mjx_fit import numerics
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
 from mjx_fit.errors import RequestError
 from mjx_fit.filters.belief import update_position, update_type
 from mjx_fit.filters.success import success_probability

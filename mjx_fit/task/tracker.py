@@ -14,7 +14,8 @@ import numpy as np
 from jaxtyping import Float
 
 from mjx_fit import numerics
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
+from mjx_fit.config.sections.world import WristConfig
 from mjx_fit.errors import RequestError, shown
 from mjx_fit.filters.belief import initial_belief
 from mjx_fit.filters.success import success_probability
@@ -22,7 +23,6 @@ from mjx_fit.resampling import felt_from_log
 from mjx_fit.robot import ROBOTS
 from mjx_fit.sensor_log import SensorLog
 from mjx_fit.sensors.trained_sensor import TrainedSensor
-from mjx_fit.settings import WristConfig
 from mjx_fit.simulate.requests import require_count
 from mjx_fit.task import pomdp
 from mjx_fit.task.entrance import require_beliefs, require_places

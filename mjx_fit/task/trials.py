@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
 from mjx_fit.detector import detect
 from mjx_fit.randomness import root_key
 from mjx_fit.scene import place_holes

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from mjx_fit import memory
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
 from mjx_fit.dataset import manifest, store
 from mjx_fit.dataset.episode import Episode
 from mjx_fit.training import run_folder

@@ -14,9 +14,9 @@ import jax
 import numpy as np
 from flax import nnx
 
-from mjx_fit import config as config_
 from mjx_fit import numerics, provenance
-from mjx_fit.config import Config
+from mjx_fit.config.files import read_stored_config
+from mjx_fit.config.schema import Config
 from mjx_fit.errors import RequestError
 from mjx_fit.sensors.model import ContactSensor
 from mjx_fit.training import step_folder, stored_arrays
@@ -121,7 +121,7 @@ def load_sensor(run: Path) -> tuple[ContactSensor, Config]:
     checkpoint = load(run / BEST)
     if checkpoint is None:
         raise RequestError(f"--run: {run} is not allowed: it holds no checkpoint ({BEST}); train it first")
-    config = config_.load_stored(run / "config.yaml")
+    config = read_stored_config(run / "config.yaml")
     abstract = nnx.eval_shape(lambda: ContactSensor(config.sensor, nnx.Rngs(0), config.scene.n_types))
     _require_finite(run / BEST, checkpoint[1])
     graphdef, template = nnx.split(abstract)

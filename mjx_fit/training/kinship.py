@@ -9,8 +9,7 @@ from pydantic import Field, TypeAdapter
 from typing_extensions import TypedDict
 
 from mjx_fit import bounded_json
-from mjx_fit import config as config_
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config, config_differences, config_from_tree
 from mjx_fit.dataset.episode import Episode
 from mjx_fit.errors import RequestError
 from mjx_fit.training import run_files
@@ -118,8 +117,8 @@ def require_world(request: dict[str, Any], config: Config) -> None:
     Raises:
         RequestError: Its scene or controller is another.
     """
-    there = config_.from_tree(request["config"])
-    differences = [words for words in config_.differences(there, config) if words.split(".")[0] in WORLD]
+    there = config_from_tree(request["config"])
+    differences = [words for words in config_differences(there, config) if words.split(".")[0] in WORLD]
     if differences:
         raise RequestError(
             f"--data: not allowed with this configuration: {differences[0]}; give the --config and --set "

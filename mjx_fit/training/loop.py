@@ -17,7 +17,7 @@ from flax import nnx
 from jaxtyping import Int, Key
 
 from mjx_fit import numerics, provenance
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
 from mjx_fit.dataset.episode import Episode
 from mjx_fit.dataset.reader import n_batches, placed
 from mjx_fit.dataset.windows import Sample, chains, windows_of

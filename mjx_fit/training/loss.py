@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Float
 
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
 from mjx_fit.dataset.windows import Sample
 from mjx_fit.filters.belief import update_position, update_type
 from mjx_fit.filters.kalman import gaussian_nll, gaussian_nll_terms

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from mjx_fit import bounded_json, files, locks
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
 from mjx_fit.errors import RequestError
 
 CONFIG, RUN, METRICS = "config.yaml", "run.json", "metrics.jsonl"

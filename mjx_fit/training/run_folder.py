@@ -16,9 +16,9 @@ from typing import Any, ParamSpec, TypeVar
 import numpy as np
 from jaxtyping import Int
 
-from mjx_fit import config as config_
 from mjx_fit import files, locks, provenance
-from mjx_fit.config import Config
+from mjx_fit.config.files import read_stored_config
+from mjx_fit.config.schema import Config, config_differences, config_to_yaml
 from mjx_fit.errors import RequestError, require
 from mjx_fit.filesystem import inside as inside_
 from mjx_fit.filesystem import refuse_link
@@ -128,8 +128,8 @@ def check(out: Path, config: Config, seed: int, data: str, origin: dict[str, Any
         if there[name] != here
     ]
     _require_origin(out, there.get("init"), origin)
-    before = config_.load_stored(out / CONFIG)
-    differences += config_.differences(*map(identity, (before, config)))
+    before = read_stored_config(out / CONFIG)
+    differences += config_differences(*map(identity, (before, config)))
     _require_end(out, before, config, differences)
     if differences:
         raise RequestError(
@@ -181,7 +181,7 @@ def write(
         sides: Indices of the training and of the validation episodes.
         origin: Of the sensor that the training starts from, if it is a trained one.
     """
-    files.write_text(out / CONFIG, config_.to_yaml(config))
+    files.write_text(out / CONFIG, config_to_yaml(config))
     if not (out / RUN).is_file():
         run = {
             "seed": seed,
@@ -228,7 +228,7 @@ def _require_end(out: Path, before: Config, now: Config, differences: list[str])
 
 def _require_free(out: Path, config: Config) -> None:
     """A folder without a run may hold what a killed start of this very run left behind, and nothing else."""
-    begun = {CONFIG: config_.to_yaml(config)}
+    begun = {CONFIG: config_to_yaml(config)}
     for name in files.foreign(out, {RUN}):
         path = out / name
         torn = files.is_temporary(name, of={CONFIG})

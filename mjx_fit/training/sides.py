@@ -6,7 +6,7 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Int
 
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
 from mjx_fit.dataset.episode import Episode
 from mjx_fit.dataset.windows import split, usable
 from mjx_fit.errors import RequestError

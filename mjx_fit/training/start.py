@@ -6,8 +6,7 @@ from typing import Any, NamedTuple
 
 from flax import nnx
 
-from mjx_fit import config as config_
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config, config_differences
 from mjx_fit.dataset.episode import Episode
 from mjx_fit.errors import RequestError
 from mjx_fit.sensors.model import ContactSensor, InputScale
@@ -115,7 +114,7 @@ def _start(run: Path, inside: str, config: Config) -> Start | None:
         raise RequestError(str(error).replace("--run:", "--init:", 1)) from None
     others = [
         words
-        for words in config_.differences(there, config)
+        for words in config_differences(there, config)
         if words.startswith(("sensor.", "scene.shapes ")) and not words.startswith(_FREE)
     ]
     if others:

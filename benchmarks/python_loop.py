@@ -9,12 +9,12 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import block_diag
 
-from mjx_fit.config import Config
+from mjx_fit.config.schema import Config
+from mjx_fit.config.sections.world import ControlConfig
 from mjx_fit.control import ArmState
 from mjx_fit.kinematics import STRAIGHT_DOWN, chain_of
 from mjx_fit.robot import PANDA
 from mjx_fit.scene import pair_index, simulation_scene
-from mjx_fit.settings import ControlConfig
 from mjx_fit.simulate.attempt_rules import start_qpos
 from mjx_fit.types import Attempt
 

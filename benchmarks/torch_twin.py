@@ -13,11 +13,11 @@ import torch
 import torch.nn.functional as F  # noqa: N812
 from torch import Tensor, nn
 
+from mjx_fit.config.sections.learning import SensorConfig
 from mjx_fit.dataset.windows import Sample
 from mjx_fit.sensors import model
 from mjx_fit.sensors.heads import H_INIT_LOGIT, MIN_STD_CM
 from mjx_fit.sensors.model import METRES_PER_CM, ROW_FEATURES
-from mjx_fit.settings import SensorConfig
 from mjx_fit.types import SUBSTEPS
 
 EPSILON = 1e-6

@@ -7,9 +7,10 @@ the ends of the ranges and of these rules, one at a time and together.
 import math
 from collections.abc import Iterator
 
+from mjx_fit.config.sections.task import TaskConfig
+from mjx_fit.config.sections.world import ControlConfig, RandomConfig, SceneConfig, SpiralConfig
 from mjx_fit.errors import require, shown
 from mjx_fit.rates import STEP_S
-from mjx_fit.settings import ControlConfig, RandomConfig, SceneConfig, SpiralConfig, TaskConfig
 
 MOST_DAMPING = 0.6
 """Share of a velocity that damping may take away in one such step."""

@@ -1,6 +1,6 @@
 """Every key of the configuration in a table: its unit, what is allowed, its default and its description.
 
-All of it comes from the schema itself, ``mjx_fit.settings``: annotations, defaults and docstrings.
+All of it comes from the schema itself, ``mjx_fit.config.sections``: annotations, defaults and docstrings.
 """
 
 import dataclasses
@@ -8,8 +8,8 @@ import inspect
 import re
 from typing import Any, Literal, get_args, get_origin
 
-from mjx_fit.config import Config, to_tree
-from mjx_fit.schema_errors import members, plain_and_limits
+from mjx_fit.config.schema import Config, config_to_tree
+from mjx_fit.config.schema_errors import members, plain_and_limits
 
 WIDTH = 110
 """Columns of the widest line."""
@@ -44,7 +44,7 @@ class Key:
 
 def keys(config: Config) -> list[Key]:
     """All keys, in the order of the schema, with their values in a configuration."""
-    default, value = to_tree(Config()), to_tree(config)
+    default, value = config_to_tree(Config()), config_to_tree(config)
     return [
         Key(
             section,

@@ -1,21 +1,22 @@
-"""Worlds side by side: arithmetic on small arrays whose last axis is the worlds.
+"""Small matrices and vectors, with the worlds as the last axis, written out entry by entry.
 
 Every number is then a contiguous row of worlds, and a sum that is written out term by term is plain
 arithmetic on such rows, which a compiler turns into vector instructions and fuses with what surrounds it.
-XLA's own reductions and batched products of small matrices go through one number at a time on a CPU, many
-times slower.
+XLA's own reductions and batched products of small matrices handle one number at a time on a CPU, many times
+slower; a library's batched Cholesky is one call for each matrix on a CPU and a kernel launch of its own on a
+GPU.
 
-Most functions here, and what is built of them, take any number of worlds' axes, none as well; ``largest``
-takes one.
+Most functions take any number of world axes, including none; ``largest`` takes one.
 """
 
 from collections.abc import Callable
 from functools import reduce
 from operator import add
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import lax
 from jaxtyping import Float
 
 from mjx_fit.types import Array
@@ -87,3 +88,53 @@ def worlds_last(function: Callable[..., Any]) -> Callable[..., Any]:
         return result, jax.tree.map(lambda _: True, result)
 
     return of_one
+
+
+class CholeskyFactor(NamedTuple):
+    """A Cholesky factor A = L Lᵀ.
+
+    Attributes:
+        lower: ``lower[i][j]`` for j < i: the entries of L below its diagonal.
+        inverse_diagonal: 1 / L_ii.
+    """
+
+    lower: list[list[Float[Array, "*b"]]]
+    inverse_diagonal: list[Float[Array, "*b"]]
+
+
+def cholesky_factor(matrix: Float[Array, "n n *b"], damping: float = 0.0) -> CholeskyFactor:
+    """The Cholesky factor of a matrix, of which only the lower triangle is read.
+
+    A matrix that is not positive definite gives NaN, in its own world alone.
+
+    Args:
+        matrix: A.
+        damping: Is added to the diagonal.
+    """
+    lower, inverse_diagonal = [], []
+    for i in range(len(matrix)):
+        row = []
+        for j in range(i):
+            rest = matrix[i, j] - sum(row[k] * lower[j][k] for k in range(j))
+            row.append(rest * inverse_diagonal[j])
+        inverse_diagonal.append(lax.rsqrt(matrix[i, i] + damping - sum(x * x for x in row)))
+        lower.append(row)
+    return CholeskyFactor(lower, inverse_diagonal)
+
+
+def solve_lower(a: CholeskyFactor, b: Float[Array, "n *b"]) -> Float[Array, "n *b"]:
+    """X with L x = b."""
+    x = []
+    for i, scale in enumerate(a.inverse_diagonal):
+        x.append((b[i] - sum(a.lower[i][k] * x[k] for k in range(i))) * scale)
+    return jnp.stack(x)
+
+
+def cholesky_solve(a: CholeskyFactor, b: Float[Array, "n *b"]) -> Float[Array, "n *b"]:
+    """X with A x = b."""
+    y = solve_lower(a, b)
+    n = len(a.inverse_diagonal)
+    x = [jnp.zeros(())] * n
+    for i in reversed(range(n)):
+        x[i] = (y[i] - sum(a.lower[k][i] * x[k] for k in range(i + 1, n))) * a.inverse_diagonal[i]
+    return jnp.stack(x)

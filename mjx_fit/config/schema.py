@@ -1,36 +1,28 @@
-"""The whole configuration; strict YAML in and out.
-
-An unknown key, a wrong type or a value out of range raises ``RequestError``. Units are in the names.
-"""
+"""The whole configuration: its sections, its rules, and its forms as a tree and as YAML."""
 
 import dataclasses
 import json
 import math
-from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import yaml
 from pydantic import TypeAdapter, ValidationError, model_validator
 from pydantic.dataclasses import dataclass
 
-from mjx_fit import limits, schema_errors, strict_yaml
-from mjx_fit.errors import RequestError, shortened, shown
-from mjx_fit.settings import (
-    FIRST_SENSOR,
-    FIRST_TRAIN,
-    STRICT,
+from mjx_fit.config import limits, schema_errors, strict_yaml
+from mjx_fit.config.sections.fields import STRICT
+from mjx_fit.config.sections.learning import FIRST_SENSOR, FIRST_TRAIN, SensorConfig, TrainConfig
+from mjx_fit.config.sections.task import TaskConfig
+from mjx_fit.config.sections.world import (
     ControlConfig,
     DetectorConfig,
     RandomConfig,
     SceneConfig,
-    SensorConfig,
     SequenceConfig,
     SpiralConfig,
-    TaskConfig,
-    TrainConfig,
     WristConfig,
 )
+from mjx_fit.errors import RequestError, shown
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -64,41 +56,7 @@ class Config:
         return self
 
 
-def load(path: Path | Sequence[Path] | None = None, overrides: Sequence[str] = ()) -> Config:
-    """The configuration of a run.
-
-    Args:
-        path: YAML file with the values that differ from the defaults, several of which later ones win over
-            earlier ones key by key, or None.
-        overrides: ``section.key=value`` strings, applied after the file.
-
-    Raises:
-        RequestError: The file cannot be read, or a key or value is not allowed.
-    """
-    tree: dict[str, Any] = {}
-    paths = [] if path is None else [path] if isinstance(path, Path) else path
-    for one in paths:
-        for name, section in _read(one).items():
-            both = isinstance(section, dict) and isinstance(tree.get(name), dict)
-            tree[name] = tree[name] | section if both else section
-    for override in overrides:
-        _set(tree, override)
-    return from_tree(tree)
-
-
-def load_stored(path: Path) -> Config:
-    """The configuration that a run was stored with.
-
-    Args:
-        path: Its YAML file.
-
-    Raises:
-        RequestError: The file cannot be read, or a key or value is not allowed.
-    """
-    return from_stored(_read(path))
-
-
-def from_stored(tree: dict[str, Any]) -> Config:
+def config_from_stored(tree: dict[str, Any]) -> Config:
     """The configuration in a stored file; keys that are younger than it mean what went without saying then.
 
     Raises:
@@ -110,10 +68,10 @@ def from_stored(tree: dict[str, Any]) -> Config:
         for name, section in then.items()
         if isinstance(tree.get(name), dict)
     }
-    return from_tree(tree | filled)
+    return config_from_tree(tree | filled)
 
 
-def from_tree(tree: dict[str, Any]) -> Config:
+def config_from_tree(tree: dict[str, Any]) -> Config:
     """The configuration that differs from the defaults in the values of a nested dict.
 
     Raises:
@@ -155,18 +113,18 @@ def require_room(config: Config, key: str, radius_m: float) -> None:
         )
 
 
-def to_tree(config: Config) -> dict[str, Any]:
+def config_to_tree(config: Config) -> dict[str, Any]:
     """The whole configuration as nested dicts and lists, ready for YAML or JSON."""
     return json.loads(json.dumps(dataclasses.asdict(config)))
 
 
-def to_yaml(config: Config) -> str:
-    """The whole configuration as YAML; ``load`` reads it back unchanged."""
-    return yaml.safe_dump(to_tree(config), sort_keys=False)
+def config_to_yaml(config: Config) -> str:
+    """The whole configuration as YAML; ``read_config`` reads it back unchanged."""
+    return yaml.safe_dump(config_to_tree(config), sort_keys=False)
 
 
-def from_yaml(text: str) -> Config:
-    """What ``to_yaml`` wrote.
+def config_from_yaml(text: str) -> Config:
+    """What ``config_to_yaml`` wrote.
 
     Raises:
         RequestError: It is something else.
@@ -175,64 +133,15 @@ def from_yaml(text: str) -> Config:
         tree = strict_yaml.load(text)
     except strict_yaml.StrictYamlError as error:
         raise RequestError(f"config: {error}") from None
-    return from_tree(tree)
+    return config_from_tree(tree)
 
 
-def differences(one: Config, other: Config) -> list[str]:
+def config_differences(one: Config, other: Config) -> list[str]:
     """The keys in which two configurations differ, in words: ``section.key is 1 there and 2 here``."""
-    there, here = to_tree(one), to_tree(other)
+    there, here = config_to_tree(one), config_to_tree(other)
     return [
         f"{section}.{key} is {value} there and {here[section][key]} here"
         for section, values in there.items()
         for key, value in values.items()
         if value != here[section][key]
     ]
-
-
-def _read(path: Path) -> dict[str, Any]:
-    name = str(path) if str(path).isprintable() else shown(str(path))
-    try:
-        with Path(path).open("rb") as file:
-            content = file.read(strict_yaml.MOST_BYTES + 1)
-        loaded = strict_yaml.load(_decoded(content))
-    except OSError as error:
-        raise RequestError(f"config: {shortened(name, 300)} cannot be read: {error.strerror}") from None
-    except strict_yaml.StrictYamlError as error:
-        raise RequestError(f"config: {shortened(name, 300)} cannot be read: {error}") from None
-    except ValueError:
-        raise RequestError(f"config: {name} cannot be read: a path holds no NUL") from None
-    if not isinstance(loaded, dict | None):
-        raise RequestError(
-            f"config: {name} must hold sections such as 'scene:', not a {type(loaded).__name__}"
-        )
-    return loaded or {}
-
-
-def _decoded(content: bytes) -> str:
-    """UTF-8 text, whatever the locale."""
-    if len(content) > strict_yaml.MOST_BYTES:
-        raise strict_yaml.StrictYamlError(
-            f"it has more than the {strict_yaml.MOST_BYTES} bytes that are allowed"
-        )
-    try:
-        return content.decode("utf-8")
-    except UnicodeDecodeError as error:
-        raise strict_yaml.StrictYamlError(
-            f"byte {error.start} (0x{content[error.start]:02x}) is not allowed: it must be UTF-8 text"
-        ) from None
-
-
-def _set(tree: dict[str, Any], override: str) -> None:
-    path, separator, text = override.partition("=")
-    keys = path.strip().split(".")
-    if not separator or len(keys) != 2 or not all(keys):
-        raise RequestError(
-            f"--set: {shown(override)} is not allowed: write section.key=value, e.g. scene.clearance_m=0.002"
-        )
-    section = tree.setdefault(keys[0], {})
-    if not isinstance(section, dict):
-        raise RequestError(f"config: {keys[0]}: {shown(section)} is not allowed: it must be a section")
-    try:
-        section[keys[1]] = strict_yaml.load(text)
-    except strict_yaml.StrictYamlError as error:
-        raise RequestError(f"--set: {shown(override)} is not allowed: it is no YAML value: {error}") from None

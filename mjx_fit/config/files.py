@@ -1,0 +1,92 @@
+"""Configurations from files and ``--set``: strict YAML; unknown keys and values out of range are refused."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from mjx_fit.config import strict_yaml
+from mjx_fit.config.schema import Config, config_from_stored, config_from_tree
+from mjx_fit.errors import RequestError, shortened, shown
+
+
+def read_config(path: Path | Sequence[Path] | None = None, overrides: Sequence[str] = ()) -> Config:
+    """The configuration of a run.
+
+    Args:
+        path: YAML file with the values that differ from the defaults, several of which later ones win over
+            earlier ones key by key, or None.
+        overrides: ``section.key=value`` strings, applied after the file.
+
+    Raises:
+        RequestError: The file cannot be read, or a key or value is not allowed.
+    """
+    tree: dict[str, Any] = {}
+    paths = [] if path is None else [path] if isinstance(path, Path) else path
+    for one in paths:
+        for name, section in _read(one).items():
+            both = isinstance(section, dict) and isinstance(tree.get(name), dict)
+            tree[name] = tree[name] | section if both else section
+    for override in overrides:
+        _set(tree, override)
+    return config_from_tree(tree)
+
+
+def read_stored_config(path: Path) -> Config:
+    """The configuration that a run was stored with.
+
+    Args:
+        path: Its YAML file.
+
+    Raises:
+        RequestError: The file cannot be read, or a key or value is not allowed.
+    """
+    return config_from_stored(_read(path))
+
+
+def _read(path: Path) -> dict[str, Any]:
+    name = str(path) if str(path).isprintable() else shown(str(path))
+    try:
+        with Path(path).open("rb") as file:
+            content = file.read(strict_yaml.MOST_BYTES + 1)
+        loaded = strict_yaml.load(_decoded(content))
+    except OSError as error:
+        raise RequestError(f"config: {shortened(name, 300)} cannot be read: {error.strerror}") from None
+    except strict_yaml.StrictYamlError as error:
+        raise RequestError(f"config: {shortened(name, 300)} cannot be read: {error}") from None
+    except ValueError:
+        raise RequestError(f"config: {name} cannot be read: a path holds no NUL") from None
+    if not isinstance(loaded, dict | None):
+        raise RequestError(
+            f"config: {name} must hold sections such as 'scene:', not a {type(loaded).__name__}"
+        )
+    return loaded or {}
+
+
+def _decoded(content: bytes) -> str:
+    """UTF-8 text, whatever the locale."""
+    if len(content) > strict_yaml.MOST_BYTES:
+        raise strict_yaml.StrictYamlError(
+            f"it has more than the {strict_yaml.MOST_BYTES} bytes that are allowed"
+        )
+    try:
+        return content.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise strict_yaml.StrictYamlError(
+            f"byte {error.start} (0x{content[error.start]:02x}) is not allowed: it must be UTF-8 text"
+        ) from None
+
+
+def _set(tree: dict[str, Any], override: str) -> None:
+    path, separator, text = override.partition("=")
+    keys = path.strip().split(".")
+    if not separator or len(keys) != 2 or not all(keys):
+        raise RequestError(
+            f"--set: {shown(override)} is not allowed: write section.key=value, e.g. scene.clearance_m=0.002"
+        )
+    section = tree.setdefault(keys[0], {})
+    if not isinstance(section, dict):
+        raise RequestError(f"config: {keys[0]}: {shown(section)} is not allowed: it must be a section")
+    try:
+        section[keys[1]] = strict_yaml.load(text)
+    except strict_yaml.StrictYamlError as error:
+        raise RequestError(f"--set: {shown(override)} is not allowed: it is no YAML value: {error}") from None

@@ -1,0 +1,103 @@
+"""Sections on what is learned: the sensor and its training."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+from pydantic.dataclasses import dataclass
+
+from mjx_fit.config.sections.fields import ACTIONS_UNIT, ATTEMPTS_UNIT, EPOCHS_UNIT, STRICT
+
+Window = Annotated[int, Field(ge=1, le=1000, json_schema_extra=ACTIONS_UNIT)]
+MAX_EPOCHS = 1_000_000
+Channels = Annotated[int, Field(ge=1, le=512)]
+
+
+@dataclass(frozen=True, config=STRICT)
+class SensorConfig:
+    """The learned sensors: encoders e1 and e2, heads h_pos and h_match.
+
+    Attributes:
+        width: Size of encoder outputs and tokens.
+        conv_channels: Channels of the wrench encoder. One for each of its five layers.
+        layers: Transformer layers.
+        heads: Attention heads.
+        feedforward: Width of the feed-forward part.
+        dropout: Dropout rate of the transformer.
+        positional: Encode the place in time.
+        causal: Attend to the past only.
+        noise: What the noise model R depends on. The ``peg`` alone, as in the paper, or the ``trace``, too.
+        reference: Origin of measured positions. The ``estimate``, or the ``final`` position of the end
+            effector, which makes it the frame-by-frame baseline. ``mjx-fit train`` trains both.
+        contact_features: Add contact features to tokens. Mean and spread of the wrench, and the centre of
+            pressure; the paper's tokens hold the wrench alone.
+        places: Weighted mean positions; 0: none. Means, over the attempt, of where the end effector was and
+            where it was pressed, that join what the maximum over time gives. The paper has none.
+    """
+
+    width: Annotated[int, Field(ge=4, le=512, multiple_of=4)] = 64
+    conv_channels: tuple[Channels, Channels, Channels, Channels, Channels] = (16, 32, 64, 64, 64)
+    layers: Annotated[int, Field(ge=1, le=32)] = 4
+    heads: Annotated[int, Field(ge=1, le=64)] = 4
+    feedforward: Annotated[int, Field(ge=1, le=4096)] = 128
+    dropout: Annotated[float, Field(ge=0, le=0.9)] = 0.0
+    positional: bool = False
+    causal: bool = False
+    noise: Literal["peg", "trace"] = "trace"
+    reference: Literal["estimate", "final"] = "estimate"
+    contact_features: bool = True
+    places: Annotated[int, Field(ge=0, le=64)] = 8
+
+
+@dataclass(frozen=True, config=STRICT)
+class TrainConfig:
+    """Training of the differentiable filters.
+
+    Attributes:
+        epochs: Passes over the training data. One window from each episode per pass.
+        batch_size: Windows in one step.
+        learning_rate: Adam's largest learning rate. No weight moves farther than that in a step.
+        schedule: Schedule of the learning rate. ``constant``, or ``cosine``: a half wave from 1 to 0 over all
+            epochs.
+        adam_b2: Adam's β2.
+        weight_decay: AdamW's weight decay.
+        mirror: Mirror every second window. In the robot's plane of symmetry; for shapes that are their own
+            mirror image alone.
+        min_window: Shortest window.
+        max_window: Longest window. Shorter ones are padded to this.
+        sequence: Attempts chained in one example. In a row at one hole, each with the belief that the ones
+            before have left; 1: every window alone, from the prior that was stored with it. For more the
+            data must be collected with as many (``--sequence``) and with a sensor's own beliefs (``--run``),
+            and windows should be whole attempts: where the second began says what the first had said.
+        validation_fraction: Share of validation episodes.
+        patience: Epochs without gain; 0: no limit. Training stops early after this many without a better
+            validation NLL.
+        baseline_share: Baseline's share of the epochs. The frame-by-frame baseline is trained after the
+            sensor; 0: leave it out.
+    """
+
+    epochs: Annotated[int, Field(ge=1, le=MAX_EPOCHS, json_schema_extra=EPOCHS_UNIT)] = 30
+    batch_size: Annotated[int, Field(ge=1, le=16_384, json_schema_extra={"unit": "windows"})] = 32
+    learning_rate: Annotated[float, Field(ge=1e-12, le=1)] = 1e-3
+    schedule: Literal["constant", "cosine"] = "cosine"
+    adam_b2: Annotated[float, Field(ge=0.1, le=0.99999)] = 0.99
+    weight_decay: Annotated[float, Field(ge=0, le=10)] = 0.01
+    mirror: bool = True
+    min_window: Window = 20
+    max_window: Window = 100
+    sequence: Annotated[int, Field(ge=1, le=30, json_schema_extra=ATTEMPTS_UNIT)] = 1
+    validation_fraction: Annotated[float, Field(ge=0.001, le=0.9)] = 0.1
+    patience: Annotated[int, Field(ge=0, le=1_000_000, json_schema_extra=EPOCHS_UNIT)] = 0
+    baseline_share: Annotated[float, Field(ge=0, le=1)] = 0.5
+
+
+FIRST_SENSOR = SensorConfig(noise="peg", contact_features=False, places=0)
+FIRST_TRAIN = TrainConfig(
+    epochs=5000,
+    batch_size=128,
+    learning_rate=1e-4,
+    schedule="constant",
+    weight_decay=0.0,
+    mirror=False,
+    baseline_share=1.0,
+)
+"""The paper's, which were the first defaults: what a key means where a stored file is older than the key."""

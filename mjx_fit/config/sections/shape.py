@@ -1,0 +1,68 @@
+"""Cross-sections of pegs and holes."""
+
+from itertools import pairwise
+from typing import Annotated
+
+from pydantic import Field, model_validator
+from pydantic.dataclasses import dataclass
+
+from mjx_fit.config.sections.fields import STRICT
+
+Metres = Annotated[float, Field(ge=-0.03, le=0.03, json_schema_extra={"unit": "m"})]
+Corners = tuple[Metres, Metres, Metres, Metres]
+LEAST_SIDE_M = 0.001
+"""Of a rectangle: what is thinner bends, and a rigid body does not."""
+
+
+@dataclass(frozen=True, config=STRICT)
+class Shape:
+    """The cross-section of a peg: a union of rectangles, which is extruded. Its hole is wider on every side.
+
+    Example:
+        >>> import mjx_fit as mf
+        >>> mf.Shape("slot", ((-0.02, -0.005, 0.02, 0.005),)).half_width_m
+        0.02
+
+    Attributes:
+        name: What it is called in files and figures.
+        rectangles: Of each the lower and the upper corner, x, y, x, y in m from the axis of the tool, along
+            the world's axes: as the peg stands in its hole, seen from above. They may stand apart, like the
+            prongs of a plug: the tool holds each.
+    """
+
+    name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$", max_length=40)]
+    rectangles: Annotated[tuple[Corners, ...], Field(min_length=1, max_length=4)]
+
+    @model_validator(mode="after")
+    def _corners_in_order(self) -> "Shape":
+        for x0, y0, x1, y1 in self.rectangles:
+            if min(x1 - x0, y1 - y0) < LEAST_SIDE_M:
+                raise ValueError(
+                    f"rectangles: {[x0, y0, x1, y1]} is not allowed in {self.name!r}: it must be a lower "
+                    f"and an upper corner, and no side shorter than {LEAST_SIDE_M}"
+                )
+        return self
+
+    @property
+    def half_width_m(self) -> float:
+        """Half the side of the square around the axis that holds it: pegs and plates are never turned."""
+        return max(abs(edge) for rectangle in self.rectangles for edge in rectangle)
+
+    def covers(self, x: float, y: float) -> bool:
+        """Whether a point lies in it, in m from the axis."""
+        return any(x0 <= x <= x1 and y0 <= y <= y1 for x0, y0, x1, y1 in self.rectangles)
+
+    @property
+    def is_its_own_mirror_image(self) -> bool:
+        """In the plane y = 0."""
+        xs = sorted({edge for x0, _, x1, _ in self.rectangles for edge in (x0, x1)})
+        ys = sorted({edge for _, y0, _, y1 in self.rectangles for edge in (y0, y1, -y0, -y1)})
+        middles = [((a + b) / 2, (c + d) / 2) for a, b in pairwise(xs) for c, d in pairwise(ys)]
+        return all(self.covers(x, y) == self.covers(x, -y) for x, y in middles)
+
+
+SHAPES = (
+    Shape("cross", ((-0.020, -0.010, 0.020, 0.010), (-0.010, -0.020, 0.010, 0.020))),
+    Shape("rectangle", ((-0.020, -0.0125, 0.020, 0.0125),)),
+    Shape("square", ((-0.015, -0.015, 0.015, 0.015),)),
+)

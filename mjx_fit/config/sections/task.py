@@ -1,0 +1,125 @@
+"""The section on the task: holes, attempts, and the outcome model."""
+
+from dataclasses import replace
+from itertools import pairwise
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Discriminator, Field, Tag, model_validator
+from pydantic.dataclasses import dataclass
+
+from mjx_fit.config.sections.fields import ACTIONS_UNIT, ATTEMPTS_UNIT, LEAST_PROBABILITY, STRICT, Probability
+from mjx_fit.config.sections.shape import SHAPES, Shape
+from mjx_fit.errors import shown
+
+Rates = tuple[Annotated[float, Field(ge=0, le=0.999999)], ...]
+
+
+def _number_or_row(value: Any) -> str:
+    return "row" if isinstance(value, list | tuple) else "number"
+
+
+Alphas = tuple[
+    Annotated[
+        Annotated[Probability, Tag("number")] | Annotated[Rates, Tag("row")],
+        Discriminator(_number_or_row),
+    ],
+    ...,
+]
+"""A number for each shape, the diagonal of a matrix, or a row of it for each."""
+
+_ERROR_KNOTS_M = (0.0, 0.001, 0.002, 0.003, 0.005, 0.0075, 0.01, 0.0125, 0.015, 0.0175)
+_SUCCESS_BY_ERROR = (
+    (0.987, 0.973, 0.840, 0.620, 0.153, 0.347, 0.307, 0.093, 0.060, 0.0),
+    (0.993, 0.993, 0.927, 0.780, 0.567, 0.620, 0.407, 0.100, 0.067, 0.0),
+    (0.987, 0.980, 0.873, 0.653, 0.313, 0.400, 0.327, 0.093, 0.060, 0.0),
+)
+
+_SUCCESS_PROBABILITY = (0.118, 0.162, 0.117)
+LEAST_STEP_M = 0.00001
+"""Between distances, for single precision to tell them apart."""
+
+
+@dataclass(frozen=True, config=STRICT)
+class TaskConfig:
+    """The high-level task.
+
+    Attributes:
+        n_holes: Holes, and pegs, in one assembly.
+        max_attempts: Attempts before a human helps. At one peg.
+        attempt_actions: Length J of one attempt.
+        insertion_depth_m: Depth that counts as inserted. The end effector is at least this far below the
+            plate's top, in the hole.
+        success_probability: Success rates α by shape. Those of the outcome model: a number for
+            each shape, the success rate of a matched attempt; or a matrix, a row for each peg with a number
+            for each hole, where a peg goes into holes of other types, too. The default (null) is what
+            ``evaluate attempt --trials 1000`` measured for cross, rectangle and square with everything else
+            at its default, and their mean for each shape of other ``scene.shapes``: a guess. Measure it again
+            when you change the detector, the scene or the control.
+        outcome_model: How success is predicted. α is ``constant`` per shape, as in the paper, or follows
+            from the ``covariance`` of the belief: the mean of ``success_by_error`` over the belief where the
+            types match (``mjx_fit.filters.success``).
+        error_knots_m: Errors at which α is known. Distances of the estimate from the hole.
+        success_by_error: Success rates at these errors. A list for each shape, of matched attempts. The
+            default (null) is what ``experiments/physics/alpha.py error`` measured for cross, rectangle and
+            square with everything else at its default, and their mean for each shape of other
+            ``scene.shapes``.
+        hard_match: Update the type by the arg max. h_match's, as in Algorithm 3; otherwise by the mean over
+            its probabilities, as in training. H is learned with the latter, and is too sure for the former.
+    """
+
+    n_holes: Annotated[int, Field(ge=1, le=8, json_schema_extra={"unit": "holes"})] = 5
+    max_attempts: Annotated[int, Field(ge=1, le=1000, json_schema_extra=ATTEMPTS_UNIT)] = 30
+    attempt_actions: Annotated[int, Field(ge=1, le=400, json_schema_extra=ACTIONS_UNIT)] = 100
+    insertion_depth_m: Annotated[float, Field(ge=0.001, le=0.025)] = 0.01
+    success_probability: Alphas | None = None
+    outcome_model: Literal["constant", "covariance"] = "constant"
+    error_knots_m: Annotated[
+        tuple[Annotated[float, Field(ge=0, le=0.1)], ...], Field(min_length=1, max_length=100)
+    ] = _ERROR_KNOTS_M
+    success_by_error: tuple[Rates, ...] | None = None
+    hard_match: bool = False
+
+    @model_validator(mode="after")
+    def _one_rate_for_each_knot(self) -> "TaskConfig":
+        knots = self.error_knots_m
+        if any(after - before < LEAST_STEP_M for before, after in pairwise(knots)):
+            raise ValueError(
+                f"error_knots_m: {shown(list(knots))} is not allowed: they must ascend, by {LEAST_STEP_M} "
+                "at least"
+            )
+        for rates in self.success_by_error or _SUCCESS_BY_ERROR:
+            if len(rates) != len(knots):
+                raise ValueError(
+                    f"success_by_error: {shown(list(rates))} is not allowed: there must be a rate for "
+                    f"each of error_knots_m, {len(knots)}"
+                )
+        return self
+
+    @model_validator(mode="after")
+    def _rows_of_one_matrix(self) -> "TaskConfig":
+        alphas = self.success_probability or ()
+        rows = [row for row in alphas if isinstance(row, tuple)]
+        if rows and [len(row) for row in rows] != [len(alphas)] * len(alphas):
+            raise ValueError(
+                f"success_probability: {shown(list(alphas))} is not allowed: it must hold a number for each "
+                "shape, or a row for each with a number for each"
+            )
+        for i, row in enumerate(rows):
+            if row[i] < LEAST_PROBABILITY:
+                raise ValueError(
+                    f"success_probability.{i}.{i}: {row[i]} is not allowed: a peg that matches its hole "
+                    f"must have {LEAST_PROBABILITY} at least"
+                )
+        return self
+
+    def for_shapes(self, shapes: tuple[Shape, ...]) -> "TaskConfig":
+        """The same with rates where there were none (null): the default ones for these shapes."""
+        alphas, by_error = self.success_probability, self.success_by_error
+        if alphas is None:
+            mean = round(float(np.mean(_SUCCESS_PROBABILITY)), 6)
+            alphas = _SUCCESS_PROBABILITY if shapes == SHAPES else (mean,) * len(shapes)
+        if by_error is None:
+            means = tuple(np.mean(_SUCCESS_BY_ERROR, axis=0).round(6).tolist())
+            by_error = _SUCCESS_BY_ERROR if shapes == SHAPES else (means,) * len(shapes)
+        return replace(self, success_probability=alphas, success_by_error=by_error)

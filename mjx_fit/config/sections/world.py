@@ -1,0 +1,172 @@
+"""Sections on the world: robot, geometry, contact, control, policies, detector and wrist sensor."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+from pydantic.dataclasses import dataclass
+
+from mjx_fit.config.sections.fields import ACTIONS_UNIT, PER_S2_UNIT, STRICT
+from mjx_fit.config.sections.shape import SHAPES, Shape
+
+RobotName = Literal["panda"]
+"""The keys of ``mjx_fit.robot.ROBOTS``; a test holds them equal."""
+
+MOST_TYPES = 12
+"""Shapes of one scene: as many as colours tell apart."""
+Push = Annotated[float, Field(ge=0.0005, le=0.02)]
+Wiggle = Annotated[float, Field(ge=0, le=0.01)]
+Spread = Annotated[float, Field(ge=0.0001, le=0.02)]
+
+
+@dataclass(frozen=True, config=STRICT)
+class SceneConfig:
+    """Robot, geometry and contact.
+
+    Attributes:
+        robot: Name of the arm (``mjx_fit.robot``).
+        shapes: Cross-sections of pegs and holes. One for each type, 1 to 12; their names differ.
+        clearance_m: Gap between peg and hole per side.
+        plate_half_width_m: Half the side of the square socket. A detector error of 2.83 cm, a spiral of
+            1.5 cm and half a peg (2 cm for ours) must stay inside it.
+        hole_depth_m: Depth of the hole to its floor.
+        peg_length_m: Length of the peg below the sensor.
+        friction: Coulomb friction, peg and socket. As of two dry, smooth plastics or metals.
+        contact_time_s: MuJoCo's solref time constant. At ten simulation steps the force of a sliding peg is
+            mostly smooth; at three it is a train of single-step spikes.
+        contact_width_m: MuJoCo's solimp width. Keep it below a quarter of the clearance.
+        max_contacts: Contact slots of one world in MJX.
+    """
+
+    robot: RobotName = "panda"
+    shapes: Annotated[tuple[Shape, ...], Field(min_length=1, max_length=MOST_TYPES)] = SHAPES
+    clearance_m: Annotated[float, Field(ge=0.0001, le=0.005)] = 0.001
+    plate_half_width_m: Annotated[float, Field(ge=0.08, le=0.2)] = 0.08
+    hole_depth_m: Annotated[float, Field(ge=0.03, le=0.08)] = 0.035
+    peg_length_m: Annotated[float, Field(ge=0.05, le=0.15)] = 0.07
+    friction: Annotated[float, Field(ge=0, le=2)] = 0.3
+    contact_time_s: Annotated[float, Field(ge=0.004, le=0.05)] = 0.01
+    contact_width_m: Annotated[float, Field(ge=0.00001, le=0.001)] = 0.00025
+    max_contacts: Annotated[int, Field(ge=4, le=64, json_schema_extra={"unit": "contacts"})] = 8
+
+    @model_validator(mode="after")
+    def _names_differ(self) -> "SceneConfig":
+        if len(set(self.names)) < self.n_types:
+            raise ValueError(f"shapes: {', '.join(self.names)} are not allowed: the names must differ")
+        return self
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the shapes."""
+        return tuple(shape.name for shape in self.shapes)
+
+    @property
+    def n_types(self) -> int:
+        """Number of shapes, C."""
+        return len(self.shapes)
+
+
+@dataclass(frozen=True, config=STRICT)
+class ControlConfig:
+    """Operational-space control, 500 Hz torque.
+
+    Attributes:
+        kp_position: Position stiffness over inertia. At 2000 a peg that was caught on an edge met the joints'
+            torque limits, and tilted by 36°; at 1400 none did by more than 3°.
+        kp_orientation: Rotation stiffness over inertia.
+        damping_ratio: Damping ratio ζ of both. 1 would be critical if position and rotation did not move each
+            other; they do, and 1.2 keeps the overshoot of a 2 cm step below 5 % wherever a hole may be.
+        kp_posture: Posture stiffness over inertia. It acts in the null space of the task, critically damped.
+    """
+
+    kp_position: Annotated[float, Field(ge=50, le=1400, json_schema_extra=PER_S2_UNIT)] = 600.0
+    kp_orientation: Annotated[float, Field(ge=100, le=4000, json_schema_extra=PER_S2_UNIT)] = 600.0
+    damping_ratio: Annotated[float, Field(ge=0.5, le=5)] = 1.2
+    kp_posture: Annotated[float, Field(ge=0, le=400, json_schema_extra=PER_S2_UNIT)] = 10.0
+
+
+@dataclass(frozen=True, config=STRICT)
+class SpiralConfig:
+    """Algorithm 4 of the paper.
+
+    Attributes:
+        radius_m: Radius r_max at the end.
+        turns: Revolutions n_rot in one attempt. 40 are already more than the end effector follows.
+        push_m: Depth δz of the goal below the TCP.
+        wiggle_m: Exploration noise σ per axis. At most ``push_m``, since 0.8 σ of it points up.
+    """
+
+    radius_m: Annotated[float, Field(ge=0.0001, le=0.18)] = 0.015
+    turns: Annotated[float, Field(ge=0.01, le=40, json_schema_extra={"unit": "turns"})] = 2.0
+    push_m: Push = 0.004
+    wiggle_m: Wiggle = 0.00125
+
+
+@dataclass(frozen=True, config=STRICT)
+class RandomConfig:
+    """The random policy of data collection: sweeps between random way-points, pressed on the plate.
+
+    Attributes:
+        reach_m: Half width of the way-point square. Way-points are uniform in it, around the estimate.
+        actions_per_sweep: Actions between two way-points.
+        push_m: Depth of the goal below the TCP.
+        wiggle_m: Exploration noise σ per axis.
+    """
+
+    reach_m: Annotated[float, Field(ge=0.0001, le=0.18)] = 0.025
+    actions_per_sweep: Annotated[int, Field(ge=1, le=1000, json_schema_extra=ACTIONS_UNIT)] = 12
+    push_m: Push = 0.004
+    wiggle_m: Wiggle = 0.00125
+
+
+@dataclass(frozen=True, config=STRICT)
+class DetectorConfig:
+    """The simulated hole detector.
+
+    Attributes:
+        kind: Distribution of the error. ``square``: uniform per axis; ``disc``: direction and radius uniform.
+        half_width_m: Largest error per axis or radius. Per axis for ``square``, radius for ``disc``.
+        prior_std_m: Initial σ of the belief per axis. Σ0 = σ_init I with σ_init = 1 cm².
+    """
+
+    kind: Literal["square", "disc"] = "square"
+    half_width_m: Annotated[float, Field(ge=0, le=0.03)] = 0.02
+    prior_std_m: Annotated[float, Field(ge=0.0001, le=0.1)] = 0.01
+
+
+@dataclass(frozen=True, config=STRICT)
+class SequenceConfig:
+    """Estimates from which later attempts of a collected sequence start, spread as a filter's may be.
+
+    Attributes:
+        min_std_m: Smallest σ of a drawn estimate. It is the one along an axis of the covariance.
+        max_std_m: Largest σ of a drawn estimate. Both are drawn between these, log-uniform, their direction
+            uniform.
+    """
+
+    min_std_m: Spread = 0.001
+    max_std_m: Spread = 0.008
+
+    @model_validator(mode="after")
+    def _ordered(self) -> "SequenceConfig":
+        if self.min_std_m > self.max_std_m:
+            raise ValueError(f"min_std_m: {self.min_std_m} is not allowed: it must be at most max_std_m")
+        return self
+
+
+@dataclass(frozen=True, config=STRICT)
+class WristConfig:
+    """The force/torque sensor. Noise: Robotiq FT 300-S, 1 σ per sample.
+
+    Attributes:
+        force_noise_n: Noise σ of Fx, Fy and Fz.
+        torque_xy_noise_nm: Noise σ of Tx and Ty.
+        torque_z_noise_nm: Noise σ of Tz.
+        tare_samples: Samples averaged for the tare. 100,000 take 200 s.
+        contact_force_n: RMS force that counts as contact. Over one action, tared; noise alone is √3 σ.
+    """
+
+    force_noise_n: Annotated[float, Field(ge=0, le=30)] = 0.1
+    torque_xy_noise_nm: Annotated[float, Field(ge=0, le=3)] = 0.005
+    torque_z_noise_nm: Annotated[float, Field(ge=0, le=3)] = 0.003
+    tare_samples: Annotated[int, Field(ge=1, le=100_000, json_schema_extra={"unit": "samples"})] = 50
+    contact_force_n: Annotated[float, Field(ge=0.01, le=50)] = 1.0

@@ -1,0 +1,84 @@
+"""The attempt experiment: single attempts of Algorithm 4, and how many of them succeed."""
+
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Int
+
+from mjx_fit.dataset.draws import draw_places, mismatched_pairs
+from mjx_fit.evaluation import outcome, results
+from mjx_fit.evaluation.request import Request
+from mjx_fit.evaluation.results import Result
+from mjx_fit.progress import COMPILING, Progress
+from mjx_fit.randomness import root_key
+from mjx_fit.simulate.broken import report
+from mjx_fit.simulate.threads import even_batch
+from mjx_fit.task.attempt_loop import spirals_at
+from mjx_fit.types import Rollout
+from mjx_fit.wrist import peak_force
+
+ATTEMPT_BATCH = 256
+
+
+def attempt(request: Request) -> Result:
+    """Single attempts of Algorithm 4 from the detector's estimate.
+
+    Args:
+        request: Its trials count matched attempts for each shape, and mismatched ones in all, over the pairs
+            in turn.
+
+    Raises:
+        RequestError: A value is not allowed, or the file holds another result.
+    """
+    n_types = request.config.scene.n_types
+    outcome.require_trials(request.trials, n_types + (n_types > 1))  # of each shape, and mismatched ones
+    asked = {"trials": request.trials}
+    here = outcome.header("attempt", request.config, request.seed, request.engine.name, asked)
+    return outcome.once(request.out, here, lambda: _attempt(request, here))
+
+
+def _attempt(request: Request, here: outcome.Header) -> Result:
+    config, engine, actions = request.config, request.engine, request.config.task.attempt_actions
+    peg_type, hole_type = _attempt_pairs(request.trials, config.scene.n_types)
+    n = len(peg_type)
+    batch = even_batch(n, ATTEMPT_BATCH)
+    root, dumps = root_key(request.seed, "attempt"), outcome.broken(request.out)
+    rows: list[dict[str, Any]] = []
+    with Progress("attempts", n, 0, COMPILING if engine.name == "mjx" else "") as progress:
+        for start in range(0, n, batch):
+            ids = np.arange(start, start + batch)
+            hole_pos, estimate, wiggle, _ = draw_places(root, jnp.asarray(ids), config)
+            attempts = spirals_at(peg_type[ids % n], hole_type[ids % n], hole_pos, estimate, wiggle)
+            rollouts = engine.run(attempts, actions, ids < n)
+            report(rollouts, attempts, ids, actions, config, dumps)
+            rows += _attempt_rows(rollouts, ids[ids < n], config.scene.names)
+            progress(len(rows), f"{sum(row['inserted'] for row in rows)} inserted")
+    return outcome.write(request.out, here, results.summarise_attempt(rows), rows)
+
+
+def _attempt_pairs(trials: int, n_types: int) -> tuple[Int[np.ndarray, "n"], Int[np.ndarray, "n"]]:
+    matched, others = np.repeat(np.arange(n_types), trials), mismatched_pairs(n_types)
+    others = others[np.arange(trials) % len(others)] if len(others) else others
+    return np.concatenate([matched, others[:, 0]]), np.concatenate([matched, others[:, 1]])
+
+
+def _attempt_rows(
+    rollouts: Rollout, ids: Int[np.ndarray, "n"], names: tuple[str, ...]
+) -> list[dict[str, Any]]:
+    error = np.linalg.norm(rollouts.felt.estimate_world - rollouts.truth.hole_pos_world, axis=1)
+    force, wrongly = peak_force(rollouts.felt), rollouts.inserted_wrongly
+    return [
+        {
+            "trial": int(trial),
+            "pair": [names[rollouts.felt.peg_type[i]], names[rollouts.truth.hole_type[i]]],
+            "matched": bool(rollouts.felt.peg_type[i] == rollouts.truth.hole_type[i]),
+            "inserted": bool(rollouts.succeeded[i]),
+            "valid": bool(rollouts.truth.valid[i]),
+            "length": int(rollouts.felt.length[i]),
+            "peak_force_n": float(force[i]),
+            "error_m": float(error[i]),
+            **({"inserted_wrongly": True} if wrongly[i] else {}),
+        }
+        for i, trial in enumerate(ids)
+    ]
