@@ -11,18 +11,18 @@ from scipy.linalg import block_diag
 
 from mjx_fit.config.schema import Config
 from mjx_fit.config.sections.world import ControlConfig
-from mjx_fit.control import ArmState
-from mjx_fit.kinematics import STRAIGHT_DOWN, chain_of
-from mjx_fit.robot import PANDA
-from mjx_fit.scene import pair_index, simulation_scene
-from mjx_fit.simulate.attempt_rules import start_qpos
+from mjx_fit.control.kinematics import STRAIGHT_DOWN, chain_of
+from mjx_fit.control.operational_space import ArmState
+from mjx_fit.engines.attempt_rules import start_qpos
+from mjx_fit.scene.build import pair_index, simulation_scene
+from mjx_fit.scene.robot import PANDA
 from mjx_fit.types import Attempt
 
 
 def torque(
     model, data, goal_pos_world: Float[np.ndarray, "3"], gains: ControlConfig
 ) -> Float[np.ndarray, "7"]:
-    """The law of ``mjx_fit.control`` with MuJoCo's own Jacobian and mass matrix, in double precision, N·m."""
+    """The control law in float64 with MuJoCo's Jacobian and mass matrix; joint torques, N·m."""
     jac, mass, inertia, apart = task_space(model, data)
     damping = 2 * gains.damping_ratio * np.sqrt(np.repeat([gains.kp_position, gains.kp_orientation], 3))
     task_acc = stiffness_acc(data, goal_pos_world, gains) - damping * (jac @ data.qvel)

@@ -14,10 +14,10 @@ import torch.nn.functional as F  # noqa: N812
 from torch import Tensor, nn
 
 from mjx_fit.config.sections.learning import SensorConfig
-from mjx_fit.dataset.windows import Sample
-from mjx_fit.sensors import model
+from mjx_fit.data.windows import Sample
+from mjx_fit.sensors import contact_sensor
+from mjx_fit.sensors.contact_sensor import METRES_PER_CM, ROW_FEATURES
 from mjx_fit.sensors.heads import H_INIT_LOGIT, MIN_STD_CM
-from mjx_fit.sensors.model import METRES_PER_CM, ROW_FEATURES
 from mjx_fit.types import SUBSTEPS
 
 EPSILON = 1e-6
@@ -137,7 +137,7 @@ def filter_loss(observed: tuple[Tensor, ...], sample: dict[str, Tensor]) -> Tens
     return position + torch.where(sample["failed"], type_nll + match_nll, 0.0)
 
 
-def copy_weights(sensor: model.ContactSensor, twin: ContactSensor) -> None:
+def copy_weights(sensor: contact_sensor.ContactSensor, twin: ContactSensor) -> None:
     """Gives the twin the weights of a sensor."""
     encoder = sensor.trace_encoder
     for ours, theirs in zip(encoder.wrench_encoder.layers, twin.wrench_encoder.layers, strict=True):
@@ -167,12 +167,14 @@ def copy_weights(sensor: model.ContactSensor, twin: ContactSensor) -> None:
         theirs.weight.data = _tensor(ours.embedding)
 
 
-def inputs_of(sensor: model.ContactSensor, sample: Sample) -> tuple[dict[str, Tensor], dict[str, Tensor]]:
+def inputs_of(
+    sensor: contact_sensor.ContactSensor, sample: Sample
+) -> tuple[dict[str, Tensor], dict[str, Tensor]]:
     """What the twin and its loss are given for a batch of windows."""
     reading = sample.reading
     mask = _tensor(reading.mask)
     wrench = _standard(_tensor(reading.wrench_sensor), _tensor(sensor.wrench_scale))
-    rows = _standard(_tensor(model.row_features(reading)), _tensor(sensor.row_scale))
+    rows = _standard(_tensor(contact_sensor.row_features(reading)), _tensor(sensor.row_scale))
     peg_type = _tensor(reading.peg_type).long()
     inputs = {
         "wrench": torch.where(mask[..., None, None], wrench, 0.0),

@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from mjx_fit.picture import gl
+from mjx_fit.viz import gl
 
 HOLE_M, ABOVE_M, LENGTH_M = (0.5, 0.0), 0.1, 0.042
 ASIDE_M, DEPTH_M, STEPS = 0.02, 0.002, 1500
@@ -116,9 +116,9 @@ def main(path: str) -> None:
     import mujoco
 
     from mjx_fit.config.schema import Config
-    from mjx_fit.kinematics import chain_of, inverse
-    from mjx_fit.scene import picture_scene, simulation_scene
-    from mjx_fit.shapes import plate_top_m
+    from mjx_fit.control.kinematics import chain_of, inverse
+    from mjx_fit.scene.build import picture_scene, simulation_scene
+    from mjx_fit.scene.parts import plate_top_m
 
     config = Config().scene
     hole = np.array([*HOLE_M, plate_top_m(config)])

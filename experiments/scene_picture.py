@@ -9,7 +9,7 @@ import sys
 
 import matplotlib.image
 
-from mjx_fit.picture import gl
+from mjx_fit.viz import gl
 
 TRIAL, SHARE = 0, 0.43
 
@@ -17,14 +17,14 @@ TRIAL, SHARE = 0, 0.43
 def main(path: str) -> None:
     """Plays the assembly and keeps one frame."""
     gl.choose()
-    from mjx_fit import resources, runtime
     from mjx_fit.config.files import read_config
+    from mjx_fit.engines.select import make_engine
     from mjx_fit.evaluation.playback import Pick, record
-    from mjx_fit.picture.render import still
-    from mjx_fit.simulate.select import make_engine
-    from mjx_fit.training.trained_sensor import load_trained_sensor
+    from mjx_fit.training.sensor_loader import load_trained_sensor
+    from mjx_fit.utils import process_setup, resources
+    from mjx_fit.viz.video import still
 
-    runtime.configure()
+    process_setup.configure()
     by_covariance = read_config(None, ["task.outcome_model=covariance"])
     engine, sensor = make_engine("auto", by_covariance), load_trained_sensor(resources.folder("weights"))
     *_, recording = record(by_covariance, Pick("full", TRIAL), 0, engine, sensor)

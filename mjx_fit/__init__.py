@@ -20,35 +20,35 @@ from typing import Any
 
 _PUBLIC = {
     # Settings
-    "configure": ("mjx_fit.runtime", "configure"),
+    "configure": ("mjx_fit.utils.process_setup", "configure"),
     "Config": ("mjx_fit.config.schema", "Config"),
     "Shape": ("mjx_fit.config.sections.shape", "Shape"),
     "load_config": ("mjx_fit.api", "load_config"),
-    "RequestError": ("mjx_fit.errors", "RequestError"),
+    "RequestError": ("mjx_fit.utils.errors", "RequestError"),
     # Simulation
-    "make_engine": ("mjx_fit.simulate.select", "make_engine"),
+    "make_engine": ("mjx_fit.engines.select", "make_engine"),
     "draw_attempts": ("mjx_fit.api", "draw_attempts"),
     "Attempt": ("mjx_fit.types", "Attempt"),
     "Rollout": ("mjx_fit.types", "Rollout"),
     "Felt": ("mjx_fit.types", "Felt"),
     # Policies
-    "Policy": ("mjx_fit.policies", "Policy"),
-    "PolicyInput": ("mjx_fit.policies", "PolicyInput"),
-    "stateless_policy": ("mjx_fit.policies", "stateless"),
+    "Policy": ("mjx_fit.control.policies", "Policy"),
+    "PolicyInput": ("mjx_fit.control.policies", "PolicyInput"),
+    "stateless_policy": ("mjx_fit.control.policies", "stateless"),
     # Sensors and filters
     "load_sensor": ("mjx_fit.api", "load_sensor"),
     "TrainedSensor": ("mjx_fit.sensors.trained_sensor", "TrainedSensor"),
-    "readings": ("mjx_fit.task.learning", "readings"),
+    "readings": ("mjx_fit.task.estimator", "readings"),
     "Belief": ("mjx_fit.types", "Belief"),
-    "filter_update": ("mjx_fit.task.learning", "filter_update"),
+    "filter_update": ("mjx_fit.task.estimator", "filter_update"),
     "kalman_update": ("mjx_fit.filters.kalman", "update"),
     # A robot of your own
     "BeliefTracker": ("mjx_fit.task.tracker", "BeliefTracker"),
-    "SensorLog": ("mjx_fit.sensor_log", "SensorLog"),
-    "felt_from_log": ("mjx_fit.resampling", "felt_from_log"),
-    "log_from_felt": ("mjx_fit.resampling", "log_from_felt"),
+    "SensorLog": ("mjx_fit.sensors.sensor_log", "SensorLog"),
+    "felt_from_log": ("mjx_fit.sensors.resampling", "felt_from_log"),
+    "log_from_felt": ("mjx_fit.sensors.resampling", "log_from_felt"),
     # Data sets
-    "CollectionPlan": ("mjx_fit.dataset.plan", "Plan"),
+    "CollectionPlan": ("mjx_fit.data.plan", "Plan"),
     "collect_dataset": ("mjx_fit.api", "collect_dataset"),
     "load_dataset": ("mjx_fit.api", "load_dataset"),
     # Experiments

@@ -2,7 +2,7 @@
 
 import sys
 
-from mjx_fit.launch import main
+from mjx_fit.cli.launch import main
 
 if __name__ == "__main__":
     sys.exit(main())

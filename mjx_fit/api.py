@@ -7,26 +7,26 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Key
 
-from mjx_fit import resources
 from mjx_fit.config.files import read_config
 from mjx_fit.config.schema import Config
-from mjx_fit.dataset import collect as collect_
-from mjx_fit.dataset import draws, store
-from mjx_fit.dataset.episode import Episode
-from mjx_fit.dataset.plan import Plan
-from mjx_fit.errors import RequestError, shown
+from mjx_fit.data import collect as collect_
+from mjx_fit.data import reader, schedule
+from mjx_fit.data.episode import Episode
+from mjx_fit.data.plan import Plan
+from mjx_fit.engines.interface import Engine
+from mjx_fit.engines.requests import require_count
+from mjx_fit.engines.select import make_engine
 from mjx_fit.evaluation import insertion
 from mjx_fit.evaluation.statistics import Interval, bootstrap_mean
 from mjx_fit.sensors.trained_sensor import TrainedSensor
-from mjx_fit.simulate.interface import Engine
-from mjx_fit.simulate.requests import require_count
-from mjx_fit.simulate.select import make_engine
-from mjx_fit.task import hole
-from mjx_fit.task.hole import Holes, Outcome
-from mjx_fit.task.learning import Update
+from mjx_fit.task import single_hole
+from mjx_fit.task.estimator import Update
 from mjx_fit.task.methods import HoleMethod
-from mjx_fit.training.trained_sensor import load_trained_sensor
+from mjx_fit.task.single_hole import Holes, Outcome
+from mjx_fit.training.sensor_loader import load_trained_sensor
 from mjx_fit.types import Attempt
+from mjx_fit.utils import resources
+from mjx_fit.utils.errors import RequestError, shown
 
 MOST_ATTEMPTS = 100_000
 
@@ -93,11 +93,11 @@ def draw_attempts(
         ([0, 0, 1, 0, 2, 1], [0, 1, 1, 2, 2, 0])
     """
     n = require_count("n", n, 1, MOST_ATTEMPTS)
-    if policy not in draws.POLICIES:
+    if policy not in schedule.POLICIES:
         raise RequestError(
-            f"policy: {shown(policy)} is not allowed: it must be one of {', '.join(draws.POLICIES)}"
+            f"policy: {shown(policy)} is not allowed: it must be one of {', '.join(schedule.POLICIES)}"
         )
-    return draws.draw_attempts(key, jnp.arange(n), policy, config or Config())
+    return schedule.draw_attempts(key, jnp.arange(n), policy, config or Config())
 
 
 def collect_dataset(
@@ -147,7 +147,7 @@ def load_dataset(folder: Path | str) -> Episode:
         >>> mf.load_dataset(folder).rollout.felt.trace.wrench_sensor.shape
         (4, 3, 50, 6)
     """
-    return store.load(Path(folder))
+    return reader.load(Path(folder))
 
 
 def draw_holes(seed: int, n: int, config: Config | None = None) -> Holes:
@@ -201,9 +201,9 @@ def try_holes(
     max_attempts = require_count("max_attempts", max_attempts, 1, 1000)
     config = config or Config()
     methods = tuple(HoleMethod(name) for name in updates)
-    table = hole.HoleTable(config, methods, holes, max_attempts)
+    table = single_hole.HoleTable(config, methods, holes, max_attempts)
     engine = engine or make_engine("auto", config)
-    for _ in hole.rounds(table, engine, hole.update_of_rows(methods, updates)):
+    for _ in single_hole.rounds(table, engine, single_hole.update_of_rows(methods, updates)):
         pass
     return table.outcomes()
 

@@ -10,15 +10,12 @@ from typing import Any, TypeVar, dataclass_transform
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Bool, Float, Int, Key
 
-from mjx_fit.rates import SUBSTEPS
+from mjx_fit.utils.arrays import Array
+from mjx_fit.utils.rates import SUBSTEPS
 
 T = TypeVar("T")
-
-Array = jax.Array | np.ndarray
-"""What a pytree's leaf may be: on the device inside a computation, on the host outside."""
 
 ACTION_BYTES = 4 * (SUBSTEPS * 6 + 3 + 4 + 3 + 3 + 3)
 """Size of one action's row of a ``Trace`` in memory."""
@@ -49,7 +46,7 @@ class Attempt:
         hole_type: Index of the hole's shape.
         hole_pos_world: True centre of the hole on the table plane, m.
         estimate_world: Estimate of that centre, over which the attempt starts, m.
-        policy: Index into ``mjx_fit.policies.NAMES``.
+        policy: Index into ``mjx_fit.control.policies.NAMES``.
         key: Source of the policy's randomness; it never depends on the batch.
     """
 
@@ -122,7 +119,7 @@ class Truth:
         hole_pos_world: True centre of the hole on the table plane, m.
         inserted: Whether the tip ended in the hole, ``task.insertion_depth_m`` below the plate's top or more.
         valid: False where the simulation diverged, or the attempt left what is believed (a peg that tilts too
-            far or leaves its plate, a torque limit for too long: ``mjx_fit.simulate.plausible``), in the last
+            far or leaves its plate, a torque limit for too long: ``mjx_fit.engines.plausible``), in the last
             action counted by ``Felt.length``.
         end_qpos: Joint angles at the end, rad; where not valid, before the action that made it so.
         end_qvel: Joint velocities at the same moment, rad/s.
@@ -184,7 +181,7 @@ class Reading:
         tip_quat_world: Orientation of the tip.
         tip_linvel_world: m/s.
         tip_angvel_world: rad/s.
-        contact: Contact bit, as a float 0 or 1: told from the measured force (``mjx_fit.wrist.in_contact``).
+        contact: Contact bit, as a float 0 or 1, from the measured force (``sensors.preprocess.in_contact``).
         action_world: m.
         mask: True where the row is real, False where it is padding.
         peg_type: Index of the peg's shape, which the robot knows.

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from mjx_fit.config.schema import Config
-from mjx_fit.dataset.collect import collect
-from mjx_fit.dataset.plan import Plan
-from mjx_fit.files import LOCK
-from mjx_fit.simulate.interface import Engine
-from mjx_fit.task.learning import Update
+from mjx_fit.data.collect import collect
+from mjx_fit.data.plan import Plan
+from mjx_fit.engines.interface import Engine
+from mjx_fit.task.estimator import Update
+from mjx_fit.utils.files import LOCK
 
 PLAN = Plan(episodes=10, actions=3, policy="mixed", engine="native", seed=5, batch=5)
 

@@ -7,8 +7,8 @@ import pytest
 from collecting import Collector
 
 from mjx_fit.config.schema import Config
-from mjx_fit.scene import Scene, simulation_scene
-from mjx_fit.simulate.native import NativeEngine
+from mjx_fit.engines.native.engine import NativeEngine
+from mjx_fit.scene.build import Scene, simulation_scene
 
 hypothesis.settings.register_profile("mjx_fit", deadline=None, derandomize=True, max_examples=50)
 hypothesis.settings.load_profile("mjx_fit")
@@ -26,23 +26,14 @@ os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=1")
 
 
 LONG = {
-    *("bench", "boxes", "calibration", "checkpoint", "cli", "collect", "compiled", "constraints", "crash"),
-    *("damaged_checkpoint", "demo", "door", "engines", "examples", "export", "export_readers", "files"),
-    *(
-        "going_on",
-        "interrupts",
-        "machine_paths",
-        "memory",
-        "mirror",
-        "numerics",
-        "package",
-        "paper",
-        "parity",
-    ),
-    *("picture", "plausible", "reader", "requests", "sensors", "shapes", "store", "torch_twin", "training"),
-    *("view", "windows", "attention", "hole", "loss", "task", "public", "tracker", "types"),
-    *("hostile_configs", "hostile_data", "hostile_results", "hostile_runs", "watchdog"),
-}
+    "assembly", "attention", "augment", "batches", "bench", "calibration", "checkpoint", "cli", "collect",
+    "collision", "compilation_cache", "contact_sensor", "crash", "damaged_checkpoint", "demo", "engines",
+    "examples", "export", "export_readers", "files", "going_on", "hostile_configs", "hostile_data",
+    "hostile_results", "hostile_runs", "interrupts", "loss", "machine_paths", "memory", "newton_solver",
+    "numerics", "package", "paper", "parity", "parts", "plausible", "public", "reader", "requests",
+    "single_hole", "torch_twin", "tracker", "training", "types", "video", "viewer", "viser_access",
+    "watchdog", "windows",
+}  # fmt: skip
 """Modules that compile an engine or a training, start processes, or sweep over thousands of wrong inputs:
 ``make quick`` leaves them out."""
 

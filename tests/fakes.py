@@ -1,12 +1,20 @@
 """Stand-ins that decide by decree what physics would."""
 
+import dataclasses
+
 import jax
 import numpy as np
 from synthetic import with_trace
 
+from mjx_fit.config.schema import Config
 from mjx_fit.types import Felt, Rollout, Trace, Truth
 
 CLOSE_M = 0.005
+
+TWO_HOLES = dataclasses.replace(
+    Config(), task=dataclasses.replace(Config().task, n_holes=2, max_attempts=2, attempt_actions=2)
+)
+"""Assemblies that are played in no time."""
 
 
 class FakeEngine:

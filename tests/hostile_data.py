@@ -13,13 +13,13 @@ from h5py import h5d, h5p, h5s, h5t
 from synthetic import make_episodes
 
 from mjx_fit.config.schema import Config
-from mjx_fit.dataset import manifest as manifest_
-from mjx_fit.dataset.episode import Episode
-from mjx_fit.dataset.manifest import Manifest
-from mjx_fit.dataset.plan import Plan
-from mjx_fit.dataset.shard import encode
-from mjx_fit.dataset.shard_layout import type_of
-from mjx_fit.dataset.writer import new_manifest, new_shard
+from mjx_fit.data import manifest as manifest_
+from mjx_fit.data.episode import Episode
+from mjx_fit.data.hdf5 import encode
+from mjx_fit.data.hdf5_layout import type_of
+from mjx_fit.data.manifest import Manifest
+from mjx_fit.data.plan import Plan
+from mjx_fit.data.writer import new_manifest, new_shard
 
 EPISODES, STEPS = 6, 4
 NAME = "shard-00000000.h5"

@@ -3,16 +3,16 @@
 import copy
 import json
 import random
-from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).parents[1] / "experiments"
+from places import EXPERIMENTS
+
 RIGHT = {
-    "assembly": ROOT / "paper" / "assembly.json",
-    "attempt": ROOT / "paper" / "attempt.json",
-    "calibration": ROOT / "learning" / "sequences.json",
-    "insertion": ROOT / "paper" / "insertion.json",
-    "position": ROOT / "paper" / "position.json",
+    "assembly": EXPERIMENTS / "paper" / "assembly.json",
+    "attempt": EXPERIMENTS / "paper" / "attempt.json",
+    "calibration": EXPERIMENTS / "learning" / "sequences.json",
+    "insertion": EXPERIMENTS / "paper" / "insertion.json",
+    "position": EXPERIMENTS / "paper" / "position.json",
 }
 TRIALS = 3
 """Of each method: enough for everything that is drawn, and fast."""

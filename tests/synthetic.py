@@ -6,7 +6,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from mjx_fit.dataset.episode import Episode
+from mjx_fit.data.episode import Episode
 from mjx_fit.types import Felt, Rollout, Trace, Truth
 
 PAPER_SENSOR = {"noise": "peg", "contact_features": False, "places": 0}

@@ -8,13 +8,13 @@ from importlib.metadata import distribution
 import imageio_ffmpeg
 import numpy as np
 import pytest
+from fakes import TWO_HOLES as CONFIG
 from fakes import PathEngine
 from test_package import ROOT
-from test_view import CONFIG
 
-from mjx_fit.errors import WorkError
 from mjx_fit.evaluation import playback
-from mjx_fit.picture import render
+from mjx_fit.utils.errors import WorkError
+from mjx_fit.viz import video
 
 NOTICE = " ".join((ROOT / "NOTICE").read_text().split())
 
@@ -60,11 +60,11 @@ def test_an_ffmpeg_of_ones_own_that_does_not_do_is_one_line_and_leaves_nothing(t
         finally:
             closed.append(True)
 
-    monkeypatch.setattr(render, "_drawn", drawn)
+    monkeypatch.setattr(video, "_drawn", drawn)
     monkeypatch.setenv("IMAGEIO_FFMPEG_EXE", "/bin/false")
     *_, played = playback.record(CONFIG, playback.Pick("failure_only", 1), 5, PathEngine())
     with pytest.raises(WorkError, match=r"has /bin/false \(IMAGEIO_FFMPEG_EXE\) libx264\?$") as caught:
-        render.render(played, tmp_path / "a.mp4", 10, 8.0, (640, 480))
+        video.render(played, tmp_path / "a.mp4", 10, 8.0, (640, 480))
     assert "\n" not in str(caught.value)
     assert closed
     assert not list(tmp_path.glob("*.mp4"))

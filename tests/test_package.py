@@ -4,13 +4,13 @@ import subprocess
 import sys
 import venv
 import zipfile
-from pathlib import Path
 
 import pytest
+from places import ROOT
 
-from mjx_fit import resources
+from mjx_fit.utils import resources
 
-ROOT = Path(__file__).parent.parent
+SHIPPED = ("models/panda.xml", "models/table.xml", "configs/quick.yaml")
 
 
 @pytest.fixture(scope="module")
@@ -24,13 +24,13 @@ def wheel(tmp_path_factory):
 
 def test_wheel_holds_models_configs_and_weights(wheel):
     names = set(zipfile.ZipFile(wheel).namelist())
-    assert {"mjx_fit/models/panda.xml", "mjx_fit/models/table.xml", "mjx_fit/configs/quick.yaml"} <= names
+    assert {f"mjx_fit/assets/{name}" for name in SHIPPED} <= names
     weights = resources.folder("weights")
     files = {path.relative_to(weights).as_posix() for path in weights.rglob("*") if path.is_file()}
-    assert {f"mjx_fit/weights/{name}" for name in files} <= names
+    assert {f"mjx_fit/assets/weights/{name}" for name in files} <= names
     licences = {name.rpartition("/")[2] for name in names if ".dist-info/licenses/" in name}
     assert licences == {"LICENSE", "NOTICE"}
-    assert not any(name.startswith(("tests/", "runs/")) for name in names)
+    assert not any(name.startswith(("tests/", "runs/", "benchmarks/")) for name in names)
 
 
 @pytest.mark.slow

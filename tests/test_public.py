@@ -6,13 +6,12 @@ import importlib
 import re
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
+from places import ROOT
 
 import mjx_fit as mf
 
-ROOT = Path(__file__).parent.parent
 BEFORE_JAX = "import mjx_fit, sys; sys.exit(bool({'jax', 'mujoco', 'numpy'} & set(sys.modules)))"
 
 

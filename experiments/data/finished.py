@@ -12,14 +12,14 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 
-from mjx_fit import runtime
 from mjx_fit.config.schema import Config
-from mjx_fit.dataset.draws import draw_places, mismatched_pairs
-from mjx_fit.policies import SPIRAL
-from mjx_fit.randomness import root_key
+from mjx_fit.control.policies import SPIRAL
+from mjx_fit.data.schedule import draw_places, mismatched_pairs
+from mjx_fit.engines.native.engine import NativeEngine
 from mjx_fit.report import script
-from mjx_fit.simulate.native import NativeEngine
 from mjx_fit.types import SUBSTEPS, Attempt
+from mjx_fit.utils import process_setup
+from mjx_fit.utils.randomness import root_key
 
 HALF, ACTIONS, TIMES = 128, 100, 3
 
@@ -49,5 +49,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    runtime.configure()
+    process_setup.configure()
     main()

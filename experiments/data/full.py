@@ -13,9 +13,10 @@ from pathlib import Path
 import jax
 
 from mjx_fit.config.schema import config_from_tree
-from mjx_fit.dataset import manifest, store
-from mjx_fit.dataset.episode import happened
-from mjx_fit.report import data_figures, script
+from mjx_fit.data import manifest, reader
+from mjx_fit.data.episode import happened
+from mjx_fit.report import script
+from mjx_fit.report.figures import data_set
 
 HERE = Path(__file__).parent
 EPISODES = 3000
@@ -30,21 +31,21 @@ def main(folder: Path) -> None:
     seconds = time.monotonic() - began
     peak_mb = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
 
-    episodes, there = store.load(folder), manifest.read(folder)
+    episodes, there = reader.load(folder), manifest.read(folder)
     keep = happened(episodes)
     data = jax.tree.map(lambda leaf: leaf[keep], episodes.rollout)
     results = {
         "seconds": round(seconds, 1),
         "peak_memory_mb": round(peak_mb),
         "request": {name: value for name, value in there.request.items() if name != "config"},
-        "holds": store.describe(folder),
+        "holds": reader.describe(folder),
     }
     config = config_from_tree(there.request["config"])
     script.save(HERE / f"{folder.name}.json", results)
     for name, figure in (
-        ("visited", lambda data, config: data_figures.visited_positions(data)),
-        ("lengths", lambda data, config: data_figures.interaction_lengths(data, config.scene.names)),
-        ("forces", data_figures.forces_by_pair),
+        ("visited", lambda data, config: data_set.visited_positions(data)),
+        ("lengths", lambda data, config: data_set.interaction_lengths(data, config.scene.names)),
+        ("forces", data_set.forces_by_pair),
     ):
         script.draw(
             HERE / f"{folder.name}_{name}.png",

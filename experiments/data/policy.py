@@ -16,17 +16,18 @@ import numpy as np
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
-from mjx_fit import policies, runtime
 from mjx_fit.config.schema import Config
 from mjx_fit.config.sections.world import SceneConfig
-from mjx_fit.dataset.draws import draw_attempts
+from mjx_fit.control import policies
+from mjx_fit.data.schedule import draw_attempts
+from mjx_fit.engines.native.engine import NativeEngine
 from mjx_fit.evaluation.statistics import wilson
-from mjx_fit.randomness import root_key
 from mjx_fit.report import script
-from mjx_fit.shapes import plate_top_m
-from mjx_fit.simulate.native import NativeEngine
+from mjx_fit.scene.parts import plate_top_m
+from mjx_fit.sensors.preprocess import touched
 from mjx_fit.types import Array, Rollout
-from mjx_fit.wrist import touched
+from mjx_fit.utils import process_setup
+from mjx_fit.utils.randomness import root_key
 
 EPISODES, ACTIONS = 252, 200
 AROUND_M, CELL_M = 0.025, 0.0025
@@ -200,5 +201,5 @@ def _figure(done: dict[str, Rollout]) -> Figure:
 
 
 if __name__ == "__main__":
-    runtime.configure()
+    process_setup.configure()
     main()

@@ -13,18 +13,18 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from mjx_fit import provenance, resources, runtime
 from mjx_fit.config.files import read_config
 from mjx_fit.config.schema import Config, config_from_tree, config_to_tree
-from mjx_fit.dataset import store
-from mjx_fit.dataset.collect import collect
-from mjx_fit.dataset.plan import Plan
-from mjx_fit.evaluation.calibrate import calibrate
+from mjx_fit.data import reader
+from mjx_fit.data.collect import collect
+from mjx_fit.data.plan import Plan
+from mjx_fit.engines.select import make_engine
+from mjx_fit.evaluation.calibration import calibrate
 from mjx_fit.evaluation.results import Result
 from mjx_fit.report import script
-from mjx_fit.simulate.select import make_engine
 from mjx_fit.training.loop import train
-from mjx_fit.training.sides import usable_sides
+from mjx_fit.training.split import usable_sides
+from mjx_fit.utils import process_setup, provenance, resources
 
 HERE = Path(__file__).parent
 STEPS = 2400
@@ -96,7 +96,7 @@ def _trained_and_judged(folder: Path, name: str, row: Row, test: Path, seed: int
     config = _with_epochs(
         read_config(resources.folder("configs") / "cpu.yaml", (AS_IT_WAS, *row.changes)), data
     )
-    train(store.load(data), config, run, seed)
+    train(reader.load(data), config, run, seed)
     return calibrate(Config(), run / "calibration.json", run, test, seed=0)
 
 
@@ -108,7 +108,7 @@ def _collected(folder: Path, plan: Plan) -> Path:
 
 def _with_epochs(config: Config, data: Path) -> Config:
     """As many epochs as come to ``STEPS`` steps."""
-    training, _ = usable_sides(store.load(data), config, seed=0)
+    training, _ = usable_sides(reader.load(data), config, seed=0)
     epochs = max(1, round(STEPS / math.ceil(len(training) / config.train.batch_size)))
     tree = config_to_tree(config)
     tree["train"] |= {"epochs": epochs, "baseline_share": 0.0}
@@ -136,5 +136,5 @@ def _scores(result: Result) -> dict:
 if __name__ == "__main__":
     if len(sys.argv) < 2 or set(sys.argv[2:]) - set(ROWS):
         sys.exit(f"usage: python {sys.argv[0]} FOLDER [{' | '.join(ROWS)}]")
-    runtime.configure()
+    process_setup.configure()
     main(Path(sys.argv[1]), sys.argv[2:])

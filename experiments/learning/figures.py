@@ -2,11 +2,12 @@
 
 from pathlib import Path
 
-from mjx_fit import resources
 from mjx_fit.config.sections.world import SceneConfig
 from mjx_fit.evaluation import results
-from mjx_fit.report import calibration_figures as figures
-from mjx_fit.report import run_figures, script
+from mjx_fit.report import script
+from mjx_fit.report.figures import calibration as figures
+from mjx_fit.report.figures import training_run
+from mjx_fit.utils import resources
 
 HERE = Path(__file__).parent
 
@@ -14,8 +15,8 @@ HERE = Path(__file__).parent
 def main() -> None:
     first = results.read(HERE / "calibration.json")
     several = results.read(HERE / "sequences.json")
-    metrics = run_figures.read_metrics(resources.folder("weights") / "metrics.jsonl")
-    script.draw(HERE / "curve.png", lambda: run_figures.training_curve(metrics))
+    metrics = training_run.read_metrics(resources.folder("weights") / "metrics.jsonl")
+    script.draw(HERE / "curve.png", lambda: training_run.training_curve(metrics))
     script.draw(HERE / "error_by_actions.png", lambda: figures.error_by_actions(first.summary))
     script.draw(HERE / "coverage.png", lambda: figures.coverage(first.trials))
     names = SceneConfig().names

@@ -23,14 +23,14 @@ import numpy as np
 import shared
 from jaxtyping import Float
 
-from mjx_fit import runtime
 from mjx_fit.config.schema import Config, config_from_tree, config_to_tree
-from mjx_fit.dataset.episode import Episode
+from mjx_fit.data.episode import Episode
 from mjx_fit.evaluation import held_out
 from mjx_fit.report import script
 from mjx_fit.training.checkpoint import load_sensor
 from mjx_fit.training.loop import train
 from mjx_fit.types import Array, Trace
+from mjx_fit.utils import process_setup
 
 EPOCHS = 20
 RESAMPLES = 1000
@@ -137,5 +137,5 @@ def _errors(sensor, data: Episode, config: Config) -> Float[np.ndarray, " n"]:
 if __name__ == "__main__":
     if len(sys.argv) != 4:
         sys.exit(f"usage: python {sys.argv[0]} TRAINING TEST RUN")
-    runtime.configure()
+    process_setup.configure()
     main(*map(Path, sys.argv[1:]))

@@ -21,14 +21,14 @@ import shared
 from jaxtyping import Float, Int
 from scipy.special import log_softmax
 
-from mjx_fit import runtime
 from mjx_fit.config.sections.world import SceneConfig
-from mjx_fit.dataset import store
-from mjx_fit.dataset.episode import Episode
+from mjx_fit.data import reader
+from mjx_fit.data.episode import Episode
 from mjx_fit.evaluation import held_out
 from mjx_fit.report import script
 from mjx_fit.training.checkpoint import load_sensor
 from mjx_fit.types import Observation
+from mjx_fit.utils import process_setup
 
 TYPES = SceneConfig().n_types
 
@@ -37,7 +37,7 @@ def main(counted_on: Path, sequences: Path, run: Path) -> None:
     sensor, config = load_sensor(run)
 
     def observed(folder: Path) -> tuple[Episode, Int[np.ndarray, "n"], Observation]:
-        data = store.load(folder)
+        data = reader.load(folder)
         ids = held_out.failed_attempts(data, shared.ACTIONS)
         return data, ids, held_out.observe(sensor, data, ids, shared.ACTIONS, config, seed=0)
 
@@ -94,5 +94,5 @@ def _scores(type_logp: Float[np.ndarray, "n C"], data: Episode, ids: Int[np.ndar
 if __name__ == "__main__":
     if len(sys.argv) != 4:
         sys.exit(f"usage: python {sys.argv[0]} COUNTED SEQUENCES RUN")
-    runtime.configure()
+    process_setup.configure()
     main(*map(Path, sys.argv[1:]))

@@ -15,16 +15,16 @@ import shared
 from jaxtyping import Float
 from scipy.stats import bootstrap, rankdata
 
-from mjx_fit import runtime
-from mjx_fit.dataset import store
+from mjx_fit.data import reader
 from mjx_fit.evaluation import held_out
 from mjx_fit.report import script
 from mjx_fit.training.checkpoint import load_sensor
+from mjx_fit.utils import process_setup
 
 
 def main(sequences: Path, run: Path) -> None:
     sensor, config = load_sensor(run)
-    data = store.load(sequences)
+    data = reader.load(sequences)
     ids = held_out.failed_attempts(data, shared.ACTIONS)
     seen = held_out.observe(sensor, data, ids, shared.ACTIONS, config, seed=0)
     rollout = data.rollout
@@ -76,5 +76,5 @@ def _ranked(a: Float[np.ndarray, " n"], b: Float[np.ndarray, " n"]) -> float:
 if __name__ == "__main__":
     if len(sys.argv) != 3:
         sys.exit(f"usage: python {sys.argv[0]} SEQUENCES RUN")
-    runtime.configure()
+    process_setup.configure()
     main(*map(Path, sys.argv[1:]))

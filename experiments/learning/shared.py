@@ -9,13 +9,13 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from mjx_fit.config.schema import Config
-from mjx_fit.dataset import store
-from mjx_fit.dataset.episode import Episode
+from mjx_fit.data import reader
+from mjx_fit.data.episode import Episode
 from mjx_fit.evaluation.held_out import failed_attempts
 from mjx_fit.evaluation.statistics import bootstrap_mean
-from mjx_fit.randomness import root_key
+from mjx_fit.sensors.preprocess import read
 from mjx_fit.types import Reading
-from mjx_fit.wrist import read
+from mjx_fit.utils.randomness import root_key
 
 CONFIG = Config()
 ACTIONS = CONFIG.task.attempt_actions
@@ -39,7 +39,7 @@ class Attempts:
 
 def first_attempts(folder: Path) -> Episode:
     """The failed first attempts of each sequence of a data set: those that started from the detector."""
-    data = store.load(folder)
+    data = reader.load(folder)
     ids = failed_attempts(data, ACTIONS)
     ids = ids[np.asarray(data.number)[ids] == 0]
     return jax.tree.map(lambda leaf: np.asarray(leaf)[ids], data)

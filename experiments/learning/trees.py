@@ -15,11 +15,11 @@ import shared
 from jaxtyping import Float
 from sklearn.ensemble import ExtraTreesClassifier, ExtraTreesRegressor  # pyright: ignore[reportMissingImports]
 
-from mjx_fit import runtime
 from mjx_fit.config.sections.world import SceneConfig
-from mjx_fit.evaluation.calibration import auroc
+from mjx_fit.evaluation.scores import auroc
 from mjx_fit.report import script
 from mjx_fit.types import Reading
+from mjx_fit.utils import process_setup
 
 NAMES = SceneConfig().names
 N_TYPES = len(NAMES)
@@ -95,5 +95,5 @@ def features(reading: Reading) -> Float[np.ndarray, "n k"]:
 if __name__ == "__main__":
     if len(sys.argv) != 3:
         sys.exit(f"usage: python {sys.argv[0]} TRAINING TEST")
-    runtime.configure()
+    process_setup.configure()
     main(Path(sys.argv[1]), Path(sys.argv[2]))

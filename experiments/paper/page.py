@@ -9,7 +9,8 @@ from matplotlib.figure import Figure
 from mjx_fit.evaluation import results
 from mjx_fit.evaluation.results import Result
 from mjx_fit.evaluation.statistics import Row, bootstrap_mean, bootstrap_ratio
-from mjx_fit.report import figures, hole_figures, script
+from mjx_fit.report import script
+from mjx_fit.report.figures import assembly, single_hole
 
 HERE = Path(__file__).parent
 CAP = 30
@@ -57,20 +58,20 @@ def _figures(result: Result) -> dict[str, Callable[[], Figure]]:
     trials, summary = result.trials, result.summary
     if result.experiment == "position":
         return {
-            "error": lambda: hole_figures.error_by_attempt(summary),
-            "coverage": lambda: hole_figures.coverage_by_attempt(summary),
+            "error": lambda: single_hole.error_by_attempt(summary),
+            "coverage": lambda: single_hole.coverage_by_attempt(summary),
         }
     if result.experiment == "insertion":
         return {
-            "success": lambda: hole_figures.success_by_attempts(summary),
-            "saved": lambda: hole_figures.attempts_saved(summary),
+            "success": lambda: single_hole.success_by_attempts(summary),
+            "saved": lambda: single_hole.attempts_saved(summary),
         }
     if result.experiment == "assembly" and len(result.request["methods"]) > 1:
         return {
-            "attempts": lambda: figures.attempts_histogram(trials),
-            "success": lambda: figures.success_curve(trials, CAP),
-            "spent": lambda: figures.where_attempts_went(trials),
-            "ratio": lambda: figures.attempts_ratio(summary),
+            "attempts": lambda: assembly.attempts_histogram(trials),
+            "success": lambda: assembly.success_curve(trials, CAP),
+            "spent": lambda: assembly.where_attempts_went(trials),
+            "ratio": lambda: assembly.attempts_ratio(summary),
         }
     return {}
 

@@ -13,15 +13,16 @@ from pathlib import Path
 from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
-from mjx_fit import resources, runtime
 from mjx_fit.config.files import read_config
+from mjx_fit.engines.select import make_engine
 from mjx_fit.evaluation.assembly import assembly
 from mjx_fit.evaluation.request import Request
 from mjx_fit.evaluation.results import Result
 from mjx_fit.evaluation.statistics import Row
-from mjx_fit.report import script, style
-from mjx_fit.simulate.select import make_engine
-from mjx_fit.training.trained_sensor import load_trained_sensor
+from mjx_fit.report import script
+from mjx_fit.report.figures import style
+from mjx_fit.training.sensor_loader import load_trained_sensor
+from mjx_fit.utils import process_setup, resources
 
 HERE = Path(__file__).parent
 METHODS = "full,oracle"
@@ -83,5 +84,5 @@ if __name__ == "__main__":
     parser.add_argument("folder", type=Path)
     parser.add_argument("--trials", type=int, default=100)
     asked = parser.parse_args()
-    runtime.configure()
+    process_setup.configure()
     main(asked.folder, asked.trials)

@@ -19,10 +19,10 @@ from matplotlib.ticker import PercentFormatter
 
 from mjx_fit.config.schema import Config
 from mjx_fit.config.sections.world import SceneConfig
-from mjx_fit.dataset.draws import mismatched_pairs
+from mjx_fit.data.schedule import mismatched_pairs
+from mjx_fit.engines.select import make_engine
 from mjx_fit.evaluation.statistics import wilson
-from mjx_fit.report import style
-from mjx_fit.simulate.select import make_engine
+from mjx_fit.report.figures import style
 from mjx_fit.types import Array, Attempt
 
 NAMES = SceneConfig().names

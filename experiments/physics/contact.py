@@ -16,9 +16,9 @@ from matplotlib.figure import Figure
 
 from benchmarks.python_loop import task_space
 from mjx_fit.config.schema import Config
-from mjx_fit.dataset.draws import mismatched_pairs
-from mjx_fit.report import style
-from mjx_fit.simulate.native import NativeEngine
+from mjx_fit.data.schedule import mismatched_pairs
+from mjx_fit.engines.native.engine import NativeEngine
+from mjx_fit.report.figures import style
 from mjx_fit.types import SUBSTEPS
 
 MATCHED, OTHERS = 102, 600

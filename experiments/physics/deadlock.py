@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 import shared
 
-from mjx_fit.simulate.threads import on_threads
+from mjx_fit.engines.threads import on_threads
 
 BATCHES = (256, 512, 1024, 1400, 2048, 4096)
 LOOPS, ITERATIONS, TIMES = 3, 200, 5

@@ -17,10 +17,10 @@ import jax.numpy as jnp
 import numpy as np
 import shared
 
-from mjx_fit import compiled, runtime
 from mjx_fit.config.schema import Config
-from mjx_fit.dataset.draws import draw_attempts
-from mjx_fit.simulate.mjx import MjxEngine
+from mjx_fit.data.schedule import draw_attempts
+from mjx_fit.engines.mjx.engine import MjxEngine
+from mjx_fit.utils import compilation_cache, process_setup
 
 WORLDS = (256, 1024, 4096)
 PROCESSES, RUNS_EACH = 10, 5
@@ -49,9 +49,9 @@ def main(dispatch: str) -> None:
 def work(worlds: int, dispatch: str) -> None:
     """Compiles once and runs one action of all worlds several times, saying how long each took."""
     if dispatch == "inline":
-        runtime.configure()
+        process_setup.configure()
     else:
-        jax.config.update("jax_compilation_cache_dir", str(compiled.CACHE / "xla"))
+        jax.config.update("jax_compilation_cache_dir", str(compilation_cache.CACHE / "xla"))
     config = Config()
     engine = MjxEngine(config, 2 if dispatch == "inline" else 1)
     attempts = draw_attempts(jax.random.key(0), jnp.arange(worlds), "spiral", config)

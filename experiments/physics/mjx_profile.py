@@ -15,16 +15,17 @@ import jax.numpy as jnp
 import shared
 from mujoco import mjx
 
-from mjx_fit import control
-from mjx_fit.bench.engines import attempts_of
+from mjx_fit.cli.bench.engines import attempts_of
 from mjx_fit.config.schema import Config
-from mjx_fit.kinematics import chain_of
-from mjx_fit.linalg import worlds_last
-from mjx_fit.scene import pair_index, simulation_scene
-from mjx_fit.simulate import contact, stages
-from mjx_fit.simulate.attempt_rules import start_qpos
-from mjx_fit.simulate.mjx import arm_state, compiler_options
-from mjx_fit.simulate.stages import models_of, placed, stacked_models
+from mjx_fit.control import operational_space
+from mjx_fit.control.kinematics import chain_of
+from mjx_fit.engines.attempt_rules import start_qpos
+from mjx_fit.engines.mjx import contact
+from mjx_fit.engines.mjx import step as stages
+from mjx_fit.engines.mjx.engine import arm_state, compiler_options
+from mjx_fit.engines.mjx.step import models_of, placed, stacked_models
+from mjx_fit.scene.build import pair_index, simulation_scene
+from mjx_fit.utils.linalg import worlds_last
 
 WORLDS, STEPS = 128, 100
 
@@ -70,7 +71,7 @@ def _microseconds(controlled: bool) -> float:
     def world(model, qpos, hole, goal):
         data = placed(model, qpos, hole, scene.plate_top_m)
         to = jnp.append(goal, scene.plate_top_m - config.spiral.push_m)
-        command = worlds_last(lambda arm, goal: control.torque(arm, goal, config.control))
+        command = worlds_last(lambda arm, goal: operational_space.torque(arm, goal, config.control))
 
         def step(data, _):
             arm = arm_state(model, data, scene)

@@ -14,10 +14,10 @@ import numpy as np
 import shared
 from mujoco.batch import Batch
 
-from mjx_fit.bench.engines import attempts_of
+from mjx_fit.cli.bench.engines import attempts_of
 from mjx_fit.config.schema import Config
-from mjx_fit.simulate.block import Block, Layout, batch_at_rest
-from mjx_fit.simulate.native import NativeEngine
+from mjx_fit.engines.native.block import Block, Layout, batch_at_rest
+from mjx_fit.engines.native.engine import NativeEngine
 from mjx_fit.types import SUBSTEPS
 
 WORLDS, ACTIONS, TIMES = 128, 10, 5

@@ -21,15 +21,15 @@ from matplotlib.figure import Figure
 from mujoco import mjx
 
 from mjx_fit.config.schema import Config
-from mjx_fit.dataset.draws import draw_attempts, mismatched_pairs
+from mjx_fit.control.policies import NAMES
+from mjx_fit.data.schedule import draw_attempts, mismatched_pairs
+from mjx_fit.engines.mjx.engine import compiler_options
+from mjx_fit.engines.mjx.step import accelerate, models_of, observe, stacked_models
+from mjx_fit.engines.native.engine import NativeEngine
+from mjx_fit.engines.select import make_engine
 from mjx_fit.evaluation.statistics import bootstrap_mean, bootstrap_means
-from mjx_fit.policies import NAMES
-from mjx_fit.report import style
-from mjx_fit.scene import Scene, pair_index, simulation_scene
-from mjx_fit.simulate.mjx import compiler_options
-from mjx_fit.simulate.native import NativeEngine
-from mjx_fit.simulate.select import make_engine
-from mjx_fit.simulate.stages import accelerate, models_of, observe, stacked_models
+from mjx_fit.report.figures import style
+from mjx_fit.scene.build import Scene, pair_index, simulation_scene
 
 FREE = 216
 ATTEMPTS = 600

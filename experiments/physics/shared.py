@@ -9,13 +9,13 @@ import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
 
-from mjx_fit import runtime
 from mjx_fit.config.schema import Config
-from mjx_fit.dataset.draws import draw_places
-from mjx_fit.policies import SPIRAL
-from mjx_fit.randomness import root_key
+from mjx_fit.control.policies import SPIRAL
+from mjx_fit.data.schedule import draw_places
 from mjx_fit.report import script
 from mjx_fit.types import Attempt, Rollout
+from mjx_fit.utils import process_setup
+from mjx_fit.utils.randomness import root_key
 
 FOLDER = Path(__file__).parent
 sys.path.append(str(FOLDER.parents[1]))  # benchmarks/ is not installed
@@ -23,7 +23,7 @@ sys.path.append(str(FOLDER.parents[1]))  # benchmarks/ is not installed
 
 def begin() -> None:
     """Sets the process up as a command of mjx_fit is."""
-    runtime.configure()
+    process_setup.configure()
 
 
 def save(name: str, results: dict[str, Any]) -> None:

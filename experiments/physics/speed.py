@@ -14,9 +14,9 @@ import shared
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
-from mjx_fit.bench.run import measure
+from mjx_fit.cli.bench.run import measure
 from mjx_fit.config.schema import Config
-from mjx_fit.report import style
+from mjx_fit.report.figures import style
 
 NAMES = ("raw_batch", "native", "mjx_step", "mjx")
 LABELS = {

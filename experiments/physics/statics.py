@@ -16,11 +16,11 @@ import numpy as np
 import shared
 
 from benchmarks.python_loop import arm_state, stiffness_acc, task_space
-from mjx_fit import control
 from mjx_fit.config.schema import Config
-from mjx_fit.kinematics import chain_of, inverse
-from mjx_fit.robot import PANDA
-from mjx_fit.scene import Scene, pair_index, simulation_scene
+from mjx_fit.control import operational_space
+from mjx_fit.control.kinematics import chain_of, inverse
+from mjx_fit.scene.build import Scene, pair_index, simulation_scene
+from mjx_fit.scene.robot import PANDA
 
 N = 60
 SECONDS = 3.0
@@ -33,7 +33,7 @@ def main() -> None:
     config = Config()
     scene = simulation_scene(config.scene)
     rng = np.random.default_rng(0)
-    torque = jax.jit(lambda arm, goal: control.torque(arm, goal, config.control))
+    torque = jax.jit(lambda arm, goal: operational_space.torque(arm, goal, config.control))
     chain = chain_of(scene.models[0])
     rows = [_press(scene, config, chain, torque, rng, i) for i in range(N)]
     pressed = {key: np.array([row[key] for row in rows]) for key in rows[0]}
@@ -98,7 +98,7 @@ def _press(scene: Scene, config: Config, chain, torque, rng: np.random.Generator
 def _tare(scene: Scene, chain, rng: np.random.Generator) -> np.ndarray:
     """|tared reading| (n, 6) a second after the tare, held still in free space all over the workspace."""
     config = Config()
-    torque = jax.jit(lambda arm, goal: control.torque(arm, goal, config.control))
+    torque = jax.jit(lambda arm, goal: operational_space.torque(arm, goal, config.control))
     model = scene.models[0]
     rows = []
     for x, y in np.stack(np.meshgrid(np.linspace(0.35, 0.65, 5), np.linspace(-0.3, 0.3, 5)), -1).reshape(

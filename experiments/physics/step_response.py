@@ -9,14 +9,14 @@ import numpy as np
 import shared
 from matplotlib.figure import Figure
 
-from mjx_fit import control
 from mjx_fit.config.schema import Config
-from mjx_fit.kinematics import chain_of, inverse
-from mjx_fit.policies import SPIRAL
-from mjx_fit.report import style
-from mjx_fit.robot import PANDA
-from mjx_fit.scene import simulation_scene
-from mjx_fit.simulate.block import Block, Layout
+from mjx_fit.control import operational_space
+from mjx_fit.control.kinematics import chain_of, inverse
+from mjx_fit.control.policies import SPIRAL
+from mjx_fit.engines.native.block import Block, Layout
+from mjx_fit.report.figures import style
+from mjx_fit.scene.build import simulation_scene
+from mjx_fit.scene.robot import PANDA
 from mjx_fit.types import SUBSTEPS, Attempt
 
 STEP_M = 0.02
@@ -77,7 +77,9 @@ def follow(config: Config, start: np.ndarray, goal: np.ndarray) -> tuple[np.ndar
     attempts = Attempt(kind, kind, far, far, np.full(n, SPIRAL), jax.random.split(jax.random.key(0), n))
     qpos = np.asarray(jax.vmap(inverse, (None, 0))(chain_of(scene.models[0]), jnp.asarray(start)))
     block = Block(scene, layout, attempts, qpos, n)
-    command = jax.jit(jax.vmap(lambda row, to: control.torque(layout.unpack(row), to, config.control)))
+    command = jax.jit(
+        jax.vmap(lambda row, to: operational_space.torque(layout.unpack(row), to, config.control))
+    )
     tips, frames, torques = [], [], []
     for step in range(round(SECONDS / DT_S)):
         torques.append(np.asarray(command(block.packed(), goal)))

@@ -6,7 +6,7 @@ from typing import Any
 
 from mjx_fit.config import strict_yaml
 from mjx_fit.config.schema import Config, config_from_stored, config_from_tree
-from mjx_fit.errors import RequestError, shortened, shown
+from mjx_fit.utils.errors import RequestError, shortened, shown
 
 
 def read_config(path: Path | Sequence[Path] | None = None, overrides: Sequence[str] = ()) -> Config:

@@ -9,8 +9,8 @@ from collections.abc import Iterator
 
 from mjx_fit.config.sections.task import TaskConfig
 from mjx_fit.config.sections.world import ControlConfig, RandomConfig, SceneConfig, SpiralConfig
-from mjx_fit.errors import require, shown
-from mjx_fit.rates import STEP_S
+from mjx_fit.utils.errors import require, shown
+from mjx_fit.utils.rates import STEP_S
 
 MOST_DAMPING = 0.6
 """Share of a velocity that damping may take away in one such step."""

@@ -22,7 +22,7 @@ from mjx_fit.config.sections.world import (
     SpiralConfig,
     WristConfig,
 )
-from mjx_fit.errors import RequestError, shown
+from mjx_fit.utils.errors import RequestError, shown
 
 
 @dataclass(frozen=True, config=STRICT)

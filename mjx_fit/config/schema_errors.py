@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from pydantic import Tag, ValidationError
 
-from mjx_fit.errors import shortened, shown
+from mjx_fit.utils.errors import shortened, shown
 
 
 def in_words(error: ValidationError, schema: type) -> str:

@@ -12,7 +12,7 @@ from typing import Any
 
 import yaml
 
-from mjx_fit.errors import shortened, shown
+from mjx_fit.utils.errors import shortened, shown
 
 MOST_BYTES = 128 * 1024
 """Of text, thirty times a whole configuration: PyYAML reads so much within half a second."""

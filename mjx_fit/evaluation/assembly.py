@@ -5,17 +5,17 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Int
 
-from mjx_fit.errors import RequestError
-from mjx_fit.evaluation import outcome, parts, results
+from mjx_fit.engines.failures import Reporting
+from mjx_fit.evaluation import parts, result_file, results
 from mjx_fit.evaluation.request import Request
 from mjx_fit.evaluation.results import Result
-from mjx_fit.progress import COMPILING, Progress
-from mjx_fit.simulate.broken import Reporting
+from mjx_fit.scene.scenarios import draw_trials
 from mjx_fit.task import assembly as assembly_
+from mjx_fit.task.assembly_state import Table
 from mjx_fit.task.methods import ASSEMBLY, Method, chosen
-from mjx_fit.task.table import Table
-from mjx_fit.task.trials import draw_trials
-from mjx_fit.training.trained_sensor import TrainedSensor
+from mjx_fit.training.sensor_loader import TrainedSensor
+from mjx_fit.utils.errors import RequestError
+from mjx_fit.utils.progress import COMPILING, Progress
 
 
 def assembly(request: Request) -> Result:
@@ -29,7 +29,7 @@ def assembly(request: Request) -> Result:
             another result.
     """
     picked = chosen(request.methods, ASSEMBLY)
-    outcome.require_trials(request.trials, len(picked))
+    result_file.require_trials(request.trials, len(picked))
     reading = [method.name for method in picked if method.needs_sensor]
     sensor = request.sensor if reading else None
     if reading and sensor is None:
@@ -42,14 +42,14 @@ def assembly(request: Request) -> Result:
         "sensor": sensor.fingerprint if sensor else None,
         "differs_from_training": sensor.differences(request.config) if sensor else [],
     }
-    here = outcome.header("assembly", request.config, request.seed, request.engine.name, asked)
-    result = outcome.once(request.out, here, lambda: _assembly(request, here, picked, sensor))
+    here = result_file.header("assembly", request.config, request.seed, request.engine.name, asked)
+    result = result_file.once(request.out, here, lambda: _assembly(request, here, picked, sensor))
     parts.finish(request.out)
     return result
 
 
 def _assembly(
-    request: Request, here: outcome.Header, picked: tuple[Method, ...], sensor: TrainedSensor | None
+    request: Request, here: result_file.Header, picked: tuple[Method, ...], sensor: TrainedSensor | None
 ) -> Result:
     config, out, trials, engine = request.config, request.out, request.trials, request.engine
     pieces = parts.pieces(trials, len(picked), engine.name)
@@ -63,7 +63,7 @@ def _assembly(
 
         def work(ids: Int[np.ndarray, "n"]) -> parts.Rows:
             table = Table(config, picked, draw_trials(config, request.seed, ids), request.seed)
-            reporting = Reporting(engine, config, outcome.broken(out) / f"trials-{ids[0]:06d}")
+            reporting = Reporting(engine, config, result_file.broken(out) / f"trials-{ids[0]:06d}")
             for _ in assembly_.rounds(table, reporting, update):
                 pegs = before + int(table.pegs_done.sum())
                 left = f"{table.active.sum()} of {len(table.active)} assemblies open"
@@ -76,7 +76,7 @@ def _assembly(
             progress(before, _running(rows))
 
         rows = parts.in_parts(out, here, pieces, work, told)
-    result = outcome.write(out, here, results.summarise_assembly(rows), rows)
+    result = result_file.write(out, here, results.summarise_assembly(rows), rows)
     parts.finish(out)
     return result
 

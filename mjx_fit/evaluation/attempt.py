@@ -6,17 +6,17 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Int
 
-from mjx_fit.dataset.draws import draw_places, mismatched_pairs
-from mjx_fit.evaluation import outcome, results
+from mjx_fit.data.schedule import draw_places, mismatched_pairs
+from mjx_fit.engines.failures import report
+from mjx_fit.engines.threads import even_batch
+from mjx_fit.evaluation import result_file, results
 from mjx_fit.evaluation.request import Request
 from mjx_fit.evaluation.results import Result
-from mjx_fit.progress import COMPILING, Progress
-from mjx_fit.randomness import root_key
-from mjx_fit.simulate.broken import report
-from mjx_fit.simulate.threads import even_batch
+from mjx_fit.sensors.preprocess import peak_force
 from mjx_fit.task.attempt_loop import spirals_at
 from mjx_fit.types import Rollout
-from mjx_fit.wrist import peak_force
+from mjx_fit.utils.progress import COMPILING, Progress
+from mjx_fit.utils.randomness import root_key
 
 ATTEMPT_BATCH = 256
 
@@ -32,18 +32,18 @@ def attempt(request: Request) -> Result:
         RequestError: A value is not allowed, or the file holds another result.
     """
     n_types = request.config.scene.n_types
-    outcome.require_trials(request.trials, n_types + (n_types > 1))  # of each shape, and mismatched ones
+    result_file.require_trials(request.trials, n_types + (n_types > 1))  # of each shape, and mismatched ones
     asked = {"trials": request.trials}
-    here = outcome.header("attempt", request.config, request.seed, request.engine.name, asked)
-    return outcome.once(request.out, here, lambda: _attempt(request, here))
+    here = result_file.header("attempt", request.config, request.seed, request.engine.name, asked)
+    return result_file.once(request.out, here, lambda: _attempt(request, here))
 
 
-def _attempt(request: Request, here: outcome.Header) -> Result:
+def _attempt(request: Request, here: result_file.Header) -> Result:
     config, engine, actions = request.config, request.engine, request.config.task.attempt_actions
     peg_type, hole_type = _attempt_pairs(request.trials, config.scene.n_types)
     n = len(peg_type)
     batch = even_batch(n, ATTEMPT_BATCH)
-    root, dumps = root_key(request.seed, "attempt"), outcome.broken(request.out)
+    root, dumps = root_key(request.seed, "attempt"), result_file.broken(request.out)
     rows: list[dict[str, Any]] = []
     with Progress("attempts", n, 0, COMPILING if engine.name == "mjx" else "") as progress:
         for start in range(0, n, batch):
@@ -54,7 +54,7 @@ def _attempt(request: Request, here: outcome.Header) -> Result:
             report(rollouts, attempts, ids, actions, config, dumps)
             rows += _attempt_rows(rollouts, ids[ids < n], config.scene.names)
             progress(len(rows), f"{sum(row['inserted'] for row in rows)} inserted")
-    return outcome.write(request.out, here, results.summarise_attempt(rows), rows)
+    return result_file.write(request.out, here, results.summarise_attempt(rows), rows)
 
 
 def _attempt_pairs(trials: int, n_types: int) -> tuple[Int[np.ndarray, "n"], Int[np.ndarray, "n"]]:

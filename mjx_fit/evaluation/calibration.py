@@ -1,66 +1,222 @@
-"""How good, and how honest, a belief is: scores of what was predicted against what was true."""
+"""The calibration experiment: trained sensors on attempts that they have not seen."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
-from scipy.stats import chi2, rankdata
+from jaxtyping import Float, Int
+
+from mjx_fit.config.schema import Config
+from mjx_fit.data import manifest, reader
+from mjx_fit.data.episode import Episode
+from mjx_fit.engines.select import resolve
+from mjx_fit.evaluation import held_out, result_file, scores
+from mjx_fit.evaluation.results import Result
+from mjx_fit.evaluation.statistics import Interval, Row, bootstrap_mean
+from mjx_fit.training.compatibility import require_new, require_world
+from mjx_fit.training.sensor_loader import TrainedSensor, load_baseline, load_trained_sensor
+from mjx_fit.training.split import require_sound
+from mjx_fit.utils import provenance
+from mjx_fit.utils.progress import Progress
+
+RESAMPLES = 500
+"""Of the bootstrap of scores that are no means."""
+
+SHARES = (0.2, 0.4, 0.6, 0.8)
+"""Of an attempt's actions after which it is looked at, beside all of them."""
+
+_Trials = list[dict[str, Any]]
 
 
-def squared_mahalanobis(
-    error: Float[np.ndarray, "n 2"], cov: Float[np.ndarray, "n 2 2"]
-) -> Float[np.ndarray, " n"]:
-    """(p - μ)ᵀ Σ⁻¹ (p - μ) of each row: chi-squared with two degrees of freedom where Σ is honest.
-
-    Its mean over 2 is the normalised estimation error squared (NEES) per dimension, 1 where Σ is honest.
-    """
-    return np.einsum("ni,ni->n", error, np.linalg.solve(cov.astype(float), error[..., None])[..., 0])
-
-
-def inside(squared: Float[np.ndarray, " n"], level: float) -> Bool[np.ndarray, " n"]:
-    """Whether the truth lies in the ellipse of that probability: within 1.386 for 50 %, 4.605 for 90 %."""
-    return squared <= chi2.ppf(level, 2)
-
-
-def auroc(score: Float[np.ndarray, " n"], positive: Bool[np.ndarray, " n"]) -> float:
-    """Area under the ROC curve: the chance that a positive scores higher than a negative (Mann-Whitney).
-
-    Equal scores count half; NaN where one of the classes is missing.
-    """
-    n_positive = int(positive.sum())
-    n_negative = len(positive) - n_positive
-    if not n_positive or not n_negative:
-        return float("nan")
-    rank_sum = rankdata(score)[positive].sum()
-    return float((rank_sum - n_positive * (n_positive + 1) / 2) / (n_positive * n_negative))
-
-
-def balanced_accuracy(predicted: Bool[np.ndarray, " n"], positive: Bool[np.ndarray, " n"]) -> float:
-    """Mean of the shares of positives and of negatives that are told right; NaN where one is missing."""
-    if positive.all() or not positive.any():
-        return float("nan")
-    return float((predicted[positive].mean() + (~predicted[~positive]).mean()) / 2)
-
-
-def brier(probability: Float[np.ndarray, "n C"], truth: Int[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """Σ_c (p_c - 1[c = truth])² of each row: 0 is certain and right, 2 certain and wrong."""
-    return np.square(probability - np.eye(probability.shape[1])[truth]).sum(1)
-
-
-def reliability(
-    probability: Float[np.ndarray, " n"], happened: Bool[np.ndarray, " n"], bins: int = 10
-) -> tuple[Float[np.ndarray, " b"], Float[np.ndarray, " b"], Int[np.ndarray, " b"]]:
-    """How often that happened which was given a probability, by the probability.
+def calibrate(config: Config, out: Path, run: Path, data: Path, seed: int) -> Result:
+    """One update from each failed attempt of a data set, by a run's sensor and its frame-by-frame baseline.
 
     Args:
-        probability: Predicted, in [0, 1].
-        happened: Whether it came so.
-        bins: Equal parts of [0, 1].
+        config: ``task`` and ``wrist`` are used; ``sensor`` and ``train`` are the run's.
+        out: The result file.
+        run: Folder of a training run.
+        data: Folder of a data set that it was not trained on, nor at its holes.
+        seed: Root of the sensor's noise.
 
-    Returns:
-        Of each bin that is not empty: the mean prediction, the observed frequency, and how many there were.
+    Raises:
+        RequestError: Run or data cannot be used, they are not of the same scene, or the file holds another
+            result.
     """
-    which = np.minimum((probability * bins).astype(int), bins - 1)
-    n = np.bincount(which, minlength=bins)
-    kept = n > 0
-    mean = np.bincount(which, probability, bins)[kept] / n[kept]
-    frequency = np.bincount(which, happened.astype(float), bins)[kept] / n[kept]
-    return mean, frequency, n[kept]
+    sensor = load_trained_sensor(run)
+    config = sensor.adapt(config)
+    baseline = load_baseline(run)
+    sensors = {"full": sensor} | ({"frame_by_frame": baseline} if baseline else {})
+    asked_for = manifest.read(data).request
+    require_world(asked_for, config)
+    episodes = reader.load(data)
+    actions = _actions_read(episodes, config)
+    ids = held_out.failed_attempts(episodes, actions)
+    require_sound(episodes, np.isin(np.arange(len(episodes.episode)), ids), config.scene.n_types)
+    request = {
+        "methods": list(sensors),
+        "data": provenance.fingerprint(episodes),
+        "beliefs_of": asked_for.get("sensor", ""),
+        "sensor": {name: one.fingerprint for name, one in sensors.items()},
+        "differs_from_training": sensor.differences(config),
+    }
+    require_new(run, episodes, request["data"])
+    here = result_file.header("calibration", config, seed, resolve(asked_for["engine"]), request)
+
+    def work() -> Result:
+        trials = _trials_of(sensors, episodes, ids, config, seed)
+        # Rows of parts of attempts would make the file five times as large: their scores are in the summary.
+        whole = [trial for trial in trials if trial["actions"] == actions]
+        return result_file.write(out, here, summarise(trials, actions, config.scene.names), whole)
+
+    return result_file.once(out, here, work)
+
+
+def _trials_of(
+    sensors: dict[str, TrainedSensor],
+    episodes: Episode,
+    ids: Int[np.ndarray, "n"],
+    config: Config,
+    seed: int,
+) -> _Trials:
+    """One row for each sensor, number of actions that are read, and attempt."""
+    actions = _actions_read(episodes, config)
+    counts = sorted({max(1, round(share * actions)) for share in (*SHARES, 1)})
+    trials: _Trials = []
+    with Progress("calibration: readings", len(sensors) * len(counts)) as progress:
+        for name, one in sensors.items():
+            for count in counts:
+                seen = held_out.observe(one.network, episodes, ids, count, config, seed)
+                after = held_out.posterior(seen, episodes, ids, config, with_prior=name == "full")
+                trials += held_out.rows(name, count, after, episodes, ids, config.scene.names)
+                progress(len(trials) // len(ids), f"{name}, {count} actions")
+    return trials
+
+
+def _actions_read(episodes: Episode, config: Config) -> int:
+    """Actions in a whole attempt: as many as the task has, or as were stored."""
+    return min(
+        config.task.attempt_actions, int(np.asarray(episodes.rollout.felt.trace.action_world).shape[1])
+    )
+
+
+def summarise(trials: _Trials, actions: int, names: tuple[str, ...]) -> list[Row]:
+    """Scores of each method over whole attempts and parts of them; intervals from a bootstrap over holes.
+
+    Groups: ``all``, ``matched``, ``mismatched``, a peg's shape, ``attempt:K``, ``actions:N`` and, for what
+    h_match says, ``peg:hole`` with the hole that does not match, told from that peg's own.
+
+    Args:
+        trials: Rows as in ``mjx_fit.evaluation.trial_rows.CalibrationTrial``.
+        actions: In a whole attempt.
+        names: Of the shapes.
+    """
+    rows = []
+    whole = [trial for trial in trials if trial["actions"] == actions]
+    for name, group in _groups([trial for trial in whole if trial["method"] == "full"], names).items():
+        rows += _error_rows("prior", name, group, "prior_error_cm")
+    for method in dict.fromkeys(trial["method"] for trial in trials):
+        own = [trial for trial in whole if trial["method"] == method]
+        for name, group in _groups(own, names).items():
+            rows += _position_rows(method, name, group)
+            if method == "full":
+                rows += _type_rows(method, name, group, names)
+        for count in sorted({trial["actions"] for trial in trials}):
+            part = [t for t in trials if t["method"] == method and t["actions"] == count]
+            rows += _error_rows(method, f"actions:{count}", part)
+            if method == "full":
+                # Many pairs would fill the file with what nobody reads.
+                rows += _match_rows(method, part, f"actions:{count}:", names if len(names) <= 4 else ())
+        if method == "full":
+            rows += _match_rows(method, own, "", names)
+    return rows
+
+
+def _groups(trials: _Trials, names: tuple[str, ...]) -> dict[str, _Trials]:
+    groups = {"all": trials, "matched": [], "mismatched": []}
+    groups |= {name: [] for name in names}
+    groups |= {f"attempt:{k}": [] for k in sorted({trial["attempt"] for trial in trials})}
+    for trial in trials:
+        peg, hole = trial["pair"]
+        for name in ("matched" if peg == hole else "mismatched", peg, f"attempt:{trial['attempt']}"):
+            groups[name].append(trial)
+    return {name: group for name, group in groups.items() if group}
+
+
+def _position_rows(method: str, name: str, group: _Trials) -> list[Row]:
+    squared = np.array([trial["squared_mahalanobis"] for trial in group])
+    columns = {
+        "position_error_cm": np.array([trial["error_cm"] for trial in group]),
+        "position_nll": np.array([trial["nll"] for trial in group]),
+        "nees": squared / 2,
+        "coverage_50": scores.inside(squared, 0.5),
+        "coverage_90": scores.inside(squared, 0.9),
+    }
+    return _means(method, name, group, columns)
+
+
+def _type_rows(method: str, name: str, group: _Trials, names: tuple[str, ...]) -> list[Row]:
+    types = np.array([trial["type_probability"] for trial in group])
+    truth = np.array([names.index(trial["pair"][1]) for trial in group])
+    match = np.array([trial["match_probability"] for trial in group])
+    matched = np.array([trial["pair"][0] == trial["pair"][1] for trial in group])
+    columns = {
+        "type_brier": scores.brier(types, truth),
+        "match_brier": scores.brier(np.stack([1 - match, match], 1), matched.astype(int)),
+        "type_accuracy": types.argmax(1) == truth,
+    }
+    return _means(method, name, group, columns)
+
+
+def _error_rows(method: str, name: str, group: _Trials, key: str = "error_cm") -> list[Row]:
+    return _means(method, name, group, {"position_error_cm": np.array([trial[key] for trial in group])})
+
+
+def _means(method: str, name: str, group: _Trials, columns: dict[str, np.ndarray]) -> list[Row]:
+    """A row for each column; intervals by bootstrap over holes."""
+    holes = [trial["trial"] for trial in group]
+    return [
+        Row.of(method, metric, name, bootstrap_mean(values, holes), len(group))
+        for metric, values in columns.items()
+    ]
+
+
+def _match_rows(method: str, group: _Trials, prefix: str, names: tuple[str, ...]) -> list[Row]:
+    """How well h_match tells a peg's own hole from the others, over all pegs and for each pair."""
+    peg, hole = (np.array([trial["pair"][side] for trial in group]) for side in range(2))
+    probability = np.array([trial["match_probability"] for trial in group])
+    holes = np.array([trial["trial"] for trial in group])
+    keep = {f"{prefix}all": np.ones(len(group), bool)}
+    keep |= {
+        f"{prefix}{a}:{b}": (peg == a) & ((hole == a) | (hole == b)) for a in names for b in names if a != b
+    }
+    rows = []
+    for name, chosen in keep.items():
+        positive, score = (peg == hole)[chosen], probability[chosen]
+        if positive.all() or not positive.any():
+            continue
+        n, clusters = int(chosen.sum()), holes[chosen]
+        for metric, measure in (
+            ("match_auroc", scores.auroc),
+            ("match_balanced_accuracy", lambda p, y: scores.balanced_accuracy(p > 0.5, y)),
+        ):
+            rows.append(Row.of(method, metric, name, _bootstrap(measure, score, positive, clusters), n))
+    return rows
+
+
+def _bootstrap(
+    measure: Callable[[np.ndarray, np.ndarray], float],
+    score: Float[np.ndarray, " n"],
+    positive: np.ndarray,
+    clusters: np.ndarray,
+) -> Interval:
+    """A score and its percentile interval; whole clusters are drawn."""
+    names, index = np.unique(clusters, return_inverse=True)
+    members = np.split(np.argsort(index, kind="stable"), np.cumsum(np.bincount(index))[:-1])
+    rng = np.random.default_rng(0)
+    values = []
+    for _ in range(RESAMPLES):
+        drawn = np.concatenate([members[k] for k in rng.integers(len(names), size=len(names))])
+        values.append(measure(score[drawn], positive[drawn]))
+    low, high = np.nanquantile(values, [0.025, 0.975])
+    return Interval(measure(score, positive), float(low), float(high))

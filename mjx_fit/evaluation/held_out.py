@@ -11,17 +11,17 @@ from flax import nnx
 from jaxtyping import Float, Int, Key
 
 from mjx_fit.config.schema import Config
-from mjx_fit.dataset.episode import Episode, happened
-from mjx_fit.errors import RequestError
-from mjx_fit.evaluation.calibration import squared_mahalanobis
-from mjx_fit.evaluation.outcome import rounded
-from mjx_fit.filters.belief import update_position, update_type
+from mjx_fit.data.episode import Episode, happened
+from mjx_fit.evaluation.result_file import rounded
+from mjx_fit.evaluation.scores import squared_mahalanobis
 from mjx_fit.filters.kalman import CM_PER_M, gaussian_nll
-from mjx_fit.filters.success import success_probability
-from mjx_fit.randomness import root_key
-from mjx_fit.sensors.model import ContactSensor
-from mjx_fit.task.learning import readings
+from mjx_fit.filters.outcome_model import success_probability
+from mjx_fit.filters.updates import update_position, update_type
+from mjx_fit.sensors.contact_sensor import ContactSensor
+from mjx_fit.task.estimator import readings
 from mjx_fit.types import Array, Belief, Observation
+from mjx_fit.utils.errors import RequestError
+from mjx_fit.utils.randomness import root_key
 
 BATCH = 256
 

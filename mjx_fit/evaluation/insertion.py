@@ -7,16 +7,16 @@ import jax.numpy as jnp
 import numpy as np
 
 from mjx_fit.config.schema import Config
-from mjx_fit.dataset.draws import draw_places
-from mjx_fit.evaluation import hole_study, outcome
-from mjx_fit.evaluation.hole_study import Ids, Outcomes, Study
+from mjx_fit.data.schedule import draw_places
+from mjx_fit.evaluation import result_file, single_hole_runner
 from mjx_fit.evaluation.parts import Rows
 from mjx_fit.evaluation.request import Request
 from mjx_fit.evaluation.results import Result, by_method
+from mjx_fit.evaluation.single_hole_runner import Ids, Outcomes, Study
 from mjx_fit.evaluation.statistics import Row, bootstrap_mean, clustered_rate, holm, sign_flip
-from mjx_fit.randomness import root_key
-from mjx_fit.task import hole
+from mjx_fit.task import single_hole
 from mjx_fit.task.methods import INSERTION, chosen
+from mjx_fit.utils.randomness import root_key
 
 ATTEMPTS = 10
 """The paper's."""
@@ -34,7 +34,7 @@ def insertion(request: Request) -> Result:
             result.
     """
     picked, trials, seeds = chosen(request.methods, INSERTION), request.trials, request.seeds
-    outcome.require_trials(trials, len(picked), seeds)
+    result_file.require_trials(trials, len(picked), seeds)
     study = Study(
         "insertion",
         picked,
@@ -45,7 +45,7 @@ def insertion(request: Request) -> Result:
         partial(_rows, seeds=seeds, names=request.config.scene.names),
         summarise,
     )
-    return hole_study.run(study, request)
+    return single_hole_runner.run(study, request)
 
 
 def summarise(trials: Rows) -> list[Row]:
@@ -80,15 +80,15 @@ def summarise(trials: Rows) -> list[Row]:
     return rows
 
 
-def draw_holes(config: Config, ids: Ids, seeds: int, seed: int) -> hole.Holes:
+def draw_holes(config: Config, ids: Ids, seeds: int, seed: int) -> single_hole.Holes:
     draw, number = np.divmod(ids, seeds)
     shape = draw % config.scene.n_types
     place, estimate, key, _ = draw_places(root_key(seed, "insertion"), jnp.asarray(draw), config)
     own = jax.vmap(jax.random.fold_in)(key, jnp.asarray(number))
-    return hole.Holes(shape, shape, np.asarray(place), np.asarray(estimate), own)
+    return single_hole.Holes(shape, shape, np.asarray(place), np.asarray(estimate), own)
 
 
-def _rows(ids: Ids, world: hole.Holes, outcomes: Outcomes, seeds: int, names: tuple[str, ...]) -> Rows:
+def _rows(ids: Ids, world: single_hole.Holes, outcomes: Outcomes, seeds: int, names: tuple[str, ...]) -> Rows:
     return [
         {
             "trial": int(trial) // seeds,
@@ -97,7 +97,7 @@ def _rows(ids: Ids, world: hole.Holes, outcomes: Outcomes, seeds: int, names: tu
             "shape": names[world.peg_type[i]],
             "attempts": int(done.attempts[i]),
             "success": bool(done.inserted_at[i] > 0),
-            "peak_force_n": outcome.rounded(done.peak_force_n[i][: int(done.attempts[i])]),
+            "peak_force_n": result_file.rounded(done.peak_force_n[i][: int(done.attempts[i])]),
         }
         for method, done in outcomes.items()
         for i, trial in enumerate(ids)

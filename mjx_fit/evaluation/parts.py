@@ -10,11 +10,11 @@ import jax
 import numpy as np
 from jaxtyping import Int
 
-from mjx_fit import bounded_json, files, locks, provenance
-from mjx_fit.errors import RequestError
-from mjx_fit.evaluation.outcome import Header
-from mjx_fit.filesystem import inside
-from mjx_fit.simulate.threads import even_batch
+from mjx_fit.engines.threads import even_batch
+from mjx_fit.evaluation.result_file import Header
+from mjx_fit.utils import bounded_json, files, locks, provenance
+from mjx_fit.utils.errors import RequestError
+from mjx_fit.utils.filesystem import inside
 
 Rows = list[dict[str, Any]]
 ASKED = "request.json"

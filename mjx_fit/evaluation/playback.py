@@ -9,18 +9,18 @@ import numpy as np
 from jaxtyping import Int
 
 from mjx_fit.config.schema import Config, config_from_stored
-from mjx_fit.errors import RequestError, require, shortened, shown
-from mjx_fit.evaluation import outcome, parts
+from mjx_fit.engines.interface import Engine
+from mjx_fit.evaluation import parts, result_file
 from mjx_fit.evaluation.recording import Recording, Step, require_attempt
 from mjx_fit.evaluation.results import Result
-from mjx_fit.progress import Progress
-from mjx_fit.randomness import require_seed
-from mjx_fit.simulate.interface import Engine
+from mjx_fit.scene.scenarios import draw_trials
 from mjx_fit.task.assembly import Round, rounds, update_of_rows
+from mjx_fit.task.assembly_state import Table
 from mjx_fit.task.methods import ASSEMBLY, Method, chosen
-from mjx_fit.task.table import Table
-from mjx_fit.task.trials import draw_trials
-from mjx_fit.training.trained_sensor import TrainedSensor
+from mjx_fit.training.sensor_loader import TrainedSensor
+from mjx_fit.utils.errors import RequestError, require, shortened, shown
+from mjx_fit.utils.progress import Progress
+from mjx_fit.utils.randomness import require_seed
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ def record(
         RequestError: At once: there is no such method, it needs a sensor and there is none, or no assembly
             has so many attempts.
     """
-    require("--trial", pick.trial, 0, outcome.MAX_TRIALS - 1)
+    require("--trial", pick.trial, 0, result_file.MAX_TRIALS - 1)
     require_seed(seed)
     picked = (_only(pick.method),)
     require_attempt(pick.attempt, config.task.n_holes * config.task.max_attempts)

@@ -7,18 +7,18 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from mjx_fit.config.schema import Config
-from mjx_fit.dataset.draws import draw_places, mismatched_pairs
-from mjx_fit.evaluation import hole_study, outcome
-from mjx_fit.evaluation.calibration import inside, squared_mahalanobis
-from mjx_fit.evaluation.hole_study import Ids, Outcomes, Study
+from mjx_fit.data.schedule import draw_places, mismatched_pairs
+from mjx_fit.evaluation import result_file, single_hole_runner
 from mjx_fit.evaluation.parts import Rows
 from mjx_fit.evaluation.request import Request
 from mjx_fit.evaluation.results import Result, by_method
+from mjx_fit.evaluation.scores import inside, squared_mahalanobis
+from mjx_fit.evaluation.single_hole_runner import Ids, Outcomes, Study
 from mjx_fit.evaluation.statistics import Row, bootstrap_mean
 from mjx_fit.filters.kalman import CM_PER_M
-from mjx_fit.randomness import root_key
-from mjx_fit.task import hole
+from mjx_fit.task import single_hole
 from mjx_fit.task.methods import POSITION, chosen
+from mjx_fit.utils.randomness import root_key
 
 ATTEMPTS = 5
 """The paper's."""
@@ -37,7 +37,7 @@ def position(request: Request) -> Result:
     """
     picked, trials = chosen(request.methods, POSITION), request.trials
     kinds = 2 if request.config.scene.n_types > 1 else 1
-    outcome.require_trials(trials, kinds * len(picked))
+    result_file.require_trials(trials, kinds * len(picked))
     study = Study(
         "position",
         picked,
@@ -48,7 +48,7 @@ def position(request: Request) -> Result:
         partial(_rows, names=request.config.scene.names),
         summarise,
     )
-    return hole_study.run(study, request)
+    return single_hole_runner.run(study, request)
 
 
 def summarise(trials: Rows) -> list[Row]:
@@ -100,7 +100,7 @@ def _means(
     ]
 
 
-def _holes(config: Config, ids: Ids, trials: int, seed: int) -> hole.Holes:
+def _holes(config: Config, ids: Ids, trials: int, seed: int) -> single_hole.Holes:
     """The first half of the trials are mismatched, over the pairs in turn, the others match."""
     n_types = config.scene.n_types
     peg = other = ids % n_types
@@ -110,10 +110,10 @@ def _holes(config: Config, ids: Ids, trials: int, seed: int) -> hole.Holes:
         peg = np.where(mismatched, pair[:, 0], peg)
         other = np.where(mismatched, pair[:, 1], peg)
     place, estimate, key, _ = draw_places(root_key(seed, "position"), jnp.asarray(ids), config)
-    return hole.Holes(peg, other, np.asarray(place), np.asarray(estimate), key)
+    return single_hole.Holes(peg, other, np.asarray(place), np.asarray(estimate), key)
 
 
-def _rows(ids: Ids, world: hole.Holes, outcomes: Outcomes, names: tuple[str, ...]) -> Rows:
+def _rows(ids: Ids, world: single_hole.Holes, outcomes: Outcomes, names: tuple[str, ...]) -> Rows:
     rows, wrong = [], world.peg_type != world.hole_type
     for method, done in outcomes.items():
         error = world.hole_pos_world[:, None] - done.mean_world
@@ -126,10 +126,10 @@ def _rows(ids: Ids, world: hole.Holes, outcomes: Outcomes, names: tuple[str, ...
                 "trial": int(trial),
                 "method": method,
                 "pair": [names[world.peg_type[i]], names[world.hole_type[i]]],
-                "error_cm": outcome.rounded(distance[i]),
-                "squared_mahalanobis": outcome.rounded(squared[i]),
+                "error_cm": result_file.rounded(distance[i]),
+                "squared_mahalanobis": result_file.rounded(squared[i]),
                 "inserted_at": int(done.inserted_at[i]) or None,
-                "peak_force_n": outcome.rounded(done.peak_force_n[i]),
+                "peak_force_n": result_file.rounded(done.peak_force_n[i]),
                 **({"inserted_wrongly": True} if done.inserted_at[i] and wrong[i] else {}),
             }
             for i, trial in enumerate(ids)

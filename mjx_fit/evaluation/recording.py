@@ -6,8 +6,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from mjx_fit.config.schema import Config
-from mjx_fit.errors import require
 from mjx_fit.types import Belief, Rollout
+from mjx_fit.utils.errors import require
 
 
 @dataclass(frozen=True)

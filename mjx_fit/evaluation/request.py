@@ -4,9 +4,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mjx_fit.config.schema import Config
-from mjx_fit.simulate.interface import Engine
+from mjx_fit.engines.interface import Engine
 from mjx_fit.training.checkpoint import FRAME_BY_FRAME
-from mjx_fit.training.trained_sensor import TrainedSensor, load_baseline, load_trained_sensor
+from mjx_fit.training.sensor_loader import TrainedSensor, load_baseline, load_trained_sensor
 
 
 @dataclass(frozen=True)

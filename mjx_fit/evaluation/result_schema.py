@@ -6,10 +6,10 @@ from typing import Annotated, Any, NotRequired
 from pydantic import Field, TypeAdapter
 from typing_extensions import TypedDict
 
-from mjx_fit import bounded_json
 from mjx_fit.config.sections.world import MOST_TYPES, SceneConfig
 from mjx_fit.evaluation import trial_rows
 from mjx_fit.evaluation.trial_rows import STRICT, Name, Number, Whole
+from mjx_fit.utils import bounded_json
 
 LARGEST = 4 * 2**30
 """Bytes of a result file: 10^6 trials under five methods, or 10^5 assemblies."""

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool
 
-from mjx_fit import bounded_json, files
-from mjx_fit.errors import RequestError
 from mjx_fit.evaluation import result_schema
 from mjx_fit.evaluation.statistics import Row, bootstrap_mean, bootstrap_ratio, clustered_rate, wilson
+from mjx_fit.utils import bounded_json, files
+from mjx_fit.utils.errors import RequestError
 
 ATTEMPT_METHOD = "spiral"
 """The method in the rows of the attempt experiment: it has but one, Algorithm 4."""

@@ -7,8 +7,8 @@ positive definite gives NaN for itself alone.
 import jax.numpy as jnp
 from jaxtyping import Float
 
-from mjx_fit.linalg import cholesky_factor, cholesky_solve, solve_lower
 from mjx_fit.types import Array
+from mjx_fit.utils.linalg import cholesky_factor, cholesky_solve, solve_lower
 
 CM_PER_M = 100.0
 
@@ -91,7 +91,7 @@ def _symmetric(matrix: Float[Array, "*batch n n"]) -> Float[Array, "*batch n n"]
 
 
 def _axes_first(matrix: Float[Array, "*batch n n"]) -> Float[Array, "n n *batch"]:
-    """As ``mjx_fit.linalg`` has it."""
+    """As ``mjx_fit.utils.linalg`` has it."""
     return jnp.moveaxis(matrix, (-2, -1), (0, 1))
 
 

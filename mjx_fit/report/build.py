@@ -5,13 +5,13 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from mjx_fit import files, locks
-from mjx_fit.errors import RequestError
 from mjx_fit.evaluation import results
-from mjx_fit.filesystem import inside
 from mjx_fit.report import sections
 from mjx_fit.report.page import GENERATOR, page
 from mjx_fit.report.sections import Section
+from mjx_fit.utils import files, locks
+from mjx_fit.utils.errors import RequestError
+from mjx_fit.utils.filesystem import inside
 
 UNFINISHED = (
     f"<!doctype html>\n<html lang=en>\n{GENERATOR}\n<title>Not finished</title>\n"

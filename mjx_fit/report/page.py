@@ -5,10 +5,10 @@ from html import escape
 from itertools import groupby
 
 from mjx_fit.evaluation.statistics import Row
-from mjx_fit.report import story as story_
+from mjx_fit.report import narrative as story_
+from mjx_fit.report.figures.style import Picture
+from mjx_fit.report.narrative import Story
 from mjx_fit.report.sections import Section
-from mjx_fit.report.story import Story
-from mjx_fit.report.style import Picture
 
 _CSS = """
 body{margin:0;font:16px/1.5 system-ui,sans-serif;color:#1b1b1b;background:#fff}

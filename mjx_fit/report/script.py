@@ -12,8 +12,8 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
-from mjx_fit import files, provenance
-from mjx_fit.report import style
+from mjx_fit.report.figures import style
+from mjx_fit.utils import files, provenance
 
 
 def save(path: Path, results: dict[str, Any]) -> None:

@@ -10,18 +10,19 @@ import jax
 import yaml
 from pydantic import TypeAdapter
 
-from mjx_fit import bounded_json
 from mjx_fit.config.schema import config_from_tree
-from mjx_fit.dataset import manifest as manifest_
-from mjx_fit.dataset import store
-from mjx_fit.dataset.episode import happened
-from mjx_fit.errors import RequestError
+from mjx_fit.data import manifest as manifest_
+from mjx_fit.data import reader
+from mjx_fit.data.episode import happened
 from mjx_fit.evaluation.results import Result
 from mjx_fit.evaluation.statistics import Row
-from mjx_fit.report import about, data_figures, drawings, paper, run_figures, story
-from mjx_fit.report.drawings import Drawing
-from mjx_fit.report.story import Story
-from mjx_fit.report.style import Picture, picture
+from mjx_fit.report import descriptions, narrative, paper_values
+from mjx_fit.report.figures import catalogue, data_set, training_run
+from mjx_fit.report.figures.catalogue import Drawing
+from mjx_fit.report.figures.style import Picture, picture
+from mjx_fit.report.narrative import Story
+from mjx_fit.utils import bounded_json
+from mjx_fit.utils.errors import RequestError
 
 VIDEOS = {".mp4": "video/mp4", ".gif": "image/gif"}
 _BEGINS = {".mp4": (4, b"ftyp"), ".gif": (0, b"GIF8")}
@@ -66,13 +67,13 @@ class Section:
 
 def of_result(slug: str, result: Result) -> Section:
     """The section of a result file; an experiment without figures of its own has its table."""
-    known = about.told(result.experiment, [row.method for row in result.summary])
+    known = descriptions.told(result.experiment, [row.method for row in result.summary])
     facts = (*known, *_provenance(vars(result)))
     if differs := result.request.get("differs_from_training"):
         facts = (*facts, ("set since training", "; ".join(map(str, differs))))
     config = yaml.safe_dump(result.config, sort_keys=False)
     title = f"Experiment: {result.experiment}" + (f" ({slug})" if slug != result.experiment else "")
-    pictures = _pictures(slug, drawings.of_result(result))
+    pictures = _pictures(slug, catalogue.of_result(result))
     return Section(
         slug,
         title,
@@ -80,10 +81,10 @@ def of_result(slug: str, result: Result) -> Section:
         config,
         tuple(result.summary),
         pictures,
-        story.of_result(result),
-        paper=paper.beside(result.config),
+        narrative.of_result(result),
+        paper=paper_values.beside(result.config),
         versions=result.versions,
-        about=about.about(result.experiment),
+        about=descriptions.about(result.experiment),
     )
 
 
@@ -108,12 +109,12 @@ def of_video(slug: str, path: Path) -> Section:
 
 def of_run(slug: str, folder: Path) -> Section:
     """The section of a training run."""
-    metrics = run_figures.read_metrics(folder / "metrics.jsonl")
+    metrics = training_run.read_metrics(folder / "metrics.jsonl")
     caption = (
         "How well the updated belief explains the true state of the hole, epoch by epoch, against the belief "
         "before the attempt; lower is better."
     )
-    pictures = _pictures(slug, [("training", caption, lambda: run_figures.training_curve(metrics))])
+    pictures = _pictures(slug, [("training", caption, lambda: training_run.training_curve(metrics))])
     facts = (("epochs", str(len(metrics))), *_provenance(_json_of(folder / "run.json")))
     path = folder / "config.yaml"
     config = _text_of(path)
@@ -126,7 +127,7 @@ def of_dataset(slug: str, folder: Path) -> Section:
     Raises:
         RequestError: There is no valid interaction in it.
     """
-    manifest, episodes = manifest_.read(folder), store.load(folder)
+    manifest, episodes = manifest_.read(folder), reader.load(folder)
     keep = happened(episodes)
     data = jax.tree.map(lambda leaf: leaf[keep], episodes.rollout)
     asked = config_from_tree(manifest.request["config"])
@@ -136,18 +137,18 @@ def of_dataset(slug: str, folder: Path) -> Section:
         (
             "visited",
             "Coverage: where the tip was from the hole's true centre (cross) at the end of every action.",
-            lambda: data_figures.visited_positions(data),
+            lambda: data_set.visited_positions(data),
         ),
         (
             "lengths",
             "Share of the pegs not inserted yet (Kaplan-Meier, since some interactions are cut off earlier).",
-            lambda: data_figures.interaction_lengths(data, manifest.shapes),
+            lambda: data_set.interaction_lengths(data, manifest.shapes),
         ),
         (
             "forces",
             "Forces by pair in actions with some contact, moments without it included: median (dot), middle "
             "half (bar) and middle 90 % (line) of the samples.",
-            lambda: data_figures.forces_by_pair(data, asked),
+            lambda: data_set.forces_by_pair(data, asked),
         ),
     ]
     pictures = _pictures(slug, shown)
@@ -157,7 +158,7 @@ def of_dataset(slug: str, folder: Path) -> Section:
 
 def _data_facts(folder: Path) -> tuple[tuple[str, str], ...]:
     """How a data set was made, and what came of it, in words."""
-    manifest, told = manifest_.read(folder), store.describe(folder)
+    manifest, told = manifest_.read(folder), reader.describe(folder)
     request = manifest.request
     index, of = manifest.part
     rates = ", ".join(
@@ -193,7 +194,7 @@ def _data_facts(folder: Path) -> tuple[tuple[str, str], ...]:
 def _inserted_by_pair(pairs: dict[str, dict[str, int]], names: tuple[str, ...]) -> str:
     """In words; where there are many pairs, those that do not match are one."""
     shown = pairs
-    if len(pairs) > data_figures.MOST_ROWS:
+    if len(pairs) > data_set.MOST_ROWS:
         shown = {f"{name}-{name}": pairs[f"{name}-{name}"] for name in names if f"{name}-{name}" in pairs}
         others = [row for pair, row in pairs.items() if pair not in shown]
         shown["all others"] = {key: sum(row[key] for row in others) for key in ("inserted", "episodes")}

@@ -14,9 +14,9 @@ from flax import nnx
 from jaxtyping import Bool, Float
 
 from mjx_fit.config.sections.learning import SensorConfig
-from mjx_fit.errors import RequestError
 from mjx_fit.sensors.attention import attend
 from mjx_fit.types import SUBSTEPS, Array
+from mjx_fit.utils.errors import RequestError
 
 WRENCH_AXES = 6
 PLACE_AXES = 4

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 from mjx_fit.config.schema import Config, config_differences
 from mjx_fit.config.sections.learning import SensorConfig, TrainConfig
-from mjx_fit.errors import RequestError
-from mjx_fit.sensors.model import ContactSensor
+from mjx_fit.sensors.contact_sensor import ContactSensor
+from mjx_fit.utils.errors import RequestError
 
 
 @dataclass(frozen=True)

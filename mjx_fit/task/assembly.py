@@ -12,12 +12,12 @@ import numpy as np
 from jaxtyping import Int
 
 from mjx_fit.config.schema import Config
-from mjx_fit.sensors.model import ContactSensor
-from mjx_fit.simulate.interface import Engine
+from mjx_fit.engines.interface import Engine
+from mjx_fit.sensors.contact_sensor import ContactSensor
+from mjx_fit.task.assembly_state import State, Table
 from mjx_fit.task.attempt_loop import attempt_rounds
-from mjx_fit.task.learning import Update, filter_update
+from mjx_fit.task.estimator import Update, filter_update
 from mjx_fit.task.methods import Method, of_rows
-from mjx_fit.task.table import State, Table
 from mjx_fit.types import Rollout
 
 

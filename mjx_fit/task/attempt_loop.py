@@ -7,9 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int, Key
 
-from mjx_fit.policies import SPIRAL
-from mjx_fit.simulate.interface import Engine
-from mjx_fit.task.learning import Update, after_failures
+from mjx_fit.control.policies import SPIRAL
+from mjx_fit.engines.interface import Engine
+from mjx_fit.task.estimator import Update, after_failures
 from mjx_fit.types import Array, Attempt, Belief, Rollout
 
 

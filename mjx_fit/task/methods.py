@@ -7,7 +7,7 @@ from typing import Literal, TypeVar
 import numpy as np
 from jaxtyping import Bool
 
-from mjx_fit.errors import RequestError, shown
+from mjx_fit.utils.errors import RequestError, shown
 
 KNOWN_VARIANCE_M2 = 1e-8
 """What is believed of a position that is known: (0.1 mm)²."""

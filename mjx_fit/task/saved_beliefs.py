@@ -6,8 +6,8 @@ from pathlib import Path
 
 from pydantic import TypeAdapter
 
-from mjx_fit import bounded_json, files
-from mjx_fit.errors import RequestError
+from mjx_fit.utils import bounded_json, files
+from mjx_fit.utils.errors import RequestError
 
 FORMAT = 1
 

@@ -13,22 +13,22 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from mjx_fit import numerics
 from mjx_fit.config.schema import Config
 from mjx_fit.config.sections.world import WristConfig
-from mjx_fit.errors import RequestError, shown
-from mjx_fit.filters.belief import initial_belief
-from mjx_fit.filters.success import success_probability
-from mjx_fit.resampling import felt_from_log
-from mjx_fit.robot import ROBOTS
-from mjx_fit.sensor_log import SensorLog
+from mjx_fit.engines.requests import require_count
+from mjx_fit.filters.outcome_model import success_probability
+from mjx_fit.filters.updates import initial_belief
+from mjx_fit.scene.robot import ROBOTS
+from mjx_fit.sensors.resampling import felt_from_log
+from mjx_fit.sensors.sensor_log import SensorLog
 from mjx_fit.sensors.trained_sensor import TrainedSensor
-from mjx_fit.simulate.requests import require_count
-from mjx_fit.task import pomdp
-from mjx_fit.task.entrance import require_beliefs, require_places
-from mjx_fit.task.learning import filter_update
+from mjx_fit.task import greedy
+from mjx_fit.task.estimator import filter_update
+from mjx_fit.task.estimator_input import require_beliefs, require_places
 from mjx_fit.task.saved_beliefs import FORMAT, SavedBeliefs, read_beliefs, write_beliefs
 from mjx_fit.types import Belief, Felt
+from mjx_fit.utils import numerics
+from mjx_fit.utils.errors import RequestError, shown
 
 MOST_OFF_START_M = 1e-4
 """How far from the estimate an attempt may start: the filter's innovation is measured from there."""
@@ -107,8 +107,8 @@ class BeliefTracker:
                 f"choose: peg {shown(peg)} is not allowed: all {len(self.filled)} holes are filled"
             )
         alpha = success_probability(self._config, jnp.asarray(self.belief.pos_cov))
-        reward = pomdp.expected_reward(jnp.asarray(self.belief.type_logp), jnp.asarray(kind), alpha)
-        return int(pomdp.greedy(reward, jnp.asarray(self.filled), jnp.asarray(self.tries)))
+        reward = greedy.expected_reward(jnp.asarray(self.belief.type_logp), jnp.asarray(kind), alpha)
+        return int(greedy.greedy(reward, jnp.asarray(self.filled), jnp.asarray(self.tries)))
 
     def estimate(self, hole: int) -> Float[np.ndarray, "2"]:
         """Where an attempt at a hole starts: the mean of the belief about its centre, m."""

@@ -14,13 +14,13 @@ import jax
 import numpy as np
 from flax import nnx
 
-from mjx_fit import numerics, provenance
 from mjx_fit.config.files import read_stored_config
 from mjx_fit.config.schema import Config
-from mjx_fit.errors import RequestError
-from mjx_fit.sensors.model import ContactSensor
+from mjx_fit.sensors.contact_sensor import ContactSensor
 from mjx_fit.training import step_folder, stored_arrays
 from mjx_fit.training.stored_arrays import Arrays
+from mjx_fit.utils import numerics, provenance
+from mjx_fit.utils.errors import RequestError
 
 BEST, LAST = Path("checkpoints", "best"), Path("checkpoints", "last")
 FRAME_BY_FRAME = "frame_by_frame"

@@ -11,9 +11,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Int, Key
 
-from mjx_fit.dataset.episode import Episode
-from mjx_fit.dataset.reader import batches, in_order
-from mjx_fit.dataset.windows import sample_windows
+from mjx_fit.data.batches import batches, in_order
+from mjx_fit.data.episode import Episode
+from mjx_fit.data.windows import sample_windows
 from mjx_fit.training.loss import Loss
 from mjx_fit.training.step import (
     Recipe,

@@ -16,23 +16,23 @@ import numpy as np
 from flax import nnx
 from jaxtyping import Int, Key
 
-from mjx_fit import numerics, provenance
 from mjx_fit.config.schema import Config
-from mjx_fit.dataset.episode import Episode
-from mjx_fit.dataset.reader import n_batches, placed
-from mjx_fit.dataset.windows import Sample, chains, windows_of
-from mjx_fit.errors import RequestError, WorkError
-from mjx_fit.progress import COMPILING, Progress
-from mjx_fit.randomness import require_seed, root_key
-from mjx_fit.sensors.model import ContactSensor, InputScale
+from mjx_fit.data.batches import n_batches, placed
+from mjx_fit.data.episode import Episode
+from mjx_fit.data.windows import Sample, chains, windows_of
+from mjx_fit.sensors.contact_sensor import ContactSensor, InputScale
 from mjx_fit.training import checkpoint, run_files, run_folder, start
+from mjx_fit.training.compatibility import first_hole
 from mjx_fit.training.epoch import run_epoch
-from mjx_fit.training.kinship import first_hole
 from mjx_fit.training.loss import Loss
 from mjx_fit.training.saver import Saver
-from mjx_fit.training.sides import usable_sides
+from mjx_fit.training.split import usable_sides
 from mjx_fit.training.step import Recipe, TrainState, optimizer
 from mjx_fit.types import Array
+from mjx_fit.utils import numerics, provenance
+from mjx_fit.utils.errors import RequestError, WorkError
+from mjx_fit.utils.progress import COMPILING, Progress
+from mjx_fit.utils.randomness import require_seed, root_key
 
 SCALE_WINDOWS = 512
 """Windows from which the scaling of the inputs is estimated, at most."""

@@ -7,10 +7,10 @@ import jax.numpy as jnp
 from jaxtyping import Float
 
 from mjx_fit.config.schema import Config
-from mjx_fit.dataset.windows import Sample
-from mjx_fit.filters.belief import update_position, update_type
+from mjx_fit.data.windows import Sample
 from mjx_fit.filters.kalman import gaussian_nll, gaussian_nll_terms
-from mjx_fit.filters.success import success_probability
+from mjx_fit.filters.outcome_model import success_probability
+from mjx_fit.filters.updates import update_position, update_type
 from mjx_fit.types import Array, Belief, Observation, pytree
 
 

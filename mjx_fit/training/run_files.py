@@ -5,9 +5,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from mjx_fit import bounded_json, files, locks
 from mjx_fit.config.schema import Config
-from mjx_fit.errors import RequestError
+from mjx_fit.utils import bounded_json, files, locks
+from mjx_fit.utils.errors import RequestError
 
 CONFIG, RUN, METRICS = "config.yaml", "run.json", "metrics.jsonl"
 _NEEDED = ("val_nll", "prior_nll")

@@ -16,14 +16,14 @@ from typing import Any, ParamSpec, TypeVar
 import numpy as np
 from jaxtyping import Int
 
-from mjx_fit import files, locks, provenance
 from mjx_fit.config.files import read_stored_config
 from mjx_fit.config.schema import Config, config_differences, config_to_yaml
-from mjx_fit.errors import RequestError, require
-from mjx_fit.filesystem import inside as inside_
-from mjx_fit.filesystem import refuse_link
 from mjx_fit.training import run_files
 from mjx_fit.training.run_files import CONFIG, METRICS, RUN
+from mjx_fit.utils import files, locks, provenance
+from mjx_fit.utils.errors import RequestError, require
+from mjx_fit.utils.filesystem import inside as inside_
+from mjx_fit.utils.filesystem import refuse_link
 
 P = ParamSpec("P")
 R = TypeVar("R")

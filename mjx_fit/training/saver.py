@@ -14,10 +14,10 @@ import numpy as np
 from flax import nnx
 from jaxtyping import Float
 
-from mjx_fit import files, locks
-from mjx_fit.filesystem import refuse_link, reserve
 from mjx_fit.training import checkpoint
 from mjx_fit.training.step import TrainState
+from mjx_fit.utils import files, locks
+from mjx_fit.utils.filesystem import refuse_link, reserve
 
 _NO_ROOM = (
     errno.ENOSPC,

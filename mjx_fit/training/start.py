@@ -7,11 +7,11 @@ from typing import Any, NamedTuple
 from flax import nnx
 
 from mjx_fit.config.schema import Config, config_differences
-from mjx_fit.dataset.episode import Episode
-from mjx_fit.errors import RequestError
-from mjx_fit.sensors.model import ContactSensor, InputScale
-from mjx_fit.training import checkpoint, kinship
+from mjx_fit.data.episode import Episode
+from mjx_fit.sensors.contact_sensor import ContactSensor, InputScale
+from mjx_fit.training import checkpoint, compatibility
 from mjx_fit.training.step import TrainState
+from mjx_fit.utils.errors import RequestError
 
 _FREE = ("sensor.dropout",)
 """Of the network's settings: changes no weight."""
@@ -81,8 +81,10 @@ def require_unseen(
     """
     here = {"data": data_id, "seed": seed, "validation_fraction": config.train.validation_fraction}
     for start in starts:
-        for told in kinship.lineage(start.origin) if start else ():
-            if kinship.shares_holes(told, data, data_id) and any(told.get(key) != here[key] for key in here):
+        for told in compatibility.lineage(start.origin) if start else ():
+            if compatibility.shares_holes(told, data, data_id) and any(
+                told.get(key) != here[key] for key in here
+            ):
                 raise RequestError(
                     "--init: a sensor that was trained at holes of these --data is not allowed, unless with "
                     "the very same data, --seed and train.validation_fraction "
@@ -125,4 +127,4 @@ def _start(run: Path, inside: str, config: Config) -> Start | None:
         "sensor": checkpoint.fingerprint_of(sensor),
         "validation_fraction": there.train.validation_fraction,
     }
-    return Start(sensor, told | kinship.told_by(run))
+    return Start(sensor, told | compatibility.told_by(run))

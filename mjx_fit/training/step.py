@@ -10,7 +10,7 @@ from flax import nnx
 from jaxtyping import Float, Key, PyTree
 
 from mjx_fit.config.schema import Config
-from mjx_fit.dataset.windows import Sample
+from mjx_fit.data.windows import Sample
 from mjx_fit.training.loss import Loss, filter_loss, frame_by_frame_loss, sequence_loss, weighted_sum
 from mjx_fit.types import Array, Observation, pytree
 

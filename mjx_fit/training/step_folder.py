@@ -12,7 +12,7 @@ from typing import Annotated
 
 from pydantic import Field, TypeAdapter
 
-from mjx_fit import bounded_json, files
+from mjx_fit.utils import bounded_json, files
 
 DIGESTS = "digests.json"
 EARLIER = "_CHECKPOINT_METADATA"

@@ -64,9 +64,15 @@ def read(text: str) -> list[Mutation]:
         file, tests = head.split(": ")
         old, new = ("\n".join(line[1:] for line in lines if line.startswith(sign)) for sign in "-+")
         parts = (name.partition("::") for name in tests.split())
-        names = tuple(f"tests/test_{name}.py{colons}{test}" for name, colons, test in parts)
+        names = tuple(f"{path_of(name)}{colons}{test}" for name, colons, test in parts)
         found.append(Mutation(f"mjx_fit/{file}", old, new, names))
     return found
+
+
+def path_of(name: str) -> str:
+    """The test file of a name, from the root."""
+    (path,) = (ROOT / "tests").rglob(f"test_{name}.py")
+    return str(path.relative_to(ROOT))
 
 
 def copy_tree(to: Path) -> None:

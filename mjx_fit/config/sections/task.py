@@ -10,7 +10,7 @@ from pydantic.dataclasses import dataclass
 
 from mjx_fit.config.sections.fields import ACTIONS_UNIT, ATTEMPTS_UNIT, LEAST_PROBABILITY, STRICT, Probability
 from mjx_fit.config.sections.shape import SHAPES, Shape
-from mjx_fit.errors import shown
+from mjx_fit.utils.errors import shown
 
 Rates = tuple[Annotated[float, Field(ge=0, le=0.999999)], ...]
 
@@ -58,7 +58,7 @@ class TaskConfig:
             when you change the detector, the scene or the control.
         outcome_model: How success is predicted. α is ``constant`` per shape, as in the paper, or follows
             from the ``covariance`` of the belief: the mean of ``success_by_error`` over the belief where the
-            types match (``mjx_fit.filters.success``).
+            types match (``mjx_fit.filters.outcome_model``).
         error_knots_m: Errors at which α is known. Distances of the estimate from the hole.
         success_by_error: Success rates at these errors. A list for each shape, of matched attempts. The
             default (null) is what ``experiments/physics/alpha.py error`` measured for cross, rectangle and

@@ -9,7 +9,7 @@ from mjx_fit.config.sections.fields import ACTIONS_UNIT, PER_S2_UNIT, STRICT
 from mjx_fit.config.sections.shape import SHAPES, Shape
 
 RobotName = Literal["panda"]
-"""The keys of ``mjx_fit.robot.ROBOTS``; a test holds them equal."""
+"""The keys of ``mjx_fit.scene.robot.ROBOTS``; a test holds them equal."""
 
 MOST_TYPES = 12
 """Shapes of one scene: as many as colours tell apart."""
@@ -23,7 +23,7 @@ class SceneConfig:
     """Robot, geometry and contact.
 
     Attributes:
-        robot: Name of the arm (``mjx_fit.robot``).
+        robot: Name of the arm. ``mjx_fit.scene.robot`` describes it.
         shapes: Cross-sections of pegs and holes. One for each type, 1 to 12; their names differ.
         clearance_m: Gap between peg and hole per side.
         plate_half_width_m: Half the side of the square socket. A detector error of 2.83 cm, a spiral of

@@ -1,0 +1,116 @@
+"""What it is about, in minutes: assemblies with the weights that come with it, or a small training first."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from rich.console import Console
+
+from mjx_fit.config.schema import Config
+from mjx_fit.data.collect import collect
+from mjx_fit.data.plan import Plan
+from mjx_fit.engines.interface import Engine
+from mjx_fit.engines.select import make_engine
+from mjx_fit.evaluation.assembly import assembly
+from mjx_fit.evaluation.request import Request
+from mjx_fit.report.build import build
+from mjx_fit.report.figures.training_run import read_metrics
+from mjx_fit.report.terminal import print_summary
+from mjx_fit.training.train import train_from
+from mjx_fit.utils import children, files, locks, resources
+from mjx_fit.utils.errors import RequestError
+from mjx_fit.utils.filesystem import inside
+
+METHODS = "failure_only,full,oracle"
+POLICY = "spiral"
+VIDEO = "assembly.mp4"
+
+
+@dataclass(frozen=True)
+class Size:
+    """How much the demo does: without a training, about three minutes on two shared cores.
+
+    Attributes:
+        assemblies: Trials of the assembly experiment.
+        episodes: Interactions that are collected for a training.
+        steps: Most actions in one.
+        fps: Frames per second of the video.
+        speed: Seconds of an attempt in a second of it.
+    """
+
+    assemblies: int = 5
+    episodes: int = 1500
+    steps: int = 100
+    fps: int = 10
+    speed: float = 12.0
+
+
+def demo(config: Config, out: Path, size: Size, train: bool) -> None:
+    """Runs every stage into ``out``; a stage that is done is not done again.
+
+    Args:
+        config: The configuration.
+        out: The folder.
+        size: How much is done.
+        train: Whether to collect data and train on them, instead of the weights that come with the package.
+
+    Raises:
+        RequestError: The folder holds the demo of another configuration, or other files.
+    """
+    parts = {
+        "data",
+        "train",
+        "assembly.json",
+        "assembly.parts",
+        "assembly.broken",
+        VIDEO,
+        "figures",
+        "index.html",
+    }
+    foreign = files.foreign(out, parts)
+    if foreign:
+        raise RequestError(f"--out: {out} is not allowed: it holds other files ({foreign[0]})")
+    with locks.holding(out):
+        _stages(config, out, size, train)
+
+
+def _stages(config: Config, out: Path, size: Size, train: bool) -> None:
+    console = Console(highlight=False)
+    run, engine = resources.folder("weights"), make_engine("auto", config)
+    if train:
+        run = inside(out, "train")
+        _collect(config, inside(out, "data"), size, engine, console)
+        _train(config, inside(out, "data"), run, console)
+
+    console.rule(f"{size.assemblies} assemblies of {config.task.n_holes} pegs, each under {METHODS}")
+    result = out / "assembly.json"
+    request = Request(config, result, engine, size.assemblies, methods=METHODS)
+    print_summary(assembly(request.with_sensors_of(run)))
+
+    console.rule("a video of one of them")
+    if not (out / VIDEO).exists():
+        _video(result, run, out / VIDEO, size, console)
+
+    console.rule("report")
+    console.print(str(build([out], out)), soft_wrap=True)
+
+
+def _collect(config: Config, data: Path, size: Size, engine: Engine, console: Console) -> None:
+    console.rule(f"{size.episodes} interactions of up to {size.steps} actions")
+    collect(config, data, Plan(size.episodes, size.steps, POLICY), engine)
+
+
+def _train(config: Config, data: Path, run: Path, console: Console) -> None:
+    console.rule("train sensors and filters on them")
+    train_from(data, config, run, seed=0)
+    best = min(read_metrics(run / "metrics.jsonl"), key=lambda row: row["val_nll"])
+    console.print(
+        f"validation NLL: {best['val_nll']:.3f} after the update, {best['prior_nll']:.3f} before it "
+        f"(epoch {best['epoch'] + 1})"
+    )
+
+
+def _video(result: Path, run: Path, video: Path, size: Size, console: Console) -> None:
+    """In a process of its own: MuJoCo chooses its OpenGL when it is imported, and here it has been."""
+    words = ["render", result, "--run", run, "--out", video, "--fps", size.fps, "--speed", size.speed]
+    if children.run([str(word) for word in words]):
+        console.print("no video, then; everything else is there")

@@ -1,0 +1,93 @@
+"""The command line: parses, calls the library, and turns a refused request into one line and exit code 2."""
+
+import errno
+import sys
+from collections.abc import Sequence
+
+from mjx_fit.cli.arguments import parser
+from mjx_fit.utils import environment, granted_cpus, interrupts, memory, streams
+from mjx_fit.utils.errors import RequestError, WorkError, one_line
+
+_WRONG_PLACE = {
+    errno.ENOENT,
+    errno.ENOTDIR,
+    errno.EEXIST,
+    errno.EISDIR,
+    errno.EACCES,
+    errno.EPERM,
+    errno.EROFS,
+    errno.ELOOP,
+    errno.ENAMETOOLONG,
+}
+"""What the system says of a path that should not have been asked for; a full disk is another matter."""
+
+RESUME = "run the same command again to resume"
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Runs a command.
+
+    Returns:
+        0: done. 1: the work failed. 2: the request was wrong; one line on stderr says what is allowed.
+        A command that is asked to stop ends the process, with 128 and the signal's number.
+    """
+    try:
+        _run(argv)
+        code = 0
+    except KeyboardInterrupt:
+        interrupts.end()
+    except Exception as error:
+        # What a request to stop broke, an encoder in the same terminal say, may be noticed first.
+        code = interrupts.end() if interrupts.asked() else _refused(error)
+    return interrupts.end(done=True) if interrupts.asked() else code
+
+
+def refuse(message: str, code: int) -> int:
+    """Says in one line why there is an exit code other than 0."""
+    print(f"mjx-fit: {one_line(message)}", file=sys.stderr)
+    return code
+
+
+def _run(argv: Sequence[str] | None) -> None:
+    args = parser().parse_args(argv)
+    interrupts.say_when_stopped(RESUME * args.resumes)
+    if args.draws:  # before anything else imports MuJoCo
+        from mjx_fit.viz import gl
+
+        gl.choose()
+    else:
+        environment.draw_nothing()
+    if args.computes:  # before the libraries that these are about
+        memory.require_start()
+        granted_cpus.limit_to(args.threads)
+    environment.require(args.computes)
+    from mjx_fit.utils import process_setup
+
+    process_setup.pin()
+    if args.computes:
+        process_setup.configure()
+    args.command(args)
+    streams.finish()
+
+
+def _refused(error: Exception) -> int:
+    """The exit code of a failure, which is told; what is no failure of the request or the work is raised."""
+    match error:
+        case RequestError():
+            return refuse(str(error), 2)
+        case WorkError():
+            return refuse(str(error), 1)
+        case BrokenPipeError():  # whoever read the output has seen enough
+            return 0
+        case OSError():
+            where = f"{error.filename} cannot be used: {error.strerror}" if error.filename else str(error)
+            return refuse(where, 2 if error.errno in _WRONG_PLACE else 1)
+        case MemoryError():
+            return _no_memory(str(error) or "none left")
+    if str(error).startswith("RESOURCE_EXHAUSTED"):  # of XLA, whose error has no class of its own
+        return _no_memory(str(error).partition("RESOURCE_EXHAUSTED: ")[2].partition("\n")[0])
+    raise error
+
+
+def _no_memory(what: str) -> int:
+    return refuse(f"this needs more memory than there is ({what}): make it smaller", 1)

@@ -1,0 +1,234 @@
+"""The paper, whole: data, training, all experiments and a report; a kill loses little."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+from rich.console import Console
+
+from mjx_fit.config.schema import Config
+from mjx_fit.data.collect import collect
+from mjx_fit.data.plan import Plan
+from mjx_fit.data.schedule import draw_attempts
+from mjx_fit.engines.interface import Engine
+from mjx_fit.engines.select import make_engine
+from mjx_fit.evaluation.assembly import assembly
+from mjx_fit.evaluation.attempt import attempt
+from mjx_fit.evaluation.calibration import calibrate
+from mjx_fit.evaluation.insertion import insertion
+from mjx_fit.evaluation.position import position
+from mjx_fit.evaluation.request import Request
+from mjx_fit.evaluation.results import Result
+from mjx_fit.report.build import build
+from mjx_fit.task.estimator import filter_update
+from mjx_fit.training.sensor_loader import load_trained_sensor
+from mjx_fit.training.train import train_from
+from mjx_fit.utils import files, locks
+from mjx_fit.utils.errors import RequestError, shown
+from mjx_fit.utils.filesystem import inside
+from mjx_fit.utils.randomness import require_seed, root_key
+
+
+@dataclass(frozen=True)
+class Size:
+    """How much of everything.
+
+    Attributes:
+        preset: Of ``configs/``: the sensor and its training.
+        episodes: Interactions to train on, in sequences of ``sequence``.
+        sequence: Attempts in a row at one hole.
+        held_out: Interactions to calibrate on.
+        own: Interactions to calibrate on by attempt: five in a row, from what the sensor believes by then.
+        attempts: Single attempts for each shape, and mismatched ones in all.
+        positions: Trials of the position experiment, of either kind.
+        insertions: Draws of the insertion experiment.
+        seeds: Of the wiggles, for each of them.
+        assemblies: Trials of the assembly experiment.
+        many: Trials of ``full`` alone, for the rate of interventions.
+    """
+
+    preset: str
+    episodes: int
+    sequence: int
+    held_out: int
+    own: int
+    attempts: int
+    positions: int
+    insertions: int
+    seeds: int
+    assemblies: int
+    many: int
+
+
+SIZES = {
+    "quick": Size("cpu", 1500, 3, 250, 300, 50, 10, 15, 2, 8, 10),
+    "cpu": Size("cpu", 12000, 3, 3000, 10000, 1000, 100, 150, 5, 100, 1000),
+    "full": Size("paper", 120000, 3, 10000, 30000, 10000, 1000, 1500, 5, 1000, 10000),
+}
+
+POSITION = "full,frame_by_frame,oracle"
+INSERTION = "full,no_update,sample,frame_by_frame,oracle"
+ASSEMBLY = "failure_only,failure_position,full,perfect_match,perfect_sensor,oracle"
+ATTEMPTS_EACH, ATTEMPTS_FULL = 167, 11
+"""Attempts that one assembly takes under all methods together, and under ``full``, as they were seen."""
+WINDOW_IN_ACTIONS = 9.0
+"""What a window costs in training, in simulated actions: 3 ms against 0.33 ms on two cores."""
+PROBE, PROBE_ACTIONS = 256, 5
+HELD_OUT, OWN = 1, 2
+"""Added to the seed of what is held out, and of what starts from the sensor's own beliefs: other holes."""
+RESULTS = (
+    "calibration",
+    "calibration_by_attempt",
+    "attempt",
+    "attempt_disc",
+    "position",
+    "position_disc",
+    "insertion",
+    "insertion_disc",
+    "assembly",
+    "assembly_covariance",
+    "assembly_full",
+)
+
+
+def size_of(name: str) -> Size:
+    """The size of a name.
+
+    Raises:
+        RequestError: There is none.
+    """
+    if name not in SIZES:
+        raise RequestError(f"--size: {shown(name)} is not allowed: choose from {', '.join(SIZES)}")
+    return SIZES[name]
+
+
+def paper(config: Config, out: Path, size: Size, seed: int) -> None:
+    """Runs every stage into ``out``; what is done is not done again.
+
+    Args:
+        config: The configuration.
+        out: Folder for everything.
+        size: How much of everything.
+        seed: Root seed.
+
+    Raises:
+        RequestError: The folder holds something else, or there is to be no baseline to compare with.
+    """
+    _check(config, out, seed)
+    with locks.holding(out):
+        _run(config, out, size, seed)
+
+
+def _run(config: Config, out: Path, size: Size, seed: int) -> None:
+    console = Console(highlight=False)
+    engine = make_engine("auto", config)  # for all stages: detector and outcome model are no part of it
+    stages = _stages(Request(config, out, engine, trials=0, seed=seed), size)
+    console.print(_forecast(config, size, engine))
+    for number, (title, work) in enumerate(stages.items(), 1):
+        console.rule(f"{number}/{len(stages)}  {title}")
+        began = time.monotonic()
+        work()
+        console.print(f"{time.monotonic() - began:.0f} s")
+    console.print(
+        str(build([*sorted(out.glob("*.json")), out / "run"], inside(out, "report"))), soft_wrap=True
+    )
+
+
+def _check(config: Config, out: Path, seed: int) -> None:
+    """Before hours of work, not behind them."""
+    require_seed(seed)
+    require_seed(seed + OWN)
+    if not config.train.baseline_share:
+        raise RequestError(
+            "config: train.baseline_share: 0.0 is not allowed: it must be above 0, to have frame_by_frame"
+        )
+    parts = {"data", "held_out", "own", "run", "report"}
+    parts |= {f"{name}{end}" for name in RESULTS for end in (".json", ".parts", ".broken")}
+    foreign = files.foreign(out, parts)
+    if foreign:
+        raise RequestError(f"--out: {out} is not allowed: it holds other files ({foreign[0]})")
+
+
+def _stages(base: Request, size: Size) -> dict[str, Callable[[], object]]:
+    """What is done, by title; ``base`` is what all requests share, with the folder in the place of a file."""
+    config, out, engine, seed = base.config, base.out, base.engine, base.seed
+    data, test, run = (inside(out, name) for name in ("data", "held_out", "run"))
+    plan = Plan(size.episodes, config.task.attempt_actions, "spiral", seed=seed, sequence=size.sequence)
+    test_plan = Plan(size.held_out, config.task.attempt_actions, "spiral", seed=seed + HELD_OUT)
+    disc = replace(config, detector=replace(config.detector, kind="disc"))
+    by_covariance = replace(config, task=replace(config.task, outcome_model="covariance"))
+
+    def measure(
+        experiment: Callable[[Request], object], name: str, config: Config, trials: int, methods: str
+    ) -> Callable[[], object]:
+        request = replace(base, config=config, out=out / f"{name}.json", trials=trials, methods=methods)
+        return lambda: experiment(request.with_sensors_of(run) if methods else request)
+
+    def inserted(request: Request) -> Result:
+        return insertion(replace(request, seeds=size.seeds))
+
+    return {
+        f"{size.episodes:,} interactions to train on": lambda: collect(config, data, plan, engine),
+        f"{size.held_out:,} to calibrate on": lambda: collect(config, test, test_plan, engine),
+        "train": lambda: train_from(data, config, run, seed),
+        "calibration": lambda: calibrate(config, out / "calibration.json", run, test, seed),
+        "calibration by attempt": lambda: _by_attempt(replace(base, seed=seed + OWN), run, size.own),
+        "single attempts": measure(attempt, "attempt", config, size.attempts, ""),
+        "single attempts, detector disc": measure(attempt, "attempt_disc", disc, size.attempts, ""),
+        "position": measure(position, "position", config, size.positions, POSITION),
+        "position, detector disc": measure(position, "position_disc", disc, size.positions, POSITION),
+        "insertion": measure(inserted, "insertion", config, size.insertions, INSERTION),
+        "insertion, detector disc": measure(inserted, "insertion_disc", disc, size.insertions, INSERTION),
+        "assembly": measure(assembly, "assembly", config, size.assemblies, ASSEMBLY),
+        "assembly, by covariance": measure(
+            assembly, "assembly_covariance", by_covariance, size.assemblies, ASSEMBLY
+        ),
+        "assembly, many trials of full, by covariance": measure(
+            assembly, "assembly_full", by_covariance, size.many, "full"
+        ),
+    }
+
+
+def _by_attempt(base: Request, run: Path, episodes: int) -> None:
+    """Calibration on attempts in a row, from what the sensor believes by then."""
+    config, out = base.config, base.out
+    sensor = load_trained_sensor(run)
+    actions = config.task.attempt_actions
+    plan = Plan(episodes, actions, "spiral", seed=base.seed, sequence=5, sensor=sensor.fingerprint)
+    collect(config, inside(out, "own"), plan, base.engine, filter_update(config, sensor.network))
+    calibrate(config, out / "calibration_by_attempt.json", run, out / "own", base.seed)
+
+
+def _forecast(config: Config, size: Size, engine: Engine) -> str:
+    """How long it will take, from a few simulated actions: rough, and said so."""
+    actions = config.task.attempt_actions
+    windows = (1 + config.train.baseline_share) * config.train.epochs * size.episodes
+    attempts = (
+        size.episodes
+        + size.held_out
+        + size.own
+        + 8 * size.attempts
+        + 2 * 2 * 3 * 4 * size.positions
+        + 2 * 4 * 5 * size.insertions * size.seeds
+        + 2 * ATTEMPTS_EACH * size.assemblies
+        + ATTEMPTS_FULL * size.many
+    )
+    speed = _actions_per_s(config, engine)
+    minutes = (attempts * actions + WINDOW_IN_ACTIONS * windows) / speed / 60
+    return (
+        f"About {attempts:,} attempts and {windows:,.0f} windows of training: roughly {minutes:,.0f} minutes "
+        f"here, at {speed:,.0f} actions a second. Stopped, the same command goes on."
+    )
+
+
+def _actions_per_s(config: Config, engine: Engine) -> float:
+    attempts = draw_attempts(root_key(0, "forecast"), jnp.arange(PROBE), "spiral", config)
+    seconds = []
+    for _ in range(2):  # the first compiles
+        began = time.perf_counter()
+        done = engine.run(attempts, PROBE_ACTIONS)
+        seconds.append(time.perf_counter() - began)
+    return float(np.sum(done.felt.length)) / seconds[-1]

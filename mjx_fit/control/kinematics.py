@@ -1,0 +1,130 @@
+"""Forward and inverse kinematics of the arm in JAX, for the posture in which an attempt starts.
+
+Both engines start from the same joint angles, since these come from here and not from a simulator.
+"""
+
+# MuJoCo's extension module has no stubs.
+# pyright: reportAttributeAccessIssue=false
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+from jaxtyping import Float
+
+from mjx_fit.scene.parts import HANGING
+from mjx_fit.scene.robot import PANDA, Robot
+from mjx_fit.types import Array, pytree, static
+from mjx_fit.utils.linalg import cholesky_factor, cholesky_solve, column, cross, total
+
+_ITERATIONS = 20
+_DAMPING = 1e-6
+
+
+@pytree
+class Chain:
+    """The arm as a chain of frames.
+
+    Attributes:
+        offset: Position of each joint's frame in the frame before it, m; the last is the tip's.
+        rotation: Orientation of the same, as rotation matrices.
+        robot: Whose arm it is.
+    """
+
+    offset: Float[Array, "frames 3"]
+    rotation: Float[Array, "frames 3 3"]
+    robot: Robot = static()
+
+
+def chain_of(model: mujoco.MjModel, robot: Robot = PANDA) -> Chain:
+    """Reads the chain from the base to the robot's tool site off a model."""
+    offset, rotation = [], []
+    position, frame = np.zeros(3), np.eye(3)
+    for body in _bodies_from_base(model, model.site(robot.tool_site).bodyid[0]):
+        matrix = np.empty(9)
+        mujoco.mju_quat2Mat(matrix, model.body_quat[body])
+        position = position + frame @ model.body_pos[body]
+        frame = frame @ matrix.reshape(3, 3)
+        if model.body_jntnum[body]:
+            offset.append(position)
+            rotation.append(frame)
+            position, frame = np.zeros(3), np.eye(3)
+    offset.append(position + frame @ model.site(robot.tool_site).pos)
+    rotation.append(frame)
+    return Chain(jnp.asarray(offset, jnp.float32), jnp.asarray(rotation, jnp.float32), robot)
+
+
+def forward(
+    chain: Chain, qpos: Float[Array, "joints"]
+) -> tuple[Float[Array, "3"], Float[Array, "3 3"], Float[Array, "6 joints"]]:
+    """Position (m) and orientation of the tip in the world, and its Jacobian (linear over angular)."""
+    joints = len(chain.robot.joints)
+    cos, sin, zero, one = jnp.cos(qpos), jnp.sin(qpos), jnp.zeros_like(qpos), jnp.ones_like(qpos)
+    turn = jnp.stack([cos, -sin, zero, sin, cos, zero, zero, zero, one], -1).reshape(joints, 3, 3)
+    position, frame = jnp.zeros(3), jnp.eye(3)
+    anchors, axes = [], []
+    for i in range(joints):
+        position = position + frame @ chain.offset[i]
+        frame = frame @ chain.rotation[i] @ turn[i]
+        anchors.append(position)
+        axes.append(frame[:, 2])
+    position = position + frame @ chain.offset[-1]
+    frame = frame @ chain.rotation[-1]
+    return position, frame, jacobian(jnp.stack(anchors), jnp.stack(axes), position)
+
+
+def jacobian(
+    joint_anchor_world: Float[Array, "joints 3 *b"],
+    joint_axis_world: Float[Array, "joints 3 *b"],
+    point_world: Float[Array, "3 *b"],
+) -> Float[Array, "6 joints *b"]:
+    """Geometric Jacobian of a point of the last body: linear velocity over angular velocity."""
+    axis, arm = joint_axis_world.swapaxes(0, 1), (point_world - joint_anchor_world).swapaxes(0, 1)
+    return jnp.concatenate([cross(axis, arm), axis])
+
+
+def rotation_error(
+    frame_world: Float[Array, "3 3 *b"], goal_world: Float[Array, "3 3"]
+) -> Float[Array, "3 *b"]:
+    """Rotation vector (rad, world frame) that turns one frame towards another, exact to second order.
+
+    Half the sum of the axes' cross products (Siciliano et al., Robotics, section 3.7.3).
+    """
+    goal = jnp.reshape(goal_world, (3, 3, *[1] * (frame_world.ndim - 2)))
+    return 0.5 * total(cross(frame_world, goal), 1)
+
+
+def posture_towards(tip_pos_world: Float[Array, "3 *b"], robot: Robot = PANDA) -> Float[Array, "joints *b"]:
+    """The robot's posture (rad), turned towards a point, with the peg's sides still along the axes."""
+    bearing = jnp.arctan2(tip_pos_world[1], tip_pos_world[0])
+    turns = np.array(robot.turns, np.float32)
+    rows = jnp.broadcast_to(bearing, (len(turns), *bearing.shape))
+    return column(np.asarray(robot.posture_rad), rows) + column(turns, rows) * rows
+
+
+def inverse(chain: Chain, tip_pos_world: Float[Array, "3"]) -> Float[Array, "joints"]:
+    """Joint angles (rad) that put the tip at a point, straight down, sides along the world's axes.
+
+    Gauss-Newton with damped least squares from the robot's posture, turned towards the point. The damping
+    shrinks no step near the solution, so the result is accurate to float32 over the workspace; tests bound it
+    by 20 µm.
+    """
+
+    def step(qpos, _):
+        position, frame, jac = forward(chain, qpos)
+        error = jnp.concatenate([tip_pos_world - position, rotation_error(frame, STRAIGHT_DOWN)])
+        return qpos + jac.T @ cholesky_solve(cholesky_factor(jac @ jac.T, _DAMPING), error), None
+
+    return jax.lax.scan(step, posture_towards(tip_pos_world, chain.robot), length=_ITERATIONS)[0]
+
+
+STRAIGHT_DOWN = np.diag(HANGING).astype(np.float32)
+"""Orientation of the tip in every attempt: z down, sides along the world's axes, as the holes are."""
+
+
+def _bodies_from_base(model: mujoco.MjModel, body: int) -> list[int]:
+    bodies = []
+    while body != 0:
+        bodies.append(body)
+        body = model.body_parentid[body]
+    return bodies[::-1]

@@ -1,0 +1,97 @@
+"""Collecting rollouts: which peg meets which hole, where, and under which policy."""
+
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mjx_fit.config import limits
+from mjx_fit.config.schema import Config, require_room
+from mjx_fit.data import hdf5 as shard_
+from mjx_fit.data.plan import Plan, check
+from mjx_fit.data.sequences import Sequences
+from mjx_fit.data.writer import Writer, is_finished, new_manifest, new_shard
+from mjx_fit.engines.failures import kept_in
+from mjx_fit.engines.interface import Engine
+from mjx_fit.task.estimator import Update
+from mjx_fit.types import ACTION_BYTES, SUBSTEPS
+from mjx_fit.utils import memory
+from mjx_fit.utils.errors import RequestError
+from mjx_fit.utils.filesystem import inside
+from mjx_fit.utils.progress import COMPILING, Progress
+
+_BROKEN = "broken"
+"""Folder, in that of the data set, of what can be replayed."""
+
+
+def collect(config: Config, out: Path, plan: Plan, engine: Engine, update: Update | None = None) -> None:
+    """Simulates interactions and stores them; goes on where a killed collection of the same kind stopped.
+
+    The draws of an episode depend on the seed and its id alone. All batches have one shape, the last one
+    padded: arithmetic may differ in the last bit from one shape to another.
+
+    Args:
+        config: The configuration.
+        out: Folder of the data set.
+        plan: What is to be collected.
+        engine: Simulates the attempts; the one that the plan names.
+        update: What the sensor that ``plan.sensor`` names makes of an attempt.
+
+    Raises:
+        RequestError: A value is not allowed, or the folder holds something else, or is in use.
+    """
+    check(plan)
+    if plan.policy != "spiral":
+        require_room(config, "random.reach_m", config.random.reach_m)
+        limits.require_random_upright(config.scene, config.control, config.random)
+    _require_memory(config, plan)
+    request, shards = plan.request(config), plan.shards()
+    if request["engine"] != engine.name:
+        raise RequestError(f"--engine: {plan.engine} is not allowed with an engine {engine.name}")
+    wanted = new_manifest(request, (plan.shard_index, plan.num_shards))
+    if is_finished(out, wanted, shards):
+        return
+    with Writer(out, wanted) as writer:
+        missing = writer.missing(shards)
+        if missing:
+            simulate = Sequences(engine, config, plan, inside(out, _BROKEN), update)
+            _fill(writer, {name: shards[name] for name in missing}, len(shards), simulate, request)
+        writer.finish()
+
+
+def _require_memory(config: Config, plan: Plan) -> None:
+    """Refuses what needs more memory than there is: the attempts of a batch, beside what came of one."""
+    rows = plan.sequence * plan.actions + min(plan.actions, config.task.attempt_actions)
+    what = f"--batch: {plan.batch} with up to {plan.actions} actions"
+    memory.require(plan.worlds * rows * ACTION_BYTES, what, "lower it")
+
+
+def invalid_in(out: Path) -> str:
+    """Words for how many interactions of a collection are not valid; none where all are."""
+    count = kept_in(out / _BROKEN)
+    return f", {count} not valid: trainings leave them out" if count else ""
+
+
+def _fill(
+    writer: Writer, missing: dict[str, int], n_shards: int, simulate: Sequences, request: dict[str, Any]
+) -> None:
+    began, actions, inserted, wrongly = time.monotonic(), 0, 0, 0
+    done = n_shards - len(missing)
+    begins = COMPILING if request["engine"] == "mjx" else ""
+    with Progress("collect: shard", n_shards, done, begins) as progress:
+        for name, start in missing.items():
+            episodes = simulate(start)
+            content = shard_.encode(episodes, request)
+            writer.write(new_shard(name, np.asarray(episodes.episode), content), content)
+            done += 1
+            actions += int(episodes.rollout.felt.length.sum())
+            inserted += int(episodes.rollout.succeeded.sum())
+            wrongly += int(episodes.rollout.inserted_wrongly.sum())
+            speed = actions * SUBSTEPS / (time.monotonic() - began)
+            words = [f"{inserted} inserted", f"{speed:,.0f} steps/s"]
+            if wrongly:
+                words.insert(1, f"{wrongly} inserted wrongly")
+            if simulate.broken:
+                words.append(f"{simulate.broken} invalid")
+            progress(done, ", ".join(words))

@@ -1,0 +1,166 @@
+"""A data set as one file that others read: NumPy's npz, or HDF5 laid out as robomimic's demonstrations."""
+
+import io
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import h5py
+import jax
+import numpy as np
+from jaxtyping import Int
+
+from mjx_fit.config.schema import Config, config_from_tree
+from mjx_fit.control.policies import NAMES
+from mjx_fit.data import manifest as manifest_
+from mjx_fit.data.episode import Episode, happened
+from mjx_fit.data.hdf5 import FIELDS, flat
+from mjx_fit.data.manifest import Manifest
+from mjx_fit.data.reader import load, read_shards
+from mjx_fit.data.windows import split
+from mjx_fit.engines.attempt_rules import START_HEIGHT_M
+from mjx_fit.scene.parts import plate_top_m
+from mjx_fit.sensors.preprocess import in_contact
+from mjx_fit.types import SUBSTEPS, Rollout
+from mjx_fit.utils import files, locks
+from mjx_fit.utils.errors import RequestError
+from mjx_fit.utils.progress import Progress
+
+_STATE = (
+    "tip_pos_world",
+    "tip_quat_world",
+    "tip_linvel_world",
+    "tip_angvel_world",
+    "wrench_sensor",
+    "contact",
+)
+"""What the robot observes once an action is done."""
+
+_GYM_TYPE = 2
+"""``robomimic.envs.env_base.EnvType.GYM_TYPE``: of the kinds that robomimic has, the one that stands for an
+environment of any making. It names the data's; robomimic has nothing to play them with."""
+
+_SEED = 0
+"""Of the split into training and validation: the default of ``mjx-fit train``."""
+
+
+def export(folder: Path, out: Path) -> None:
+    """Writes a data set into one file, ``.npz`` or ``.hdf5``.
+
+    Episodes that did not happen or broke are left out. The HDF5 file is made in memory: the HDF5 library does
+    not survive a disk that is full.
+
+    Args:
+        folder: Of the data set.
+        out: The file; what was there is replaced.
+
+    Raises:
+        RequestError: The data set cannot be read, or the file has another ending.
+    """
+    writers: dict[str, Callable[[Path, Manifest, Path], None]] = {
+        ".npz": _write_npz,
+        ".hdf5": _write_robomimic,
+    }
+    if out.suffix not in writers:
+        raise RequestError(f"--out: {out} is not allowed: it must end in one of {', '.join(writers)}")
+    if out.is_dir():
+        raise RequestError(f"--out: {out} is not allowed: it is a folder")
+    manifest = manifest_.read_complete(folder)
+    with locks.holding_file(out):
+        files.replace_with(out, lambda temporary: writers[out.suffix](folder, manifest, temporary))
+
+
+def _write_npz(folder: Path, manifest: Manifest, path: Path) -> None:
+    data = load(folder)
+    keep, config = happened(data), config_from_tree(manifest.request["config"])
+    arrays: dict[str, Any] = {
+        name.replace("/", "_"): value[keep] for name, value in flat(data, config).items()
+    }
+    about = {name.replace("/", "_"): field._asdict() for name, field in FIELDS.items()}
+    about |= {"shapes": list(manifest.shapes), "request": manifest.request, "versions": manifest.versions}
+    with path.open("wb") as file:  # given a name, savez would add .npz to the temporary one
+        np.savez_compressed(file, about=np.array(json.dumps(about)), **arrays)
+
+
+def _write_robomimic(folder: Path, manifest: Manifest, path: Path) -> None:
+    """One group ``data/demo_<episode>`` for each episode, and filter keys ``mask/train`` and ``mask/valid``.
+
+    ``obs`` row t is before action t and ``next_obs`` after it, each with the wrenches (50, 6) of the action
+    before. Before the first action the robot is at rest, straight down over the estimate. The masks are the
+    sides that ``mjx-fit train`` divides the set into by default: all demonstrations of a sequence are on one.
+    """
+    config = config_from_tree(manifest.request["config"])
+    total, buffer = 0, io.BytesIO()
+    names: list[str] = []
+    sequences: list[int] = []
+    with h5py.File(buffer, "w") as file, Progress("export: shard", len(manifest.shards)) as progress:
+        root = file.create_group("data", track_order=True)
+        about = {"env_name": "mjx_fit", "type": _GYM_TYPE, "env_kwargs": manifest.request}
+        root.attrs["env_args"] = json.dumps(about)
+        for done, shard in enumerate(read_shards(folder, manifest.shards, manifest.request), 1):
+            kept = happened(shard)
+            sequences += np.asarray(shard.sequence).tolist()
+            names += [
+                f"demo_{episode}" if is_kept else ""
+                for episode, is_kept in zip(shard.episode.tolist(), kept, strict=True)
+            ]
+            for row in np.flatnonzero(kept):
+                episode = jax.tree.map(lambda leaf, row=row: leaf[row], shard)
+                total += _add_demonstration(root, episode, config)
+            progress(done)
+        root.attrs["total"] = total
+        for side, ids in _sides(np.array(sequences), config.train.validation_fraction).items():
+            file[f"mask/{side}"] = np.array([names[i] for i in ids if names[i]], dtype="S")
+    path.write_bytes(buffer.getbuffer())
+
+
+def _sides(sequences: Int[np.ndarray, "n"], fraction: float) -> dict[str, Int[np.ndarray, "m"]]:
+    """Which episodes are on which side; a single sequence cannot be divided, and trains."""
+    if len(np.unique(sequences)) < 2:
+        return {"train": np.arange(len(sequences)), "valid": np.zeros(0, int)}
+    return dict(zip(("train", "valid"), split(sequences, fraction, _SEED), strict=True))
+
+
+def _add_demonstration(root: h5py.Group, episode: Episode, config: Config) -> int:
+    names, plate_top = config.scene.names, plate_top_m(config.scene)
+    rollout = episode.rollout
+    n = int(rollout.felt.length)
+    demo = root.create_group(f"demo_{int(episode.episode)}")
+    demo.attrs["num_samples"] = n
+    demo.attrs["peg_type"] = names[int(rollout.felt.peg_type)]
+    demo.attrs["hole_type"] = names[int(rollout.truth.hole_type)]
+    demo.attrs["inserted"], demo.attrs["policy"] = bool(rollout.truth.inserted), NAMES[int(episode.policy)]
+    demo.attrs["hole_pos_world"] = rollout.truth.hole_pos_world
+    demo.attrs["estimate_world"] = rollout.felt.estimate_world
+    demo.attrs["tare_sensor"] = rollout.felt.tare_sensor
+    demo.attrs["sequence"], demo.attrs["number"] = int(episode.sequence), int(episode.number)
+    demo.attrs["estimate_cov"] = episode.estimate_cov
+    ended = np.arange(n) == n - 1
+    demo["actions"] = rollout.felt.trace.action_world[:n]
+    demo["rewards"] = (ended & rollout.succeeded).astype(np.float32)
+    demo["dones"] = ended.astype(np.int64)
+    first = _at_rest(rollout, plate_top)
+    clean = rollout.felt.trace.wrench_sensor - rollout.felt.tare_sensor
+    state = vars(rollout.felt.trace) | {"contact": in_contact(clean, config.wrist)}
+    for name in _STATE:
+        after = np.asarray(state[name][:n])
+        if after.ndim == 1:  # robomimic normalises vectors of floats alone
+            after = after.astype(np.float32)[:, None]
+        before = np.concatenate(
+            [np.reshape(first[name], (1, *after.shape[1:])).astype(after.dtype), after[:-1]]
+        )
+        for group, rows in (("obs", before), ("next_obs", after)):
+            demo.create_dataset(f"{group}/{name}", data=rows, compression="gzip", compression_opts=1)
+    return n
+
+
+def _at_rest(rollout: Rollout, plate_top: float) -> dict[str, np.ndarray]:
+    return {
+        "tip_pos_world": np.append(rollout.felt.estimate_world, plate_top + START_HEIGHT_M),
+        "tip_quat_world": np.array([0.0, 1.0, 0.0, 0.0]),
+        "tip_linvel_world": np.zeros(3),
+        "tip_angvel_world": np.zeros(3),
+        "wrench_sensor": np.tile(rollout.felt.tare_sensor, (SUBSTEPS, 1)),
+        "contact": np.array(False),
+    }

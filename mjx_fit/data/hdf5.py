@@ -1,0 +1,190 @@
+"""One file of a data set: stacked episodes as HDF5, each field with unit, frame, shape and meaning.
+
+Equal episodes give equal bytes: no time stamps, and gzip, since lzf's output depends on what lay in memory.
+Files are made and read in memory, so that a full disk or a damaged file is met outside the HDF5 library, and
+what is read is what was verified.
+"""
+
+import io
+import json
+from typing import Any, NamedTuple
+
+import h5py
+import numpy as np
+
+from mjx_fit.config.schema import Config, config_from_tree
+from mjx_fit.config.sections.world import SceneConfig
+from mjx_fit.control.policies import NAMES
+from mjx_fit.data import hdf5_layout, hdf5_values
+from mjx_fit.data.episode import Episode
+from mjx_fit.data.manifest import FORMAT, Shard
+from mjx_fit.scene.robot import ROBOTS
+from mjx_fit.sensors.preprocess import touched
+from mjx_fit.types import Felt, Rollout, Trace, Truth
+from mjx_fit.utils.rates import ACTION_S
+
+
+class Field(NamedTuple):
+    """What is said about a field beside its numbers.
+
+    Attributes:
+        unit: Unit of its numbers; several for several columns.
+        frame: Frame that they are in.
+        shape: What its axes are; n episodes of J actions.
+        meaning: What they say.
+    """
+
+    unit: str
+    frame: str
+    shape: str
+    meaning: str
+
+
+FIELDS = {
+    "episode": Field("1", "-", "n", "id"),
+    "sequence": Field("1", "-", "n", "id of a row of attempts of one peg at one hole"),
+    "number": Field("1", "-", "n", "which attempt of its sequence it is, from 0"),
+    "policy": Field("1", "-", "n", "index into policies"),
+    "estimate_cov": Field(
+        "m²", "world", "n 2 2", "covariance of estimate_world as it was believed before the interaction"
+    ),
+    "trace/wrench_sensor": Field(
+        "N, N·m",
+        "sensor",
+        "n J 50 6",
+        "force and torque of the arm on the peg: clean, 500 Hz, weight included",
+    ),
+    "trace/tip_pos_world": Field(
+        "m", "world", "n J 3", "centre of the peg's lower face at the end of each action"
+    ),
+    "trace/tip_quat_world": Field("1", "world", "n J 4", "orientation of the tip, w x y z"),
+    "trace/tip_linvel_world": Field("m/s", "world", "n J 3", "linear velocity of the tip"),
+    "trace/tip_angvel_world": Field("rad/s", "world", "n J 3", "angular velocity of the peg"),
+    "trace/contact": Field("1", "-", "n J", "whether the force, tared, says so: wrist.contact_force_n"),
+    "trace/action_world": Field("m", "world", "n J 3", "desired change of the tip's position"),
+    "length": Field(
+        "1",
+        "-",
+        "n",
+        "number of actions performed; rows behind it are padding; 0: its sequence had ended before",
+    ),
+    "inserted": Field("1", "-", "n", "whether the peg was inserted"),
+    "peg_type": Field("1", "-", "n", "index into shapes"),
+    "hole_type": Field("1", "-", "n", "index into shapes"),
+    "hole_pos_world": Field("m", "world", "n 2", "true centre of the hole"),
+    "estimate_world": Field("m", "world", "n 2", "estimate over which the interaction started"),
+    "tare_sensor": Field(
+        "N, N·m", "sensor", "n 6", "clean reading at rest in free space before the interaction"
+    ),
+    "end_qpos": Field(
+        "rad", "-", "n joints", "joint angles at the end; where it broke, before the action that broke it"
+    ),
+    "end_qvel": Field("rad/s", "-", "n joints", "joint velocities at the end"),
+    "valid": Field("1", "-", "n", "false where the simulation turned non-finite"),
+}
+
+_HDF5 = ("v108", "v110")
+"""Oldest and newest HDF5 whose format may be used: "latest" would be whatever is installed here."""
+
+FRAMES = (
+    "world: origin on the table under the robot's base, x away from the robot, z up. "
+    "sensor: between the hand and the peg, turned as the hand is, z along the tool: down, in an attempt. "
+    "Forces and torques are what the arm exerts on the peg, torques about the sensor's origin."
+)
+
+_OWN = ("episode", "sequence", "number", "policy", "estimate_cov")
+"""Fields of the episode; the others are of its rollout."""
+
+_FELT = ("length", "tare_sensor", "estimate_world", "peg_type")
+
+CONTACT = "trace/contact"
+"""Follows from the wrenches: written for other readers, checked and not used by ours."""
+
+
+def encode(episodes: Episode, request: dict[str, Any]) -> bytes:
+    """A shard as the content of a file.
+
+    Args:
+        episodes: Stacked (n,), NumPy arrays.
+        request: What the data set was asked to be; kept in the shard so that it explains itself.
+    """
+    config = config_from_tree(request["config"])
+    values = flat(episodes, config)
+    buffer = io.BytesIO()
+    with h5py.File(buffer, "w", libver=_HDF5) as file:
+        file.attrs["format"] = FORMAT
+        file.attrs["shapes"], file.attrs["policies"] = list(config.scene.names), list(NAMES)
+        file.attrs["frames"], file.attrs["action_s"] = FRAMES, ACTION_S
+        file.attrs["request"] = json.dumps(request)
+        for name, field in FIELDS.items():
+            value = values[name]
+            # One episode of a trace is one chunk: read alone, nothing else is unpacked with it.
+            chunks = (1, *value.shape[1:]) if name.startswith("trace/") else value.shape
+            dataset = file.create_dataset(
+                name,
+                data=value,
+                chunks=chunks,
+                compression="gzip",
+                compression_opts=1,
+                shuffle=True,
+                track_times=False,
+            )
+            dataset.attrs.update(field._asdict())
+    return buffer.getvalue()
+
+
+def decode(content: bytes, shard: Shard, request: dict[str, Any]) -> Episode:
+    """What ``encode`` was given; nothing is read of a file that is not as ``encode`` writes it.
+
+    Args:
+        content: Of the file, whose digest is right.
+        shard: What the manifest says of it.
+        request: What the data set was asked to be.
+
+    Raises:
+        ValueError: It is not the content of that shard.
+    """
+    scene = config_from_tree(request["config"]).scene
+    try:
+        with h5py.File(io.BytesIO(content), "r") as file:
+            hdf5_layout.require(file, _shapes(shard.episodes, request["steps"], scene), len(content))
+            fields = {name: np.asarray(file[name]) for name in FIELDS}
+    except hdf5_layout.LayoutError:
+        raise
+    except (OSError, LookupError, RuntimeError, ValueError, TypeError, AttributeError) as error:
+        raise ValueError(f"it is no shard: {' '.join(str(error).split())[:120]}") from None
+    contact = fields.pop(CONTACT)
+    episodes = _from_fields(fields)
+    hdf5_values.require_flags(contact, shard.first_episode)
+    hdf5_values.require(episodes, shard.first_episode, request["sequence"], scene.n_types)
+    return episodes
+
+
+def flat(episodes: Episode, config: Config) -> dict[str, np.ndarray]:
+    """The fields by their names in a file."""
+    contact = touched(episodes.rollout.felt, config.wrist)
+    return {name: contact if name == CONTACT else _get(episodes, name) for name in FIELDS}
+
+
+def _shapes(n: int, actions: int, scene: SceneConfig) -> dict[str, hdf5_layout.Shape]:
+    """The shape of each field, of n episodes."""
+    axes = {"n": n, "J": actions, "joints": len(ROBOTS[scene.robot].joints)}
+    return {
+        name: tuple(axes[axis] if axis in axes else int(axis) for axis in field.shape.split())
+        for name, field in FIELDS.items()
+    }
+
+
+def _get(episodes: Episode, name: str) -> np.ndarray:
+    rollout, last = episodes.rollout, name.rpartition("/")[2]
+    if name.startswith("trace/"):
+        value: Any = rollout.felt.trace
+    else:
+        value = episodes if name in _OWN else rollout.felt if name in _FELT else rollout.truth
+    return np.asarray(getattr(value, last))
+
+
+def _from_fields(fields: dict[str, np.ndarray]) -> Episode:
+    own, felt = ({name: fields.pop(name) for name in names} for names in (_OWN, _FELT))
+    trace = {name.removeprefix("trace/"): fields.pop(name) for name in list(fields) if "trace/" in name}
+    return Episode(**own, rollout=Rollout(Felt(Trace(**trace), **felt), Truth(**fields)))

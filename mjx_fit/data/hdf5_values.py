@@ -1,0 +1,77 @@
+"""What the numbers of a shard may be: checked once it is read, before anything is made of it."""
+
+import jax
+import numpy as np
+
+from mjx_fit.control.policies import NAMES
+from mjx_fit.data.episode import Episode, happened
+
+LARGEST = 1e12
+"""Of a number that was simulated: squares of it are still far from the end of a float."""
+
+
+def require(episodes: Episode, first_episode: int, sequence: int, n_types: int) -> None:
+    """Make sure that the numbers of a shard mean something.
+
+    Args:
+        episodes: Stacked, NumPy arrays of the right types and shapes.
+        first_episode: Id of the first; they follow one another.
+        sequence: Attempts in a row at one hole.
+        n_types: Number of shapes.
+
+    Raises:
+        ValueError: They do not; the message names the field and the episode.
+    """
+    data = episodes.rollout
+    ids = first_episode + np.arange(len(episodes.episode))
+    for name, values, right in (
+        ("episode", episodes.episode, ids),
+        ("sequence", episodes.sequence, ids // sequence),
+        ("number", episodes.number, ids % sequence),
+    ):
+        _require(name, values, values == right, ids, "its ids must be those that the manifest says")
+    for name, values, end in (
+        ("policy", episodes.policy, len(NAMES)),
+        ("peg_type", data.felt.peg_type, n_types),
+        ("hole_type", data.truth.hole_type, n_types),
+        ("length", data.felt.length, data.felt.trace.action_world.shape[1] + 1),
+    ):
+        _require(name, values, (values >= 0) & (values < end), ids, f"it must be from 0 to {end - 1}")
+    for name, flags in (("inserted", data.truth.inserted), ("valid", data.truth.valid)):
+        _require(name, flags, np.asarray(flags).view(np.uint8) < 2, ids, "it must be true or false")
+    place = np.asarray(data.truth.hole_pos_world)
+    _require("hole_pos_world", place, np.isfinite(place), ids, "it must be finite")
+    _require_numbers(episodes, ids)
+
+
+def require_flags(contact: np.ndarray, first_episode: int) -> None:
+    """Make sure that the contact bits of a shard are some.
+
+    Raises:
+        ValueError: A byte is neither 0 nor 1; the message names the episode.
+    """
+    ids = first_episode + np.arange(len(contact))
+    _require("contact", contact, contact.view(np.uint8) < 2, ids, "it must be true or false")
+
+
+def _require_numbers(episodes: Episode, ids: np.ndarray) -> None:
+    """What was performed without fault has numbers; where a simulation broke there may be others."""
+    performed = np.asarray(happened(episodes))
+    for path, leaf in jax.tree_util.tree_leaves_with_path(episodes):
+        values = np.asarray(leaf)
+        if values.dtype.kind != "f":
+            continue
+        # The comparison is false for NaN, too.
+        right = (np.abs(values) <= LARGEST).reshape(len(ids), -1).all(axis=1) | ~performed
+        name = jax.tree_util.keystr(path[-1:], simple=True)
+        _require(name, values, right, ids, f"it must be finite and at most {LARGEST:.0e}")
+
+
+def _require(name: str, values, right, ids: np.ndarray, allowed: str) -> None:
+    right = np.asarray(right).reshape(len(ids), -1).all(axis=1)
+    if not right.all():
+        row = int(np.argmin(right))
+        shown = f" {values[row]}" if np.ndim(values) == 1 else ""
+        raise ValueError(
+            f"{name} of episode {ids[row]}:{shown} is not allowed: {allowed}".replace(": is", " is")
+        )

@@ -1,0 +1,109 @@
+"""What may stand in a manifest: names, counts and bounds, checked where one is read.
+
+A manifest says which files are opened and how much is read, so that nothing of it may be believed before.
+"""
+
+from typing import Annotated, Any, Literal, NotRequired
+
+from pydantic import ConfigDict, Field, TypeAdapter
+from typing_extensions import TypedDict
+
+from mjx_fit.config.sections.world import MOST_TYPES
+from mjx_fit.control.policies import NAMES
+from mjx_fit.utils import bounded_json
+
+MAX_EPISODES, MAX_ACTIONS, MAX_BATCH, MAX_SEQUENCE = 10**7, 1000, 65536, 30
+"""Of what one command may ask for."""
+LARGEST = 4 * 2**30
+"""Bytes of a manifest: 10^7 episodes in shards of one."""
+SHARD_NAME = r"^shard-[0-9]{8,12}\.h5$"
+
+_STRICT = ConfigDict(strict=True, extra="forbid")
+_Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+_Words = Annotated[str, Field(max_length=1000, pattern=r"^[^\x00-\x1f\x7f-\x9f]*$")]
+_Name = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$", max_length=1000)]
+
+
+_Episodes = Annotated[int, Field(ge=1, le=MAX_EPISODES)]
+_Index = Annotated[int, Field(ge=0, le=MAX_EPISODES)]
+
+
+class _Shard(TypedDict):
+    __pydantic_config__ = _STRICT  # pyright: ignore[reportGeneralTypeIssues]
+
+    name: Annotated[str, Field(pattern=SHARD_NAME)]
+    first_episode: _Index
+    episodes: _Episodes
+    bytes: Annotated[int, Field(ge=1, le=2**50)]
+    sha256: _Digest
+    device: _Words
+
+
+class _Request(TypedDict):
+    __pydantic_config__ = _STRICT  # pyright: ignore[reportGeneralTypeIssues]
+
+    episodes: _Episodes
+    steps: Annotated[int, Field(ge=1, le=MAX_ACTIONS)]
+    policy: Literal[(*NAMES, "mixed")]  # pyright: ignore[reportInvalidTypeForm]
+    seed: Annotated[int, Field(ge=0, lt=2**32)]
+    batch: Annotated[int, Field(ge=1, le=MAX_BATCH)]
+    sequence: Annotated[int, Field(ge=1, le=MAX_SEQUENCE)]
+    sensor: NotRequired[_Words]
+    engine: Literal["mjx", "native"]
+    config: dict[str, dict[str, Any]]
+
+
+class _Manifest(TypedDict):
+    __pydantic_config__ = _STRICT  # pyright: ignore[reportGeneralTypeIssues]
+
+    request: _Request
+    part: Annotated[list[_Index], Field(min_length=2, max_length=2)]
+    versions: dict[_Words, _Words]
+    shapes: Annotated[list[_Name], Field(min_length=1, max_length=MOST_TYPES)]
+    complete: bool
+    shards: list[_Shard]
+
+
+_SCHEMA = TypeAdapter(_Manifest)
+
+
+def require(fields: Any) -> dict[str, Any]:
+    """The fields of a manifest, format and digest left out, if they are as they must be.
+
+    Raises:
+        ValueError: They are not; the message names the first place where.
+    """
+    manifest = bounded_json.check(_SCHEMA, fields)
+    index, of = manifest["part"]
+    if index >= of:
+        raise ValueError(f"part: {index} of {of} is not allowed: parts are counted from 0")
+    if len(set(manifest["shapes"])) < len(manifest["shapes"]):
+        raise ValueError(f"shapes: {', '.join(manifest['shapes'])}: the names must differ")
+    request = manifest["request"]
+    asked = request["config"].get("scene", {}).get("shapes")
+    if isinstance(asked, list) and len(asked) != len(manifest["shapes"]):
+        raise ValueError(f"shapes: {len(manifest['shapes'])} names: request.config has {len(asked)} shapes")
+    if request["episodes"] % request["sequence"]:
+        raise ValueError("request.episodes: it must be a multiple of request.sequence")
+    _require_shards(manifest["shards"], request)
+    there = sum(shard["episodes"] for shard in manifest["shards"])
+    if manifest["complete"] and of == 1 and there != request["episodes"]:
+        raise ValueError(f"complete: its shards have {there} of {request['episodes']} episodes")
+    return manifest
+
+
+def _require_shards(shards: list[dict[str, Any]], request: dict[str, Any]) -> None:
+    """Each shard is named after its first episode, and none has an episode of another one."""
+    most = max(request["batch"], request["sequence"])
+    end = 0
+    for shard in sorted(shards, key=lambda shard: shard["first_episode"]):
+        name, first, n = shard["name"], shard["first_episode"], shard["episodes"]
+        if name != f"shard-{first:08d}.h5":
+            raise ValueError(f"shards: {name} is not the name of a shard that begins with episode {first}")
+        if n > most:
+            raise ValueError(f"shards: {name}: {n} episodes are not allowed: a batch has at most {most}")
+        if first < end:
+            raise ValueError(f"shards: {name}: its episodes are in another shard, too")
+        end = first + n
+        if end > request["episodes"]:
+            raise ValueError(f"shards: {name}: it ends behind the last of {request['episodes']} episodes")

@@ -1,0 +1,131 @@
+"""What a data set is asked to be."""
+
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+from mjx_fit.config.schema import Config, config_to_tree
+from mjx_fit.config.sections.learning import FIRST_SENSOR, FIRST_TRAIN
+from mjx_fit.data.manifest import Manifest
+from mjx_fit.data.manifest_schema import MAX_ACTIONS, MAX_BATCH, MAX_EPISODES, MAX_SEQUENCE
+from mjx_fit.data.schedule import POLICIES
+from mjx_fit.engines.select import resolve
+from mjx_fit.engines.threads import even_batch
+from mjx_fit.utils.errors import RequestError, require, shown
+from mjx_fit.utils.randomness import require_seed
+
+STORED_ACTIONS = "steps"
+"""What data sets call ``Plan.actions``, from the beginning."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is to be collected.
+
+    Example:
+        >>> import mjx_fit as mf
+        >>> mf.CollectionPlan(episodes=600, sequence=3).sequences
+        200
+
+    Attributes:
+        episodes: Number of rollouts, a multiple of ``sequence``.
+        actions: Most actions in one. A spiral is as long as an attempt, ``task.attempt_actions``, or cut off.
+        policy: ``spiral``, ``random``, or ``mixed``: both in turn.
+        engine: ``auto``, ``mjx`` or ``native``.
+        seed: Root seed.
+        batch: Most rollouts in one shard. Their sequences are simulated at once.
+        sequence: Attempts in a row of one peg at one hole. The first starts from the detector's estimate,
+            later ones from estimates as a filter may have them by then; what follows an insertion is left
+            out.
+        shard_index: Which part of the whole to collect, from 0.
+        num_shards: Of how many parts.
+        sensor: Fingerprint of the sensor from whose beliefs the later attempts of a sequence start; empty:
+            they start from drawn ones.
+    """
+
+    episodes: int = 3000
+    actions: int = 100
+    policy: str = "spiral"
+    engine: str = "auto"
+    seed: int = 0
+    batch: int = 250
+    sequence: int = 1
+    shard_index: int = 0
+    num_shards: int = 1
+    sensor: str = ""
+
+    @property
+    def sequences(self) -> int:
+        return self.episodes // self.sequence
+
+    @property
+    def worlds(self) -> int:
+        """Worlds in each batch, one for each sequence; the last batch may have idle ones."""
+        return even_batch(self.sequences, max(1, self.batch // self.sequence))
+
+    def shards(self) -> dict[str, int]:
+        """The shards of this part: the first sequence of each, by file name."""
+        starts = range(0, self.sequences, self.worlds)[self.shard_index :: self.num_shards]
+        return {f"shard-{start * self.sequence:08d}.h5": start for start in starts}
+
+    def command(self, out: Path) -> str:
+        """The command that collects this, but for the configuration."""
+        options = [
+            f"--{field.name.replace('_', '-')} {getattr(self, field.name)}"
+            for field in fields(self)
+            if field.name != "sensor"
+        ]
+        if self.sensor:
+            options.append(f"--run RUN, the one whose sensor is {self.sensor},")
+        return f"mjx-fit collect --out {out} " + " ".join(options)
+
+    def request(self, config: Config) -> dict[str, Any]:
+        """What makes the whole what it is, JSON-ready: the same in all its parts.
+
+        No interaction depends on how a sensor is built and trained, but on the sensor that was made, which is
+        named: the sections ``sensor`` and ``train`` are always the same: bytes and digests depend on them.
+        """
+        return {
+            "episodes": self.episodes,
+            STORED_ACTIONS: self.actions,
+            **{name: getattr(self, name) for name in ("policy", "seed", "batch", "sequence")},
+            **({"sensor": self.sensor} if self.sensor else {}),
+            "engine": resolve(self.engine),
+            "config": config_to_tree(replace(config, sensor=FIRST_SENSOR, train=FIRST_TRAIN)),
+        }
+
+
+def plan_of(manifest: Manifest) -> Plan:
+    """What a data set was asked to be."""
+    index, of = manifest.part
+    asked = {name: value for name, value in manifest.request.items() if name != "config"}
+    return Plan(actions=asked.pop(STORED_ACTIONS), **asked, shard_index=index, num_shards=of)
+
+
+def check(plan: Plan) -> None:
+    require_seed(plan.seed)
+    require("--episodes", plan.episodes, 1, MAX_EPISODES)
+    require("--actions", plan.actions, 1, MAX_ACTIONS)
+    if plan.policy not in POLICIES:
+        raise RequestError(
+            f"--policy: {shown(plan.policy)} is not allowed: it must be one of {', '.join(POLICIES)}"
+        )
+    require("--batch", plan.batch, 1, MAX_BATCH)
+    require("--sequence", plan.sequence, 1, MAX_SEQUENCE)
+    require("--num-shards", plan.num_shards, 1, MAX_EPISODES)
+    require("--shard-index", plan.shard_index, 0, plan.num_shards - 1, "one less than --num-shards")
+    if plan.episodes % plan.sequence:
+        raise RequestError(
+            f"--episodes: {plan.episodes} is not allowed: it must be a multiple of --sequence, "
+            f"{plan.sequence}"
+        )
+    if plan.sensor and plan.sequence == 1:
+        raise RequestError(
+            "--run: it is not allowed with --sequence 1: only later attempts start from beliefs"
+        )
+    batches = -(-plan.sequences // plan.worlds)
+    if plan.num_shards > batches:
+        raise RequestError(
+            f"--num-shards: {plan.num_shards} is not allowed: it must be at most {batches}, the number of "
+            "batches; a smaller --batch makes more"
+        )

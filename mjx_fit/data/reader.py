@@ -1,0 +1,185 @@
+"""Reading a data set: all of it, what is wrong with it, and what it holds in numbers."""
+
+import errno
+import os
+from collections.abc import Collection, Iterator
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+from mjx_fit.config.schema import config_from_tree
+from mjx_fit.data import hdf5 as shard_
+from mjx_fit.data import manifest as manifest_
+from mjx_fit.data.episode import Episode, happened
+from mjx_fit.data.manifest import Manifest, Shard
+from mjx_fit.sensors.preprocess import touched
+from mjx_fit.types import Array, Rollout
+from mjx_fit.utils import files
+from mjx_fit.utils.errors import RequestError
+
+_LOST = "nothing says what the shards should be; collect them again into another folder"
+
+
+def load(folder: Path, without: Collection[str] = ()) -> Episode:
+    """All episodes of a data set, stacked in the order of their ids, as NumPy arrays.
+
+    Those that did not happen or broke are among them; see ``happened``.
+
+    Args:
+        folder: Of the data set.
+        without: Names of shards to leave out, such as those that ``damages`` names.
+
+    Raises:
+        RequestError: The folder holds no data set, an unfinished one or a damaged shard.
+    """
+    manifest = manifest_.read_complete(folder)
+    wanted = [shard for shard in manifest.shards if shard.name not in without]
+    if not wanted:
+        raise RequestError(f"data: {folder} is not allowed: no shard is left to be read")
+    stacked, row = None, 0
+    for part in read_shards(folder, wanted, manifest.request):
+        if stacked is None:
+            # In place at once: joined at the end, everything would be in memory twice.
+            n = sum(shard.episodes for shard in wanted)
+            stacked = jax.tree.map(lambda leaf, n=n: np.empty((n, *leaf.shape[1:]), leaf.dtype), part)
+        rows = slice(row, row := row + len(part.episode))
+        jax.tree.map(lambda to, leaf, rows=rows: to.__setitem__(rows, leaf), stacked, part)
+    assert stacked is not None
+    return stacked
+
+
+def read_shards(folder: Path, shards: Collection[Shard], request: dict[str, Any]) -> Iterator[Episode]:
+    """The episodes of these shards, one shard after the other.
+
+    Args:
+        folder: Of the data set.
+        shards: Of its manifest.
+        request: What the data set was asked to be.
+
+    Raises:
+        RequestError: One is damaged.
+    """
+    for shard in shards:
+        try:
+            yield shard_.decode(content_of(folder, shard), shard, request)
+        except (OSError, ValueError) as error:
+            raise RequestError(f"data: {shard.name} in {folder} is damaged or missing: {error}") from None
+
+
+def content_of(folder: Path, shard: Shard) -> bytes:
+    """What the file of a shard holds, byte for byte as the manifest says.
+
+    Raises:
+        OSError: It cannot be read.
+        ValueError: It is another one.
+    """
+    path = folder / shard.name
+    if not path.is_file():  # nor a pipe or a device, which would not end
+        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), shard.name)
+    size = path.stat().st_size
+    if size == shard.bytes:  # before anything is read
+        content = path.read_bytes()
+        if files.sha256_of(content) == shard.sha256:
+            return content
+        raise ValueError("its SHA-256 is not the manifest's")
+    raise ValueError(f"{size} bytes instead of {shard.bytes}")
+
+
+def damages(folder: Path) -> dict[str, str]:
+    """What is wrong with a data set: what happened to each damaged file, by its name; empty if all is well.
+
+    Raises:
+        RequestError: The folder is no data set, or one of another format.
+    """
+    try:
+        manifest = manifest_.parse(manifest_.read_text(folder))
+    except manifest_.FormatError as error:
+        raise RequestError(f"data: {folder} is not allowed: {error}") from None
+    except FileNotFoundError:
+        if not list(folder.glob("shard-*.h5")):
+            manifest_.read(folder)  # says why this is no data set
+        return {manifest_.NAME: f"missing: {_LOST}"}
+    except (OSError, ValueError) as error:
+        return {manifest_.NAME: f"damaged ({error}): {_LOST}"}
+    found = {shard.name: _damage(folder, shard, manifest) for shard in manifest.shards}
+    # A collection at work, or killed, may have one shard more than its manifest names yet.
+    for path in sorted(folder.glob("*.h5")) if manifest.complete else ():
+        found.setdefault(path.name, "foreign: the manifest does not name it; remove it")
+    return {name: what for name, what in found.items() if what}
+
+
+def _damage(folder: Path, shard: Shard, manifest: Manifest) -> str:
+    path = folder / shard.name
+    if not path.is_file():
+        return "missing"
+    try:
+        shard_.decode(content_of(folder, shard), shard, manifest.request)
+        return ""
+    except OSError as error:
+        return f"cannot be read: {error.strerror}"
+    except ValueError as error:
+        what = str(error)
+    digest = files.sha256(path)
+    twins = [one.name for one in manifest.shards if one.sha256 == digest and one.name != shard.name]
+    return f"swapped: it holds what {twins[0]} should hold" if twins else f"damaged: {what}"
+
+
+def describe(folder: Path) -> dict[str, Any]:
+    """What a data set holds: episodes, steps, pairs, success rate, units, engine, seed; JSON-ready.
+
+    Raises:
+        RequestError: As in ``load``.
+    """
+    manifest, data = manifest_.read(folder), load(folder)
+    request = manifest.request
+    keep = happened(data)
+    done: Rollout = jax.tree.map(lambda leaf: leaf[keep], data.rollout)
+    felt, truth = done.felt, done.truth
+    wrist = config_from_tree(request["config"]).wrist
+    pairs: dict[str, dict[str, int]] = {}
+    for peg, hole, succeeded, wrong in zip(
+        felt.peg_type, truth.hole_type, done.succeeded, done.inserted_wrongly, strict=True
+    ):
+        row = pairs.setdefault(
+            f"{manifest.shapes[peg]}-{manifest.shapes[hole]}", {"episodes": 0, "inserted": 0}
+        )
+        row["episodes"] += 1
+        row["inserted"] += int(succeeded)
+        if wrong:
+            row["inserted_wrongly"] = row.get("inserted_wrongly", 0) + 1
+    matched = np.asarray(felt.peg_type == truth.hole_type)
+    wrongly = done.inserted_wrongly[~matched]
+    return {
+        "policy": request["policy"],
+        "engine": request["engine"],
+        "seed": request["seed"],
+        "episodes": len(keep),
+        "sequences": len(np.unique(data.sequence)),
+        "not_performed": int((data.rollout.felt.length == 0).sum()),
+        "invalid": int((~data.rollout.truth.valid).sum()),
+        "steps": request["steps"],
+        "actions": int(felt.length.sum()),
+        "contact_fraction": _mean(touched(felt, wrist)[_real(felt.length, request["steps"])]),
+        "success_rate": {
+            "matched": _mean(done.succeeded[matched]),
+            "mismatched": _mean(done.succeeded[~matched]),
+        },
+        **({"inserted_wrongly": _mean(wrongly)} if wrongly.any() else {}),
+        "pairs": dict(sorted(pairs.items())),
+        "part": "{} of {}".format(*manifest.part),
+        "shards": len(manifest.shards),
+        "bytes": sum(shard.bytes for shard in manifest.shards),
+        "devices": sorted({shard.device for shard in manifest.shards}),
+        "units": {name: field.unit for name, field in shard_.FIELDS.items()},
+    }
+
+
+def _real(length: Array, steps: int) -> Array:
+    """Which actions were performed, (n, J)."""
+    return np.arange(steps) < np.asarray(length)[:, None]
+
+
+def _mean(values: Array) -> float | None:
+    return round(float(values.mean()), 4) if len(values) else None

@@ -1,0 +1,128 @@
+"""What the episodes of a data set are to do: pure functions of a root key and ids."""
+
+from functools import partial
+from itertools import permutations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float, Int, Key
+
+from mjx_fit.config.schema import Config
+from mjx_fit.config.sections.world import DetectorConfig, SequenceConfig
+from mjx_fit.control import policies
+from mjx_fit.scene.detector import detect
+from mjx_fit.scene.robot import ROBOTS, Robot
+from mjx_fit.types import Array, Attempt
+
+POLICIES = (*policies.NAMES, "mixed")
+
+
+def mismatched_pairs(n_types: int) -> Int[np.ndarray, "pairs 2"]:
+    """Peg and hole type of every pair of different types; none of one type."""
+    return np.array(list(permutations(range(n_types), 2)), int).reshape(-1, 2)
+
+
+def pair_of(
+    sequences: Int[np.ndarray, "n"], n_types: int
+) -> tuple[Int[np.ndarray, "n"], Int[np.ndarray, "n"]]:
+    """Peg and hole type of each sequence: even ids take the matched pairs in turn, odd ids the others."""
+    turn = sequences // 2
+    pair = np.stack([turn % n_types] * 2, 1)
+    others = mismatched_pairs(n_types)
+    if len(others):
+        matched = (sequences % 2 == 0)[:, None]
+        pair = np.where(matched, pair, others[turn % len(others)])
+    return pair[:, 0], pair[:, 1]
+
+
+def policy_of(
+    policy: str, sequences: Int[np.ndarray, "n"], number: int, n_types: int
+) -> Int[np.ndarray, "n"]:
+    """Index of the policy of each sequence's attempt; ``mixed`` takes turns, in all pairs alike."""
+    if policy == "mixed":
+        turn = sequences // 2
+        return (turn + _shifts(turn, n_types) + number) % len(policies.NAMES)
+    return np.full(len(sequences), policies.NAMES.index(policy))
+
+
+def _shifts(turn: Int[np.ndarray, "n"], n_types: int) -> Int[np.ndarray, "n"]:
+    """What lets a pair alternate although it comes again after an even number of turns.
+
+    A matched pair comes again after C turns, another after C (C - 1).
+    """
+    if n_types == 1:
+        return np.zeros_like(turn)
+    return turn // (n_types if n_types % 2 == 0 else n_types * (n_types - 1))
+
+
+def draw_attempts(root: Key[Array, ""], sequences: Int[Array, "n"], policy: str, config: Config) -> Attempt:
+    """The first attempt of each sequence, from the detector's estimate."""
+    hole_pos, estimate, wiggle, _ = draw_places(root, sequences, config)
+    which = _pair_and_policy(sequences, policy, 0, config)
+    return _attempts(which, hole_pos, estimate, wiggle)
+
+
+def draw_later_attempts(
+    root: Key[Array, ""], sequences: Int[Array, "n"], policy: str, number: int, config: Config
+) -> tuple[Attempt, Float[Array, "n 2 2"]]:
+    """Attempt ``number`` (1 or more) of each sequence, and the covariance of its estimate (m²)."""
+    hole_pos, _, _, later = draw_places(root, sequences, config)
+    estimate, cov, wiggle = _updated(later, hole_pos, number, config.sequence)
+    which = _pair_and_policy(sequences, policy, number, config)
+    return _attempts(which, hole_pos, estimate, wiggle), cov
+
+
+def draw_places(
+    root: Key[Array, ""], ids: Int[Array, "n"], config: Config
+) -> tuple[Float[Array, "n 2"], Float[Array, "n 2"], Key[Array, "n"], Key[Array, "n"]]:
+    """Where the holes are, what the detector says, and keys.
+
+    Args:
+        root: Root key.
+        ids: Each draw depends on the root key and its own id alone.
+        config: Gives the detector, and the robot whose workspace it is.
+
+    Returns:
+        True places, uniform in the workspace, m; estimates, m; keys of the policies; keys of later attempts.
+    """
+    return _places(root, ids, config.detector, ROBOTS[config.scene.robot])
+
+
+@partial(jax.jit, static_argnames=("detector", "robot"))
+def _places(root: Key[Array, ""], ids: Int[Array, "n"], detector: DetectorConfig, robot: Robot):
+    def draw(i):
+        place, error, wiggle, later = jax.random.split(jax.random.fold_in(root, i), 4)
+        low, high = jnp.asarray(robot.workspace_m).T
+        hole_pos = jax.random.uniform(place, (2,), minval=low, maxval=high)
+        return hole_pos, detect(error, hole_pos, detector), wiggle, later
+
+    return jax.vmap(draw)(ids)
+
+
+@partial(jax.jit, static_argnames="config")
+def _updated(
+    keys: Key[Array, "n"], hole_pos_world: Float[Array, "n 2"], number: int, config: SequenceConfig
+) -> tuple[Float[Array, "n 2"], Float[Array, "n 2 2"], Key[Array, "n"]]:
+    """Estimates as a filter could have them after some attempts: N(truth, Σ), with Σ of any direction."""
+
+    def draw(key, hole_pos):
+        size, turn, error, wiggle = jax.random.split(jax.random.fold_in(key, number), 4)
+        low, high = jnp.log(config.min_std_m), jnp.log(config.max_std_m)
+        std = jnp.exp(jax.random.uniform(size, (2,), minval=low, maxval=high))
+        angle = jax.random.uniform(turn, maxval=jnp.pi)
+        axes = jnp.array([[jnp.cos(angle), -jnp.sin(angle)], [jnp.sin(angle), jnp.cos(angle)]])
+        estimate = hole_pos + axes @ (std * jax.random.normal(error, (2,)))
+        return estimate, (axes * std**2) @ axes.T, wiggle
+
+    return jax.vmap(draw)(keys, hole_pos_world)
+
+
+def _pair_and_policy(sequences, policy: str, number: int, config: Config) -> tuple[np.ndarray, ...]:
+    ids, n_types = np.asarray(sequences), config.scene.n_types
+    return *pair_of(ids, n_types), policy_of(policy, ids, number, n_types)
+
+
+def _attempts(which: tuple[np.ndarray, ...], hole_pos, estimate, key) -> Attempt:
+    peg_type, hole_type, kind = map(jnp.asarray, which)
+    return Attempt(peg_type, hole_type, hole_pos, estimate, kind, key)

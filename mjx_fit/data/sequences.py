@@ -1,0 +1,171 @@
+"""Simulating sequences: attempts in a row of one peg at one hole, a batch of sequences at once."""
+
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float, Int, Key
+
+from mjx_fit.config.schema import Config
+from mjx_fit.control import policies
+from mjx_fit.data.episode import Episode
+from mjx_fit.data.plan import Plan
+from mjx_fit.data.schedule import draw_attempts, draw_later_attempts
+from mjx_fit.engines.failures import report
+from mjx_fit.engines.interface import Engine
+from mjx_fit.filters.updates import initial_belief
+from mjx_fit.task.attempt_loop import Tried, Try, attempt_rounds
+from mjx_fit.task.estimator import Update
+from mjx_fit.types import Array, Attempt, Belief, Felt, Rollout
+from mjx_fit.utils.randomness import root_key
+
+
+class Sequences:
+    """Simulates batches of sequences.
+
+    Args:
+        engine: Simulates the attempts.
+        config: The configuration.
+        plan: What is collected.
+        dumps: Folder for what is needed to replay diverged simulations.
+        update: The estimator from whose beliefs later attempts start; None: they start from drawn ones.
+
+    Attributes:
+        broken: Worlds so far that are not valid: left out of training.
+    """
+
+    def __init__(self, engine: Engine, config: Config, plan: Plan, dumps: Path, update: Update | None):
+        self._engine, self._config, self._plan, self._dumps = engine, config, plan, dumps
+        self._update = update
+        self.broken = 0
+
+    def __call__(self, start: int) -> Episode:
+        """The episodes of one batch of sequences, in the order of their ids."""
+        plan = self._plan
+        batch = _Batch(self._config, plan, start, learns=self._update is not None)
+        engine = _EachPolicy(self._engine, self._config, batch, self._dumps)
+        rounds = attempt_rounds(batch.next_try, engine, self._update or _nothing_learned, plan.actions)
+        whole = None
+        for number, tried in enumerate(rounds):
+            one = batch.record(tried)
+            if plan.sequence == 1:
+                whole = one
+                continue
+            if whole is None:  # in place at once: kept and joined at the end, all would be there twice
+                whole = jax.tree.map(partial(_with_axis, plan.sequence), one)
+            jax.tree.map(lambda to, leaf, n=number: to.__setitem__((slice(None), n), leaf), whole, one)
+        assert whole is not None
+        self.broken += engine.broken
+        if plan.sequence == 1:
+            return whole
+        return jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), whole)
+
+
+def _nothing_learned(beliefs: Belief, felt: Felt, keys: Key[Array, "n"]) -> Belief:
+    return beliefs
+
+
+class _Batch:
+    """Where the sequences of a batch stand.
+
+    Attributes:
+        ids: Of the episodes of the round at work.
+    """
+
+    def __init__(self, config: Config, plan: Plan, start: int, *, learns: bool):
+        self._config, self._plan, self._learns = config, plan, learns
+        self._root = root_key(plan.seed, "collect")
+        self._noise_keys = jax.vmap(partial(jax.random.fold_in, root_key(plan.seed, "collect: noise")))
+        self._sequences = np.arange(start, start + plan.worlds)
+        self._wanted = self._sequences < plan.sequences
+        self._going, self._belief, self._number = self._wanted, None, 0
+
+    @property
+    def ids(self) -> Int[np.ndarray, "n"]:
+        return self._sequences * self._plan.sequence + self._number
+
+    def next_try(self) -> Try | None:
+        """The next attempt of each sequence; None after the last one."""
+        if self._number == self._plan.sequence:
+            return None
+        attempts, self._cov = self._attempts()
+        if self._belief is None:
+            std, n_types = self._config.detector.prior_std_m, self._config.scene.n_types
+            self._belief = initial_belief(attempts.estimate_world, std, n_types)
+        goes_on = self._learns and self._number + 1 < self._plan.sequence
+        keys = self._noise_keys(jnp.asarray(self.ids)) if goes_on else None
+        return Try(attempts, self._going, self._belief, keys)
+
+    def record(self, tried: Tried) -> Episode:
+        """Takes over what was learned; gives the round's episodes."""
+        done, policy = tried.rollouts, np.asarray(tried.asked.attempts.policy)
+        number = np.full_like(self.ids, self._number)
+        one = Episode(self.ids, self._sequences, number, policy, np.asarray(self._cov), done)
+        self._going = self._going & done.truth.valid & ~done.truth.inserted
+        self._belief, self._number = tried.beliefs, self._number + 1
+        return jax.tree.map(lambda leaf: leaf[: self._wanted.sum()], one)
+
+    def _attempts(self) -> tuple[Attempt, Float[Array, "n 2 2"]]:
+        ids, policy, belief = jnp.asarray(self._sequences), self._plan.policy, self._belief
+        if self._number:
+            drawn, cov = draw_later_attempts(self._root, ids, policy, self._number, self._config)
+            if not self._learns or belief is None:
+                return drawn, cov
+            return replace(drawn, estimate_world=belief.pos_mean_world), belief.pos_cov
+        cov = self._config.detector.prior_std_m**2 * np.eye(2, dtype=np.float32)
+        attempts = draw_attempts(self._root, ids, policy, self._config)
+        return attempts, np.broadcast_to(cov, (len(ids), 2, 2))
+
+
+class _EachPolicy:
+    """An engine that gives the attempts of each policy as many actions as that policy has.
+
+    Attributes:
+        broken: Worlds so far that are not valid. They are reported.
+    """
+
+    def __init__(self, engine: Engine, config: Config, batch: _Batch, dumps: Path):
+        self.name, self._engine = engine.name, engine
+        self._config, self._batch, self._dumps = config, batch, dumps
+        self.broken = 0
+
+    def run(
+        self,
+        attempts: Attempt,
+        actions: int | None = None,
+        active: Bool[np.ndarray, "n"] | None = None,
+        horizon: int | None = None,
+    ) -> Rollout:
+        """See ``Engine.run``. A spiral's horizon is that of the task, whatever is asked for here."""
+        actions = self._config.task.attempt_actions if actions is None else actions
+        kind, ids = np.asarray(attempts.policy), self._batch.ids
+        active = np.ones(len(kind), bool) if active is None else active
+        done = None
+        for policy in np.unique(kind):
+            mine = kind == policy
+            plans = self._config.task.attempt_actions if policy == policies.SPIRAL else horizon or actions
+            part = self._engine.run(attempts, min(actions, plans), active & mine, plans)
+            self.broken += report(part, attempts, ids, plans, self._config, self._dumps)
+            part = _padded(part, actions)
+            done = part if done is None else jax.tree.map(partial(_chosen, mine), part, done)
+        assert done is not None
+        return done
+
+
+def _with_axis(n: int, leaf: np.ndarray) -> np.ndarray:
+    return np.zeros((len(leaf), n, *leaf.shape[1:]), leaf.dtype)
+
+
+def _padded(rollouts: Rollout, steps: int) -> Rollout:
+    def pad(leaf):
+        return np.pad(leaf, [(0, 0), (0, steps - leaf.shape[1]), *[(0, 0)] * (leaf.ndim - 2)])
+
+    felt = rollouts.felt
+    return replace(rollouts, felt=replace(felt, trace=jax.tree.map(pad, felt.trace)))
+
+
+def _chosen(chosen: Bool[np.ndarray, "n"], a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return np.where(chosen.reshape(-1, *[1] * (a.ndim - 1)), a, b)

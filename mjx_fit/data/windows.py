@@ -1,0 +1,186 @@
+"""Training examples: random windows of stored rollouts, with fresh sensor noise and a fresh prior.
+
+Section "Differentiable Filter Training" of the paper. Sampling is pure and jitted; the draws of an episode
+depend on the key and the episode's index alone, never on the batch that it is in.
+"""
+
+from dataclasses import replace
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float, Int, Key
+
+from mjx_fit.config.schema import Config
+from mjx_fit.data.augment import mirror_belief, mirror_place, mirror_reading
+from mjx_fit.data.episode import Episode, happened
+from mjx_fit.sensors.preprocess import read
+from mjx_fit.types import Array, Belief, Reading, pytree
+from mjx_fit.utils.errors import RequestError
+
+MIN_ACTIONS = 5
+"""Half a second: a shorter interaction is dropped, it ended before anything could be felt."""
+
+
+@pytree
+class Sample:
+    """One training example.
+
+    Attributes:
+        reading: What the sensors are shown.
+        prior: The belief before the attempt: μ0, Σ0, ξ0.
+        hole_type: True type of the hole.
+        hole_pos_world: True position of the hole, m.
+        failed: False where the window contains the moment of insertion: such a window says nothing about
+            P(o_match | type, peg, the attempt failed), and the histogram filter already counts the outcome.
+    """
+
+    reading: Reading
+    prior: Belief
+    hole_type: Int[Array, "*batch"]
+    hole_pos_world: Float[Array, "*batch 2"]
+    failed: Bool[Array, "*batch"]
+
+
+def usable(data: Episode) -> Bool[np.ndarray, "episodes"]:
+    """Which episodes can be trained on: simulated without fault, and at least ``MIN_ACTIONS`` long."""
+    return np.asarray(happened(data)) & (np.asarray(data.rollout.felt.length) >= MIN_ACTIONS)
+
+
+def split(
+    sequences: Int[np.ndarray, "episodes"], fraction: float, seed: int
+) -> tuple[Int[np.ndarray, "training"], Int[np.ndarray, "validation"]]:
+    """Indices of the training and of the validation episodes, at random, at least one of each.
+
+    A sequence, whose episodes share a hole, goes to one side as a whole.
+
+    Args:
+        sequences: Which sequence each episode belongs to.
+        fraction: Share of the sequences that goes to validation.
+        seed: Source of the choice.
+
+    Raises:
+        RequestError: There are fewer than two sequences.
+    """
+    ids, of_episode = np.unique(sequences, return_inverse=True)
+    n = len(ids)
+    if n < 2:
+        raise RequestError(f"--data: {n} holes with a peg are not allowed: training needs at least 2")
+    n_validation = min(max(1, round(fraction * n)), n - 1)
+    chosen = np.zeros(n, bool)
+    chosen[np.random.default_rng(seed).permutation(n)[:n_validation]] = True
+    return np.flatnonzero(~chosen[of_episode]), np.flatnonzero(chosen[of_episode])
+
+
+def chains(data: Episode, episodes: Int[np.ndarray, "n"], length: int) -> Int[np.ndarray, "m length"]:
+    """Arrange episodes in runs of attempts in a row at one hole, along which a belief is handed on.
+
+    Args:
+        data: Stacked episodes.
+        episodes: Indices of those that take part.
+        length: Attempts in a run. A longer sequence is cut into several, each of which begins with what its
+            own first attempt started from.
+
+    Returns:
+        Indices; -1 where a run has ended. A run without its first attempt is left out.
+    """
+    sequence, number = (np.asarray(leaf)[episodes] for leaf in (data.sequence, data.number))
+    runs, run = np.unique(np.stack([sequence, number // length], 1), axis=0, return_inverse=True)
+    arranged = np.full((len(runs), length), -1)
+    arranged[run, number % length] = episodes
+    unbroken = np.logical_and.accumulate(arranged >= 0, axis=1)
+    return np.where(unbroken, arranged, -1)[unbroken[:, 0]]
+
+
+@partial(jax.jit, static_argnames="config")
+def sample_windows(
+    data: Episode, episodes: Int[Array, "batch *length"], key: Key[Array, ""], config: Config
+) -> Sample:
+    """Draw one window from each of the chosen episodes.
+
+    Its length is uniform in [``train.min_window``, ``train.max_window``], cut to what the episode has, its
+    start uniform over what is left; it is padded to ``max_window``.
+
+    Args:
+        data: Stacked along one leading axis.
+        episodes: Indices into it, or chains of them, which are mirrored as a whole.
+        key: Source of windows, noise and type priors.
+        config: Static; ``train``, ``wrist`` and ``scene`` are used.
+    """
+    return windows_of(jax.tree.map(lambda leaf: leaf[episodes], data), episodes, key, config)
+
+
+@partial(jax.jit, static_argnames="config")
+def windows_of(
+    rows: Episode, indices: Int[Array, "batch *length"], key: Key[Array, ""], config: Config
+) -> Sample:
+    """Draw one window from each episode of a batch; see ``sample_windows``.
+
+    Args:
+        rows: The episodes, stacked.
+        indices: Their indices in the data set, on which the draws depend.
+        key: Source of windows, noise and type priors.
+        config: Static.
+    """
+    flat = jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[indices.ndim :]), rows)
+    draw = jax.vmap(lambda episode, index: _sample_one(episode, jax.random.fold_in(key, index), config))
+    sample, mirrored = jax.tree.map(
+        lambda leaf: leaf.reshape(*indices.shape, *leaf.shape[1:]), draw(flat, indices.reshape(-1))
+    )
+    if not config.train.mirror:
+        return sample
+    if indices.ndim > 1:
+        mirrored = jnp.broadcast_to(mirrored[:, :1], mirrored.shape)
+
+    def choose(there, here):
+        return jnp.where(mirrored.reshape(*mirrored.shape, *[1] * (here.ndim - mirrored.ndim)), there, here)
+
+    return jax.tree.map(choose, _mirror(sample), sample)
+
+
+def _sample_one(episode: Episode, key: Key[Array, ""], config: Config) -> tuple[Sample, Bool[Array, ""]]:
+    """A window, and whether it is one to be mirrored."""
+    rollout = episode.rollout
+    count_key, start_key, noise_key, prior_key, side_key = jax.random.split(key, 5)
+    train = config.train
+    drawn = jax.random.randint(count_key, (), train.min_window, train.max_window + 1)
+    count = jnp.minimum(drawn, rollout.felt.length)
+    start = jax.random.randint(start_key, (), 0, rollout.felt.length - count + 1)
+    sample = Sample(
+        reading=read(
+            rollout.felt,
+            noise_key,
+            config.wrist,
+            config.scene,
+            rows=train.max_window,
+            start=start,
+            count=count,
+        ),
+        prior=_prior(episode, prior_key, config.scene.n_types),
+        hole_type=rollout.truth.hole_type,
+        hole_pos_world=rollout.truth.hole_pos_world,
+        failed=~(rollout.truth.inserted & (start + count == rollout.felt.length)),
+    )
+    return sample, jax.random.bernoulli(side_key)
+
+
+def _mirror(sample: Sample) -> Sample:
+    """The sample as it would be in the mirrored world."""
+    return replace(
+        sample,
+        reading=mirror_reading(sample.reading),
+        prior=mirror_belief(sample.prior),
+        hole_pos_world=mirror_place(sample.hole_pos_world),
+    )
+
+
+def _prior(episode: Episode, key: Key[Array, ""], n_types: int) -> Belief:
+    """μ0, Σ0 are what the interaction started from; ξ0 is three draws from U(0, 1) divided by their sum.
+
+    Drawing μ0 afresh would show the sensor two detector readings where a real attempt has one.
+    """
+    estimate = episode.rollout.felt.estimate_world
+    # uniform() may return 0 but never 1: a type of probability 0 would make the loss infinite.
+    draws = 1 - jax.random.uniform(key, (n_types,), estimate.dtype)
+    return Belief(estimate, episode.estimate_cov, jnp.log(draws / draws.sum()))

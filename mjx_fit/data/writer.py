@@ -1,0 +1,150 @@
+"""Adding shards to a data set, so that a kill at any moment loses the shard at work and nothing else.
+
+A shard is written under a temporary name, synced and renamed; the manifest is written anew after each shard.
+So whatever the manifest names is there and whole, and a collection that was killed goes on behind it.
+"""
+
+import sys
+from collections.abc import Iterable
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Int
+
+from mjx_fit.config.schema import config_differences, config_from_tree
+from mjx_fit.data import manifest as manifest_
+from mjx_fit.data.manifest import Manifest, Shard
+from mjx_fit.utils import files, locks, provenance
+from mjx_fit.utils.errors import RequestError
+
+_SIDE = {"broken", "report"}
+"""Folders that may stand beside the shards."""
+
+
+def new_manifest(request: dict[str, Any], part: tuple[int, int]) -> Manifest:
+    """The manifest of a data set of which nothing is there yet, made by this installation."""
+    return Manifest(request, part, provenance.versions(), config_from_tree(request["config"]).scene.names)
+
+
+def new_shard(name: str, episodes: Int[np.ndarray, "n"], content: bytes) -> Shard:
+    """The manifest's entry for a shard of these episodes, computed on this device, and the file's content."""
+    size, digest = len(content), files.sha256_of(content)
+    return Shard(name, int(episodes[0]), len(episodes), size, digest, provenance.device())
+
+
+def is_finished(folder: Path, wanted: Manifest, names: Iterable[str]) -> bool:
+    """Whether the folder holds all of what is wanted, whole. Nothing is written.
+
+    Raises:
+        RequestError: It holds something else.
+    """
+    if not (folder / manifest_.NAME).is_file():
+        return False
+    there = manifest_.read(folder)
+    _require_same(folder, there, wanted)
+    return there.complete and all(is_whole(folder, there, name) for name in names)
+
+
+def is_whole(folder: Path, manifest: Manifest, name: str) -> bool:
+    """Whether a shard is in the manifest and its file is as the manifest says."""
+    shard, path = manifest.shard(name), folder / name
+    return shard is not None and path.is_file() and files.sha256(path) == shard.sha256
+
+
+class Writer:
+    """A context manager: holds the folder for itself, and writes shards into it.
+
+    Args:
+        folder: Where to; made if it is not there.
+        wanted: The manifest of the whole, or of the part, without shards.
+
+    Raises:
+        RequestError: The folder holds something else, or another process writes to it.
+    """
+
+    def __init__(self, folder: Path, wanted: Manifest):
+        self._folder, self._wanted = folder, wanted
+
+    def __enter__(self) -> "Writer":
+        _require_ours(self._folder)
+        with ExitStack() as stack:
+            self._hold = stack.enter_context(locks.holding(self._folder))
+            self._manifest = self._begin()
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(self, *error) -> None:
+        self._stack.__exit__(*error)
+
+    def _begin(self) -> Manifest:
+        if (self._folder / manifest_.NAME).is_file():
+            there = manifest_.read(self._folder)
+            _require_same(self._folder, there, self._wanted)
+            return there
+        manifest_.write(self._folder, self._wanted)
+        return self._wanted
+
+    def missing(self, names: Iterable[str]) -> list[str]:
+        """Those of the shards that are not there, or not whole.
+
+        Raises:
+            RequestError: There are some, but other versions made the rest, and may compute other bytes.
+        """
+        missing = [name for name in names if not is_whole(self._folder, self._manifest, name)]
+        for name, there, here in provenance.differing(self._manifest.versions, self._wanted.versions):
+            if missing:
+                raise RequestError(
+                    f"--out: {self._folder} cannot be completed here: it was begun with {name} {there}, and "
+                    f"here is {here}"
+                )
+        for name in missing:
+            if self._manifest.shard(name) is not None:
+                print(f"mjx-fit: {name} in {self._folder} is damaged or missing: made anew", file=sys.stderr)
+        return missing
+
+    def write(self, shard: Shard, content: bytes) -> None:
+        """Adds or replaces a shard, whose file is to hold this content.
+
+        Raises:
+            WorkError: The folder was taken away.
+        """
+        self._hold.require()
+        files.write_bytes(self._folder / shard.name, content)
+        self._save(self._manifest.with_shard(shard))
+
+    def finish(self) -> None:
+        """Notes that all shards are there. What is finished is not touched again."""
+        self._save(replace(self._manifest, complete=True))
+
+    def _save(self, manifest: Manifest) -> None:
+        if manifest != self._manifest:
+            self._hold.require()
+            manifest_.write(self._folder, manifest)
+            self._manifest = manifest
+
+
+def _require_ours(folder: Path) -> None:
+    """A data set may go to a new folder, or to one in which a data set was begun."""
+    if folder.exists() and not folder.is_dir():
+        raise RequestError(f"--out: {folder} is not allowed: it must be a folder")
+    if not folder.is_dir() or (folder / manifest_.NAME).is_file():
+        return
+    foreign = files.foreign(folder, {manifest_.NAME, *_SIDE})
+    if foreign:
+        raise RequestError(f"--out: {folder} is not allowed: it holds other files ({foreign[0]})")
+
+
+def _require_same(folder: Path, there: Manifest, wanted: Manifest) -> None:
+    names = sorted(there.request.keys() | wanted.request.keys())
+    pairs = [(name, there.request.get(name), wanted.request.get(name)) for name in names]
+    for name, old, new in [*pairs, ("part", there.part, wanted.part)]:
+        if old != new:
+            detail = f": {old!r} there, {new!r} here"
+            if name == "config":
+                detail = f": {config_differences(*map(config_from_tree, (old, new)))[0]}"
+            raise RequestError(
+                f"--out: {folder} is not allowed: it holds another run (its {name} differs{detail})"
+            )

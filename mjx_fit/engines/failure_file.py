@@ -1,0 +1,87 @@
+"""Reading the file of a broken world, which may come from anyone who reports one."""
+
+import zipfile
+from pathlib import Path
+
+import numpy as np
+
+from mjx_fit.config.schema import config_from_yaml
+from mjx_fit.control.policies import NAMES
+from mjx_fit.utils.errors import RequestError
+
+LARGEST = 1 << 20
+"""Bytes of it, packed or not."""
+MAX_HORIZON = 10**6
+
+_FORM: dict[str, tuple[str, tuple[int, ...]]] = {
+    "qpos": ("f", (7,)),
+    "qvel": ("f", (7,)),
+    "step": ("i", ()),
+    "horizon": ("i", ()),
+    "config": ("U", ()),
+    "key": ("u", (2,)),
+    "peg_type": ("i", ()),
+    "hole_type": ("i", ()),
+    "hole_pos_world": ("f", (2,)),
+    "estimate_world": ("f", (2,)),
+    "policy": ("i", ()),
+}
+"""Kind and shape of each array."""
+
+
+def read(path: Path) -> dict[str, np.ndarray]:
+    """The arrays of the file, by their names.
+
+    Raises:
+        RequestError: It cannot be read, or is not as ``broken.report`` writes it.
+    """
+    try:
+        return _read(path)
+    except OSError as error:
+        raise RequestError(f"replay: {path} cannot be read: {error.strerror or error}") from None
+    except Exception as error:  # archives, tokens, NumPy's own: whatever they like
+        what = " ".join(str(error).split())[:120]
+        raise RequestError(f"replay: {path} is not the file of a broken world: {what}") from None
+
+
+def _read(path: Path) -> dict[str, np.ndarray]:
+    if not path.is_file():
+        raise FileNotFoundError(2, "there is no such file")
+    if path.stat().st_size > LARGEST:
+        raise ValueError(f"it has more than {LARGEST:,} bytes")
+    with zipfile.ZipFile(path) as packed:
+        names = sorted(info.filename for info in packed.infolist())
+        if names != sorted(f"{name}.npy" for name in _FORM):
+            raise ValueError(f"it must hold {', '.join(_FORM)} and nothing else")
+        if sum(info.file_size for info in packed.infolist()) > LARGEST:
+            raise ValueError(f"it unpacks to more than {LARGEST:,} bytes")
+        for name in _FORM:
+            _require_form(name, packed)
+    with np.load(path, allow_pickle=False) as kept:
+        arrays = {name: kept[name] for name in _FORM}
+    _require_values(arrays)
+    return arrays
+
+
+def _require_form(name: str, packed: zipfile.ZipFile) -> None:
+    """Before anything is allocated for it."""
+    kind, shape = _FORM[name]
+    with packed.open(f"{name}.npy") as file:
+        version = np.lib.format.read_magic(file)
+        reader = (
+            np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        )
+        found_shape, _, dtype = reader(file)
+    if dtype.kind != kind or found_shape != shape or dtype.itemsize > (LARGEST if kind == "U" else 8):
+        raise ValueError(f"{name}: {dtype} of shape {found_shape} is not allowed: it must be {kind} {shape}")
+
+
+def _require_values(arrays: dict[str, np.ndarray]) -> None:
+    for name, value in arrays.items():
+        if value.dtype.kind == "f" and not np.isfinite(value).all():
+            raise ValueError(f"{name}: it must be finite")
+    n_types = config_from_yaml(str(arrays["config"])).scene.n_types
+    ends = {"peg_type": n_types, "hole_type": n_types, "policy": len(NAMES), "horizon": MAX_HORIZON + 1}
+    for name, end in (*ends.items(), ("step", int(arrays["horizon"]))):
+        if not 0 <= int(arrays[name]) < end:
+            raise ValueError(f"{name}: {int(arrays[name])} is not allowed: it must be from 0 to {end - 1}")

@@ -1,0 +1,135 @@
+"""Contact in MJX, by ``mjx_fit.engines.mjx.collision`` and ``mjx_fit.engines.mjx.newton_solver``.
+
+``collide``, ``solve`` and ``integrate`` stand in the places of ``mjx.collision``, ``mjx.solve`` and
+``mjx.implicit``: they take and leave what those do, in scenes like this project's, one arm with a peg over
+one plate; ``require_supported`` says which. None of them, nor any other stage of a step, calls LAPACK.
+"""
+
+# MuJoCo's extension module has no stubs.
+# pyright: reportAttributeAccessIssue=false
+
+from functools import partial
+
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+from jaxtyping import Int
+from mujoco import mjx
+
+from mjx_fit.engines.mjx import collision, friction_cones, newton_solver
+from mjx_fit.utils.linalg import cholesky_factor, cholesky_solve, worlds_last
+
+
+def require_supported(model: mujoco.MjModel) -> None:
+    """Makes sure that a model is one that this module can read: of any other it would make nonsense.
+
+    Raises:
+        ValueError: Another cone or integrator, contacts of other dimensions, or joints other than hinges with
+            limits on both sides.
+    """
+    for what, holds in (
+        ("an elliptic cone", model.opt.cone == mujoco.mjtCone.mjCONE_ELLIPTIC),
+        ("the integrator implicitfast", model.opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST),
+        ("contacts of three dimensions", (model.geom_condim[model.geom_contype != 0] == 3).all()),
+        ("hinges", (model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE).all()),
+        ("limits on every joint", (model.jnt_limited != 0).all()),
+    ):
+        if not holds:
+            raise ValueError(f"MJX here needs {what}")
+
+
+def collide(model: mjx.Model, data: mjx.Data) -> mjx.Data:
+    """Finds the deepest contact points of the peg and the plate; see ``mjx.collision``."""
+    peg, plate = _geoms(model, "peg_box"), _geoms(model, "hole_box")
+    peg_body, plate_body = (int(model.geom_bodyid[geoms[0]]) for geoms in (peg, plate))
+    contact = data._impl.contact
+    points = worlds_last(partial(collision.deepest_points, count=len(contact.dist)))(
+        model.geom_pos[peg],
+        model.geom_size[peg],
+        model.geom_pos[plate],
+        model.geom_size[plate],
+        data.xpos[peg_body] - data.xpos[plate_body],
+        data.xmat[peg_body],
+    )
+    slide, spin, roll = jnp.maximum(model.geom_friction[peg[0]], mujoco.mjMINMU)  # as C does
+    # All boxes are alike in friction and stiffness, so that any one of each body stands for the others.
+    contact = contact.replace(
+        dist=points.dist,
+        pos=points.pos_plate + data.xpos[plate_body],
+        frame=points.frame,
+        geom=jnp.broadcast_to(jnp.array([peg[0], plate[0]]), contact.geom.shape),
+        friction=jnp.broadcast_to(jnp.stack([slide, slide, spin, roll, roll]), contact.friction.shape),
+        solref=jnp.broadcast_to(model.geom_solref[peg[0]], contact.solref.shape),
+        solimp=jnp.broadcast_to(model.geom_solimp[peg[0]], contact.solimp.shape),
+    )
+    return data.replace(_impl=data._impl.replace(contact=contact))
+
+
+def solve(model: mjx.Model, data: mjx.Data) -> mjx.Data:
+    """Finds the accelerations without and with the forces of limits and contacts; see ``mjx.solve``."""
+    impl = data._impl
+    contacts = len(impl.contact.dist)
+    solution = worlds_last(_solve)(
+        mjx.full_m(model, data),
+        data.qfrc_smooth,
+        (impl.efc_J, impl.efc_aref, impl.efc_D),
+        impl.contact.friction[0, 0],
+        jnp.asarray(model.opt.impratio),
+        data.qacc_warmstart,
+    )
+    force = jnp.concatenate([solution.limit_force, solution.contact_force.reshape(3 * contacts)])
+    return data.replace(
+        qacc=solution.acc,
+        qacc_smooth=solution.smooth_acc,
+        qfrc_constraint=solution.torque,
+        _impl=impl.replace(efc_force=force),
+    )
+
+
+def _solve(mass_matrix, torque, efc, friction, impratio, guess) -> newton_solver.Solution:
+    """MJX's rows, those of the limits before those of the contacts, as a problem, and its solution."""
+    jac, acc, weight = efc
+    n = len(torque)
+    contacts = friction_cones.from_rows(
+        jac[n:].reshape(-1, 3, *jac.shape[1:]),
+        acc[n:].reshape(-1, 3, *acc.shape[1:]),
+        weight[n::3],
+        friction,
+        impratio,
+    )
+    limit_side = jnp.stack([jac[i, i] for i in range(n)])
+    problem = newton_solver.Problem(mass_matrix, torque, limit_side, acc[:n], weight[:n], contacts)
+    return newton_solver.solve(problem, guess)
+
+
+def integrate(model: mjx.Model, data: mjx.Data) -> mjx.Data:
+    """Advances the state by MuJoCo's integrator ``implicitfast``; see ``mjx.implicit``.
+
+    The joints' damping is what it treats implicitly: (M + Δt B) a = all torques. Joints are hinges.
+    """
+    step = model.opt.timestep
+    velocity = worlds_last(_next_velocity)(
+        mjx.full_m(model, data),
+        step * model.dof_damping,
+        step * (data.qfrc_smooth + data.qfrc_constraint),
+        data.qvel,
+    )
+    return data.replace(
+        qpos=data.qpos + step * velocity,
+        qvel=velocity,
+        time=data.time + step,
+        qacc_warmstart=data.qacc,
+    )
+
+
+def _next_velocity(mass_matrix, damping, impulse, velocity):
+    matrix = mass_matrix + jnp.eye(len(damping))[:, :, None] * damping
+    return velocity + cholesky_solve(cholesky_factor(matrix), impulse)
+
+
+def _geoms(model: mjx.Model, prefix: str) -> Int[np.ndarray, "n"]:
+    """Ids of the geoms ``prefix0``, ``prefix1`` and so on."""
+    found = []
+    while (geom := mjx.name2id(model, mujoco.mjtObj.mjOBJ_GEOM, f"{prefix}{len(found)}")) >= 0:
+        found.append(geom)
+    return np.array(found)

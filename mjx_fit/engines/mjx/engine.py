@@ -1,0 +1,246 @@
+"""The MJX engine: one jitted function; scan over actions, scan over substeps, vmap over worlds."""
+
+# MuJoCo's extension module has no stubs.
+# pyright: reportAttributeAccessIssue=false
+
+from dataclasses import dataclass, replace
+from functools import cache, partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float
+from mujoco import mjx
+
+from mjx_fit.config.schema import Config
+from mjx_fit.control import operational_space, policies
+from mjx_fit.control.kinematics import chain_of
+from mjx_fit.control.policies import Policy
+from mjx_fit.engines import attempt_rules, policy_runner
+from mjx_fit.engines.mjx.step import accelerate, advance, models_of, placed, stacked_models
+from mjx_fit.engines.plausible import at_limit
+from mjx_fit.engines.requests import ANY_POLICY, MOST_THREADS, require_attempts, require_count
+from mjx_fit.engines.threads import on_threads, silence_mujoco
+from mjx_fit.scene.build import Scene, pair_index, simulation_scene
+from mjx_fit.types import SUBSTEPS, Array, Attempt, Felt, Rollout, Truth
+from mjx_fit.utils import interrupts, numerics
+from mjx_fit.utils.linalg import worlds_last
+
+_WITHOUT_EMITTERS = {"xla_cpu_use_fusion_emitters": False}
+
+
+def compiler_options() -> dict[str, bool]:
+    """XLA:CPU's fusion emitters recompute the kinematic chain for every element: 200 times slower.
+
+    JAX 0.11 dropped the option, and its emitters are better: there they cost a factor of two.
+    """
+    return _WITHOUT_EMITTERS if jax.default_backend() == "cpu" and _can_do_without_emitters() else {}
+
+
+@cache
+def _can_do_without_emitters() -> bool:
+    try:
+        jax.jit(jnp.negative, compiler_options=_WITHOUT_EMITTERS).lower(0.0).compile()
+    except jax.errors.JaxRuntimeError:
+        return False
+    return True
+
+
+MOST_ROWS = 128
+"""Most worlds in one computation on a CPU, so that what it works on stays small; how many there are depends
+on the batch alone, since arithmetic may differ in the last bit from one number of rows to another. No stage
+calls LAPACK: batches of its calls within loops can wait for each other for ever (jaxlib 0.10;
+experiments/physics/deadlock.py shows it)."""
+
+
+class MjxEngine:
+    """Runs attempts in MJX; see ``mjx_fit.engines.interface.Engine``.
+
+    On a CPU, XLA runs this computation on one thread, so each host thread takes a part of the batch through
+    it. On an accelerator the batch is one computation.
+    """
+
+    name = "mjx"
+
+    def __init__(self, config: Config, threads: int, policy: Policy | None = None):
+        """Compiles the scene.
+
+        Args:
+            config: The configuration.
+            threads: Host threads, where the device is the CPU.
+            policy: Gives the commands; None: the one that an attempt names.
+
+        Raises:
+            RequestError: The number of threads is not allowed.
+        """
+        numerics.require()
+        threads = require_count("threads", threads, 1, MOST_THREADS)
+        silence_mujoco()
+        self.scene = simulation_scene(config.scene)
+        self._models, self._axes = stacked_models(self.scene)
+        self._chain = chain_of(self.scene.models[0], self.scene.robot)
+        self.config = config
+        self._world = World(config, self.scene, policy or policies.shipped(config))
+        self._policies = len(policies.NAMES) if policy is None else ANY_POLICY
+        self._threads = threads if jax.default_backend() == "cpu" else 1
+        static = ("actions", "horizon")
+        self._jitted = jax.jit(self._rollout, static_argnames=static, compiler_options=compiler_options())
+        self._compiled: dict[tuple[int, int, int], jax.stages.Compiled] = {}
+
+    def run(
+        self,
+        attempts: Attempt,
+        actions: int | None = None,
+        active: Bool[np.ndarray, "n"] | None = None,
+        horizon: int | None = None,
+    ) -> Rollout:
+        """See ``Engine.run``."""
+        numerics.require()
+        actions = self.config.task.attempt_actions if actions is None else actions
+        actions, horizon, active = require_attempts(
+            attempts, actions, horizon, active, self.scene.config, self._policies
+        )
+        n = len(attempts.peg_type)
+        rows = self._rows(n)
+        rollout = self._executable(attempts, rows, actions, horizon)
+        starts = range(0, n, rows)
+        done: dict[int, Rollout] = {}
+
+        def run_part(start: int) -> None:
+            interrupts.check()
+            ids = np.arange(start, start + rows)
+            part = jax.tree.map(lambda leaf: leaf[np.minimum(ids, n - 1)], attempts)
+            done[start] = jax.tree.map(np.asarray, rollout(part, active[np.minimum(ids, n - 1)] & (ids < n)))
+
+        on_threads(self._threads, run_part, starts)
+        return jax.tree.map(lambda *parts: np.concatenate(parts)[:n], *(done[start] for start in starts))
+
+    def _rows(self, n: int) -> int:
+        """Worlds in one computation: of two parts or more, so that there is work for two threads."""
+        if jax.default_backend() != "cpu":
+            return n
+        return -(-n // max(2, -(-n // MOST_ROWS)))
+
+    def _executable(self, attempts: Attempt, rows: int, actions: int, horizon: int) -> jax.stages.Compiled:
+        if (rows, actions, horizon) not in self._compiled:
+
+            def shape(leaf):
+                return jax.ShapeDtypeStruct((rows, *leaf.shape[1:]), leaf.dtype)
+
+            active = jax.ShapeDtypeStruct((rows,), bool)
+            sizes = {"actions": actions, "horizon": horizon}
+            lowered = self._jitted.lower(jax.tree.map(shape, attempts), active, **sizes)
+            self._compiled[rows, actions, horizon] = lowered.compile()
+        return self._compiled[rows, actions, horizon]
+
+    def _rollout(self, attempts: Attempt, active: Bool[Array, "n"], actions: int, horizon: int) -> Rollout:
+        pair = pair_index(attempts.peg_type, attempts.hole_type, self.scene.n_types)
+        models = models_of(self._models, pair)
+        qpos = attempt_rules.start_qpos(self._chain, attempts, self.scene.config)
+        world = partial(self._world.rollout, actions=actions, horizon=horizon)
+        # Matrix products of lower precision (TF32 on some accelerators) ruin the constraint solver.
+        with jax.default_matmul_precision("highest"):
+            return jax.vmap(world, (self._axes, 0, 0, 0))(models, qpos, attempts, active)
+
+
+@dataclass(frozen=True)
+class World:
+    """One world in MJX.
+
+    Attributes:
+        config: The configuration.
+        scene: Its scene.
+        policy: Gives the commands.
+    """
+
+    config: Config
+    scene: Scene
+    policy: Policy
+
+    def rollout(
+        self,
+        model: mjx.Model,
+        qpos: Float[Array, "joints"],
+        attempt: Attempt,
+        active: Bool[Array, ""],
+        actions: int,
+        horizon: int,
+    ) -> Rollout:
+        """One attempt, from a posture; a world that is not active stands still."""
+        data = placed(model, qpos, attempt.hole_pos_world, self.scene.plate_top_m)
+        tare = _free_reading(model, data)
+
+        def act(carry, step):
+            data, running, limited, memory = carry
+            arm = arm_state(model, data, self.scene)
+            tip = attempt_rules.tip_of(arm)
+            state, command = policy_runner.act(self.policy, self.config.wrist, horizon, memory, tip, step)
+            after, wrench = self.hold(model, data, arm.tip_pos_world + command)
+            tip = attempt_rules.tip_of(arm_state(model, after, self.scene))
+            row = attempt_rules.trace_row(tip, wrench, command)
+            finite = jnp.isfinite(after.qpos).all() & jnp.isfinite(after.qvel).all()
+            # Asked of the state after the action: one more output of a step, and XLA rounds all of it
+            # otherwise.
+            limit = at_limit(after.ctrl, self.scene.robot)
+            verdict = attempt_rules.judge(tip, attempt.hole_pos_world, finite, limit, limited, self.config)
+            data = jax.tree.map(partial(jnp.where, running & verdict.valid), after, data)
+            row = jax.tree.map(lambda leaf: jnp.where(running, leaf, jnp.zeros_like(leaf)), row)
+            memory = replace(memory, state=state, wrench_sensor=wrench)
+            carry = data, running & ~verdict.over, verdict.limited, memory
+            return carry, (row, running, running & verdict.inserted, running & ~verdict.valid)
+
+        carry = data, active, jnp.int32(0), policy_runner.begin(self.policy, attempt, tare)
+        (end, *_), (trace, ran, inserted, broke) = jax.lax.scan(act, carry, jnp.arange(actions))
+        felt = Felt(
+            trace=trace,
+            length=ran.sum(),
+            tare_sensor=jnp.where(active, tare, 0),
+            estimate_world=attempt.estimate_world,
+            peg_type=attempt.peg_type,
+        )
+        truth = Truth(
+            hole_type=attempt.hole_type,
+            hole_pos_world=attempt.hole_pos_world,
+            inserted=inserted.any(),
+            valid=~broke.any(),
+            end_qpos=jnp.where(active, end.qpos, 0),
+            end_qvel=jnp.where(active, end.qvel, 0),
+        )
+        return Rollout(felt, truth)
+
+    def hold(
+        self, model: mjx.Model, data: mjx.Data, goal_pos_world: Float[Array, "3"]
+    ) -> tuple[mjx.Data, Float[Array, "50 6"]]:
+        """Pulls the tip to a goal for one action: 50 steps of control and physics.
+
+        Needs and leaves data whose position and velocity stages are current. Returns the wrench (N, N·m),
+        step by step.
+        """
+        torque = worlds_last(
+            partial(operational_space.torque, gains=self.config.control, robot=self.scene.robot)
+        )
+
+        def substep(data, _):
+            return advance(model, data, torque(arm_state(model, data, self.scene), goal_pos_world))
+
+        return jax.lax.scan(substep, data, length=SUBSTEPS)
+
+
+def arm_state(model: mjx.Model, data: mjx.Data, scene: Scene) -> operational_space.ArmState:
+    """What the controller needs, from data whose position and velocity stages are current."""
+    tip = scene.models[0].site(scene.robot.tool_site).id
+    return operational_space.ArmState(
+        qpos=data.qpos,
+        qvel=data.qvel,
+        mass_matrix=mjx.full_m(model, data),
+        bias=data.qfrc_bias,
+        tip_pos_world=data.site_xpos[tip],
+        tip_frame_world=data.site_xmat[tip],
+        joint_anchor_world=data.xanchor,
+        joint_axis_world=data.xaxis,
+    )
+
+
+def _free_reading(model: mjx.Model, data: mjx.Data) -> Float[Array, "6"]:
+    """What the sensor reads at rest in free space."""
+    return accelerate(model, data.replace(ctrl=data.qfrc_bias)).sensordata

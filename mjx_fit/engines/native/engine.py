@@ -1,0 +1,213 @@
+"""The native engine: MuJoCo's C engine on host threads, with the control and policies of the MJX engine.
+
+Each host thread takes a block of worlds through its attempts: few enough to stay in its cache, many enough
+that control, one jitted function over a block, is cheap for each. An attempt's trace does not depend on which
+others are run beside it, nor on how many.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import jax
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from mujoco.batch import Batch
+
+from mjx_fit.config.schema import Config
+from mjx_fit.control import policies
+from mjx_fit.control.policies import Policy
+from mjx_fit.engines import attempt_rules
+from mjx_fit.engines.attempt_rules import Verdict
+from mjx_fit.engines.native.block import Block, batch_at_rest
+from mjx_fit.engines.native.controller import ROWS, Brain, padded, rows_for
+from mjx_fit.engines.policy_runner import Memory
+from mjx_fit.engines.requests import ANY_POLICY, MOST_THREADS, require_attempts, require_count
+from mjx_fit.engines.threads import on_threads, parts_of, silence_mujoco
+from mjx_fit.scene.build import simulation_scene
+from mjx_fit.types import SUBSTEPS, Attempt, Rollout
+from mjx_fit.utils import interrupts, numerics
+
+OnStep = Callable[[Int[np.ndarray, "m"], Batch], None]
+
+
+class NativeEngine:
+    """Runs attempts in MuJoCo's C engine; see ``mjx_fit.engines.interface.Engine``."""
+
+    name = "native"
+
+    def __init__(
+        self,
+        config: Config,
+        threads: int,
+        policy: Policy | None = None,
+        on_step: OnStep | None = None,
+    ):
+        """Compiles the scene.
+
+        Args:
+            config: The configuration.
+            threads: Host threads that step the worlds.
+            policy: Gives the commands; None: the one that an attempt names.
+            on_step: Told, after every step of a block, which worlds it holds and their batch; from several
+                threads at once. For benchmarks and experiments.
+
+        Raises:
+            RequestError: The number of threads is not allowed.
+        """
+        numerics.require()
+        threads = require_count("threads", threads, 1, MOST_THREADS)
+        silence_mujoco()
+        self.config, self.scene = config, simulation_scene(config.scene)
+        self._threads, self._on_step = threads, on_step
+        self._policies = len(policies.NAMES) if policy is None else ANY_POLICY
+        self._brain = Brain(self.scene, config, policy or policies.shipped(config))
+
+    def run(
+        self,
+        attempts: Attempt,
+        actions: int | None = None,
+        active: Bool[np.ndarray, "n"] | None = None,
+        horizon: int | None = None,
+    ) -> Rollout:
+        """See ``Engine.run``."""
+        numerics.require()
+        actions = self.config.task.attempt_actions if actions is None else actions
+        actions, horizon, active = require_attempts(
+            attempts, actions, horizon, active, self.scene.config, self._policies
+        )
+        done = attempt_rules.nothing_done(attempts, actions, len(self.scene.robot.joints))
+        wanted = np.flatnonzero(active)
+        parts = [wanted[part] for part in parts_of(len(wanted), self._threads, ROWS[-1])]
+
+        def run_part(ids: Int[np.ndarray, "m"]) -> None:
+            part = self._part(attempts, ids, done)
+            for step in range(actions):
+                interrupts.check()
+                if not part.act(step, horizon):
+                    return
+
+        on_threads(self._threads, run_part, parts)
+        return done
+
+    def act(
+        self,
+        attempts: Attempt,
+        qpos: Float[np.ndarray, "m joints"],
+        qvel: Float[np.ndarray, "m joints"],
+        step: int,
+        horizon: int,
+    ) -> Rollout:
+        """One action of a few attempts, up to 512, from any state: only its row is filled.
+
+        The policy acts as from the state in which it begins, with nothing measured before.
+
+        Args:
+            attempts: A batch (m,).
+            qpos: Joint angles, rad.
+            qvel: Joint velocities, rad/s.
+            step: Number j of the action.
+            horizon: Actions that the policy plans for: as many rows come back.
+        """
+        done = attempt_rules.nothing_done(attempts, horizon, len(self.scene.robot.joints))
+        part = self._part(attempts, np.arange(len(qpos)), done)
+        part.block.move(qpos, qvel)
+        part.act(step, horizon)
+        return done
+
+    def batch_at_rest(self, attempts: Attempt) -> Batch:
+        """All these attempts as one batch of C simulations on all threads, at rest where they start."""
+        ids = np.arange(len(attempts.peg_type))
+        parts = parts_of(len(ids), 1, ROWS[-1])
+        starts = [np.asarray(self._brain.start(attempts=padded(attempts, part))) for part in parts]
+        qpos = np.concatenate([start[: len(part)] for start, part in zip(starts, parts, strict=True)])
+        return batch_at_rest(self.scene, attempts, qpos, self._threads)
+
+    def _part(self, attempts: Attempt, ids: Int[np.ndarray, "m"], done: Rollout) -> "_Part":
+        """The attempts with these ids at their start; what comes of them is written into ``done``."""
+        rows = padded(attempts, ids)
+        start = np.asarray(self._brain.start(attempts=rows))[: len(ids)]
+        own = jax.tree.map(lambda leaf: leaf[: len(ids)], rows)
+        block = Block(self.scene, self._brain.layout, own, start, len(rows.peg_type))
+        done.felt.tare_sensor[ids] = block.tare_sensor
+        memory = self._brain.begin(rows, padded(block.tare_sensor, np.arange(len(ids))))
+        return _Part(self._brain, block, memory, np.asarray(own.hole_pos_world), ids, done, self._on_step)
+
+
+@dataclass
+class _Part:
+    """Some attempts of a batch, run together by one thread.
+
+    Attributes:
+        brain: Control and policy.
+        block: Their simulations.
+        memory: The policy's, of the simulations that ``brain`` is shown, padded.
+        hole_pos_world: True centres of their holes, m.
+        ids: Which attempts of the batch they are.
+        done: What comes of them: arrays over the whole batch.
+        on_step: See ``NativeEngine``.
+    """
+
+    brain: Brain
+    block: Block
+    memory: Memory
+    hole_pos_world: Float[np.ndarray, "m 2"]
+    ids: Int[np.ndarray, "m"]
+    done: Rollout
+    on_step: OnStep | None
+
+    def __post_init__(self) -> None:
+        self._limited = np.zeros(len(self.ids), np.int32)
+        # Those shown are the running ones and finished ones, as long as no smaller number of rows would do.
+        self._running = self._shown = np.arange(len(self.ids))
+
+    def act(self, step: int, horizon: int) -> bool:
+        """One action of the running attempts, and what it comes to; whether any is left running.
+
+        Args:
+            step: Number j of the action.
+            horizon: Actions that the policy plans for.
+        """
+        before = self.block.qpos.copy(), self.block.qvel.copy()
+        state, command, goal = self.brain.act(self.memory, self.block.packed(), step, horizon)
+        for substep in range(SUBSTEPS):
+            self.block.step(np.asarray(self.brain.torque(self.block.packed(), goal)), substep)
+            if self.on_step is not None:
+                self.on_step(self.ids, self.block.batch)
+        felt = padded(self.block.wrench.swapaxes(0, 1), self._shown)
+        self.memory = replace(self.memory, state=state, wrench_sensor=felt)
+        over = np.asarray(self._recorded(step, np.asarray(command), before).over)
+        self._leave_out(over)
+        return not bool(over.all())
+
+    def _recorded(self, step: int, command: np.ndarray, before: tuple[np.ndarray, np.ndarray]) -> Verdict:
+        """The verdict on the running attempts, once what happened is written."""
+        block, done, running = self.block, self.done, self._running
+        place, ids = np.searchsorted(self._shown, running), self.ids[running]
+        tip = jax.tree.map(lambda leaf: np.asarray(leaf)[place], self.brain.tip(block.packed()))
+        row = attempt_rules.trace_row(tip, block.wrench.swapaxes(0, 1)[running], command[place])
+        for stored, now in zip(jax.tree.leaves(done.felt.trace), jax.tree.leaves(row), strict=True):
+            stored[ids, step] = now
+        at_limit, limited = block.at_limit()[running], self._limited[running]
+        verdict = attempt_rules.judge(
+            tip, self.hole_pos_world[running], block.finite()[running], at_limit, limited, self.brain.config
+        )
+        self._limited[running] = verdict.limited
+        done.felt.length[ids] = step + 1
+        done.truth.valid[ids], done.truth.inserted[ids] = verdict.valid, verdict.inserted
+        for stored, now, old in zip(
+            (done.truth.end_qpos, done.truth.end_qvel), (block.qpos, block.qvel), before, strict=True
+        ):
+            stored[ids] = np.where(verdict.valid[:, None], now[running], old[running])
+        return verdict
+
+    def _leave_out(self, over: Bool[np.ndarray, "r"]) -> None:
+        """Freezes the attempts that are over; the controller is shown fewer rows where fewer will do."""
+        if not over.any() or over.all():
+            return
+        self._running = self._running[~over]
+        self.block.run_only(self._running)
+        rows = rows_for(len(self._running))
+        if rows < len(self.memory.key):
+            self.memory = padded(self.memory, np.searchsorted(self._shown, self._running))
+            self._shown = self._running
+            self.block.show(self._shown, rows)

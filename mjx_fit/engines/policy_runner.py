@@ -1,0 +1,72 @@
+"""A policy inside a rollout: what it is shown before each action, and what it keeps from one to the next."""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Float, Int, Key
+
+from mjx_fit.config.sections.world import WristConfig
+from mjx_fit.control.policies import Policy, PolicyInput, PolicyStart, State, start_of
+from mjx_fit.engines.attempt_rules import Tip
+from mjx_fit.sensors import preprocess as wrist_
+from mjx_fit.types import SUBSTEPS, Array, Attempt, pytree
+
+_NOISE = 2**21
+"""Keeps the keys of the sensor's noise clear of those that policies derive from the same attempt's."""
+
+
+@pytree
+class Memory:
+    """What is kept of one attempt from action to action.
+
+    Attributes:
+        state: The policy's.
+        start: What it knew from the start.
+        key: The attempt's.
+        tare_sensor: The sensor's clean reading in free space, N and N·m.
+        wrench_sensor: Clean wrenches of the action before, N and N·m.
+    """
+
+    state: State
+    start: PolicyStart
+    key: Key[Array, ""]
+    tare_sensor: Float[Array, "6"]
+    wrench_sensor: Float[Array, "50 6"]
+
+
+def begin(policy: Policy, attempt: Attempt, tare_sensor: Float[Array, "6"]) -> Memory:
+    """The memory before the first action; the wrench is that of free space."""
+    start = start_of(attempt)
+    wrench = jnp.broadcast_to(tare_sensor, (SUBSTEPS, 6))
+    return Memory(policy.init(start, attempt.key), start, attempt.key, tare_sensor, wrench)
+
+
+def act(
+    policy: Policy, wrist: WristConfig, horizon: int, memory: Memory, tip: Tip, step: Int[Array, ""]
+) -> tuple[State, Float[Array, "3"]]:
+    """The policy's new state and its command (m) for one action.
+
+    Args:
+        policy: The policy.
+        wrist: Noise and threshold of the sensor.
+        horizon: Actions that the policy plans for.
+        memory: With the wrenches of the action before.
+        tip: The tip as the action begins.
+        step: Number j of the action.
+    """
+    tare_key, noise_key = jax.random.split(jax.random.fold_in(memory.key, _NOISE))
+    tare = wrist_.measured_tare(memory.tare_sensor, tare_key, wrist)
+    wrench = wrist_.measured(memory.wrench_sensor, tare, jax.random.fold_in(noise_key, step), wrist)
+    seen = PolicyInput(
+        start=memory.start,
+        attempt_key=memory.key,
+        key=jax.random.fold_in(memory.key, step),
+        step=step,
+        tip_pos_world=tip.pos_world,
+        tip_quat_world=tip.quat_world,
+        tip_linvel_world=tip.linvel_world,
+        tip_angvel_world=tip.angvel_world,
+        wrench_sensor=wrench,
+        contact=wrist_.in_contact(wrench, wrist),
+        horizon=horizon,
+    )
+    return policy.act(memory.state, seen)

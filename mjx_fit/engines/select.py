@@ -1,0 +1,51 @@
+"""Choosing an engine by its name."""
+
+import jax
+
+from mjx_fit.config.schema import Config
+from mjx_fit.control.policies import Policy
+from mjx_fit.engines.interface import Engine
+from mjx_fit.utils import granted_cpus
+from mjx_fit.utils.errors import RequestError, shown
+
+ENGINES = ("auto", "mjx", "native")
+
+
+def resolve(name: str) -> str:
+    """The engine that a name stands for: ``auto`` is MJX on an accelerator and native on a CPU.
+
+    Raises:
+        RequestError: There is no such engine.
+    """
+    if name not in ENGINES:
+        raise RequestError(f"--engine: {shown(name)} is not allowed: choose from {', '.join(ENGINES)}")
+    if name != "auto":
+        return name
+    return "native" if jax.default_backend() == "cpu" else "mjx"
+
+
+def make_engine(name: str = "auto", config: Config | None = None, policy: Policy | None = None) -> Engine:
+    """Make an engine, compiled for the configuration's scene, with the CPUs that this process may use.
+
+    Args:
+        name: ``mjx``, ``native``, or ``auto``: MJX on an accelerator and native on a CPU.
+        config: The configuration; None: the defaults.
+        policy: Gives the commands; None: the policy that each attempt names.
+
+    Raises:
+        RequestError: There is no such engine.
+
+    Example:
+        >>> import jax, mjx_fit as mf
+        >>> engine = mf.make_engine("native")
+        >>> rollouts = engine.run(mf.draw_attempts(jax.random.key(0), 4), actions=2)
+        >>> rollouts.felt.length.tolist()
+        [2, 2, 2, 2]
+    """
+    # Here, since to resolve a name neither engine is needed.
+    from mjx_fit.engines.mjx.engine import MjxEngine
+    from mjx_fit.engines.native.engine import NativeEngine
+
+    return (MjxEngine if resolve(name) == "mjx" else NativeEngine)(
+        config or Config(), granted_cpus.cpus(), policy
+    )

@@ -1,0 +1,144 @@
+"""An experiment with attempts in a row at one hole: its sensors, its request, and its work in parts."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from itertools import compress
+from typing import Any
+
+import numpy as np
+from jaxtyping import Int
+
+from mjx_fit.config.schema import Config
+from mjx_fit.engines.failures import Reporting
+from mjx_fit.evaluation import parts, result_file
+from mjx_fit.evaluation.parts import Rows
+from mjx_fit.evaluation.request import Request
+from mjx_fit.evaluation.results import Result
+from mjx_fit.evaluation.statistics import Row
+from mjx_fit.task import single_hole
+from mjx_fit.task.estimator import Update, filter_update, frame_update
+from mjx_fit.task.methods import HoleMethod
+from mjx_fit.training.checkpoint import FRAME_BY_FRAME
+from mjx_fit.training.sensor_loader import TrainedSensor
+from mjx_fit.utils.errors import RequestError
+from mjx_fit.utils.progress import COMPILING, Progress
+
+Outcomes = dict[str, single_hole.Outcome]
+Ids = Int[np.ndarray, "n"]
+
+
+@dataclass(frozen=True)
+class Study:
+    """What an experiment is made of.
+
+    Attributes:
+        experiment: Its name.
+        methods: What it compares.
+        asked: Of the request, what only it has.
+        max_attempts: At one hole.
+        n: Trials under each method.
+        holes: The world of some trials, by their ids.
+        rows: The rows of a result file for those trials.
+        summarise: What all rows come to.
+    """
+
+    experiment: str
+    methods: tuple[HoleMethod, ...]
+    asked: dict[str, Any]
+    max_attempts: int
+    n: int
+    holes: Callable[[Config, Ids], single_hole.Holes]
+    rows: Callable[[Ids, single_hole.Holes, Outcomes], Rows]
+    summarise: Callable[[Rows], list[Row]]
+
+
+def run(study: Study, request: Request) -> Result:
+    """Runs the study, or resumes it, or reads what came of it.
+
+    Args:
+        study: What is to be done.
+        request: What it is asked for.
+
+    Raises:
+        RequestError: A value is not allowed, there is no sensor for a method, or the file holds another
+            result.
+    """
+    sensors, config, differs = _sensors(study.methods, request)
+    request = replace(request, config=config)
+    asked = {
+        "methods": [method.name for method in study.methods],
+        **study.asked,
+        "sensor": {name: sensor.fingerprint for name, sensor in sensors.items()},
+        "differs_from_training": differs,
+    }
+    here = result_file.header(study.experiment, config, request.seed, request.engine.name, asked)
+    result = result_file.once(request.out, here, lambda: _worked_out(study, request, here, sensors))
+    parts.finish(request.out)
+    return result
+
+
+def _worked_out(
+    study: Study, request: Request, here: result_file.Header, sensors: dict[str, TrainedSensor]
+) -> Result:
+    config, out, engine, n_methods = request.config, request.out, request.engine, len(study.methods)
+    update = single_hole.update_of_rows(study.methods, _updates(study.methods, sensors, config))
+    pieces = parts.pieces(study.n, n_methods, engine.name)
+    finished = min(parts.kept(out) * len(pieces[0]), study.n) * n_methods
+    begins = COMPILING if engine.name == "mjx" else ""
+    with Progress(f"{study.experiment}: trials", study.n * n_methods, finished, begins) as progress:
+
+        def work(ids: Ids) -> Rows:
+            world = study.holes(config, ids)
+            reporting = Reporting(engine, config, result_file.broken(out) / f"trials-{ids[0]:06d}")
+            table = single_hole.HoleTable(config, study.methods, world, study.max_attempts)
+            for attempts in single_hole.rounds(table, reporting, update):
+                progress(finished, f"{attempts} attempts in this round")
+            wanted = np.tile(ids < study.n, n_methods)
+            return list(compress(study.rows(ids, world, table.outcomes()), wanted))
+
+        def told(rows: Rows) -> None:
+            nonlocal finished
+            finished = max(finished, len(rows))
+            progress(finished)
+
+        rows = parts.in_parts(out, here, pieces, work, told)
+    result = result_file.write(out, here, study.summarise(rows), rows)
+    parts.finish(out)
+    return result
+
+
+def _sensors(
+    methods: tuple[HoleMethod, ...], request: Request
+) -> tuple[dict[str, TrainedSensor], Config, list[str]]:
+    """Sensors by method, the configuration with the run's network, and in what it differs from training's."""
+    sensors, config, differs = {}, request.config, []
+    for method in methods:
+        if not method.reads:
+            continue
+        sensor = request.sensor if method.reads == "filter" else request.baseline
+        if sensor is None and method.reads == "frame" and request.sensor:
+            raise RequestError(
+                f"--run: {method.name} needs its {FRAME_BY_FRAME}, which is not there; leave it out of "
+                "--methods, or train with a train.baseline_share above 0"
+            )
+        if sensor is None:
+            raise RequestError(
+                f"--run: none is not allowed: {method.name} needs the folder of a training run"
+            )
+        sensors[method.name] = sensor
+        # The baseline's network and training are the run's, but for what makes it the baseline.
+        if method.reads == "filter":
+            config = sensor.adapt(config)
+        differs = differs or sensor.differences(config)
+    return sensors, config, differs
+
+
+def _updates(
+    methods: tuple[HoleMethod, ...], sensors: dict[str, TrainedSensor], config: Config
+) -> dict[str, Update]:
+    kinds = {"filter": filter_update, "frame": frame_update}
+    return {
+        method.name: kinds[method.reads](config, sensors[method.name].network)
+        for method in methods
+        if method.reads
+    }

@@ -1,0 +1,47 @@
+"""The worlds of the assembly experiment: holes, pegs and what the detector says, drawn by the trial's id."""
+
+from dataclasses import dataclass
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float, Int
+
+from mjx_fit.config.schema import Config
+from mjx_fit.scene.build import place_holes
+from mjx_fit.scene.detector import detect
+from mjx_fit.utils.randomness import root_key
+
+
+@dataclass(frozen=True)
+class Trials:
+    """What the world holds in each of T trials.
+
+    Attributes:
+        trial: (T,), ids, on which all draws depend.
+        hole_type: (T, n).
+        hole_pos_world: (T, n, 2), m.
+        estimate_world: (T, n, 2), what the detector says, m.
+        peg_type: (T, n), pegs in the order in which they are grasped.
+    """
+
+    trial: Int[np.ndarray, "T"]
+    hole_type: Int[np.ndarray, "T n"]
+    hole_pos_world: Float[np.ndarray, "T n 2"]
+    estimate_world: Float[np.ndarray, "T n 2"]
+    peg_type: Int[np.ndarray, "T n"]
+
+
+def draw_trials(config: Config, seed: int, trials: Int[np.ndarray, "T"]) -> Trials:
+    """Draws holes of random types at random places, pegs that match them in random order, and detections."""
+    n = config.task.n_holes
+    rngs = [np.random.default_rng([seed, trial]) for trial in trials]
+    hole_type = np.stack([rng.integers(config.scene.n_types, size=n) for rng in rngs])
+    peg_type = np.stack([rng.permutation(row) for rng, row in zip(rngs, hole_type, strict=True)])
+    hole_pos = np.stack([place_holes(rng, n, config.scene) for rng in rngs]).astype(np.float32)
+    fold = jax.vmap(jax.random.fold_in, (None, 0))
+    of_trial = fold(root_key(seed, "assembly: detector"), jnp.asarray(trials))
+    keys = jax.vmap(fold, (0, None))(of_trial, jnp.arange(n))
+    estimate = jax.vmap(jax.vmap(partial(detect, config=config.detector)))(keys, jnp.asarray(hole_pos))
+    return Trials(np.asarray(trials), hole_type, hole_pos, np.asarray(estimate), peg_type)

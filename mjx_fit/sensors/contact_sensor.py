@@ -1,0 +1,155 @@
+"""The learned contact sensor: a reading of an attempt becomes an observation that the filters understand."""
+
+import math
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+from flax import nnx
+from jaxtyping import Float
+
+from mjx_fit.config.sections.learning import SensorConfig
+from mjx_fit.sensors.encoder import WRENCH_AXES, TraceEncoder
+from mjx_fit.sensors.heads import MatchModel, PositionNoise, SkipMLP
+from mjx_fit.sensors.traces import require_reading
+from mjx_fit.types import Array, Observation, Reading
+
+METRES_PER_CM = 0.01
+ROW_FEATURES = 3 + 4 + 3 + 3 + 1 + 3
+CONTACT_FEATURES = 6 + 6 + 2 + 2
+MIN_INPUT_STD = 1e-4
+"""In SI units; an input that varies less over the training set is taken for constant and not blown up."""
+
+
+class InputScale(nnx.Variable):
+    """Mean and standard deviation of inputs over the training set: kept with the model, not trained."""
+
+
+class ContactSensor(nnx.Module):
+    """Encoders e1 and e2, virtual sensors h_pos and h_match, noise models R and H (figure 3 of the paper).
+
+    Readings and observations are in SI units. Inside, inputs are standardised and lengths are in cm.
+
+    With ``reference: final`` it is the paper's frame-by-frame baseline: it is shown positions relative to the
+    tip's final one instead of relative to the estimate, and says where the hole is from there. What it
+    returns is still measured from the estimate, and its R is the covariance of the hole's position itself.
+    """
+
+    def __init__(self, config: SensorConfig, rngs: nnx.Rngs, n_types: int = 3):
+        """Build the network; call ``fit_input_scale`` with training readings before it is trained.
+
+        Raises:
+            RequestError: The heads do not divide the width.
+        """
+        self.from_final_position = config.reference == "final"
+        self.wrench_scale = InputScale(jnp.stack([jnp.zeros(WRENCH_AXES), jnp.ones(WRENCH_AXES)]))
+        self.tells_contact = config.contact_features
+        n_rows = ROW_FEATURES + CONTACT_FEATURES * config.contact_features
+        self.row_scale = InputScale(jnp.stack([jnp.zeros(n_rows), jnp.ones(n_rows)]))
+        self.trace_encoder = TraceEncoder(config, n_rows, rngs)
+        code_width = self.trace_encoder.out_features + config.width
+        self.peg_encoder = nnx.Embed(n_types, config.width, rngs=rngs)
+        self.position = SkipMLP(code_width, 2, rngs)
+        self.match = SkipMLP(code_width, 2, rngs)
+        self.position_noise = PositionNoise(n_types, code_width, config.noise == "trace", rngs)
+        self.match_model = MatchModel(n_types, rngs)
+
+    def __call__(self, reading: Reading, rngs: nnx.Rngs | None = None) -> Observation:
+        """Observe.
+
+        Args:
+            reading: Any batch axes. What padding rows hold makes no difference.
+            rngs: Source of dropout while training; None at test.
+
+        Raises:
+            RequestError: A field of the reading has another shape or is not finite (``sensors.traces``).
+        """
+        require_reading(reading, self.match_model.n_types)
+        batch = reading.mask.shape[:-1]
+        flat = jax.tree.map(lambda x: x.reshape(math.prod(batch), *x.shape[len(batch) :]), reading)
+        origin = jnp.zeros((len(flat.peg_type), 2))
+        if self.from_final_position:
+            origin = final_position(flat)
+            flat = seen_from(flat, origin)
+        peg_type = jnp.asarray(flat.peg_type)
+        # Zeroed before anything is computed, so that not even a NaN in the padding can spread.
+        wrench = jnp.where(
+            flat.mask[..., None, None], _standard(flat.wrench_sensor, self.wrench_scale[...]), 0
+        )
+        rows = jnp.where(flat.mask[..., None], _standard(self._rows(flat), self.row_scale[...]), 0)
+        at = jnp.concatenate([flat.tip_pos_estimate[..., :2], contact_position(flat)], axis=-1)
+        places = jnp.where(flat.mask[..., None], at / METRES_PER_CM, 0)
+        trace_code = self.trace_encoder(wrench, rows, places, flat.mask, rngs)
+        code = jnp.concatenate([trace_code, self.peg_encoder(peg_type)], axis=-1)
+        observation = Observation(
+            innovation=origin + self.position(code) * METRES_PER_CM,
+            pos_noise_cov=self.position_noise(peg_type, code) * METRES_PER_CM**2,
+            match_logits=self.match(code),
+            match_model_logp=self.match_model(peg_type),
+        )
+        return jax.tree.map(lambda x: x.reshape(*batch, *x.shape[1:]), observation)
+
+    def fit_input_scale(self, reading: Reading) -> None:
+        """Standardise inputs as the real rows of these readings, (n, L, ...), are distributed."""
+        if self.from_final_position:
+            reading = seen_from(reading, final_position(reading))
+        self.wrench_scale[...] = _moments(reading.wrench_sensor, reading.mask[..., None])
+        self.row_scale[...] = _moments(self._rows(reading), reading.mask)
+
+    def _rows(self, reading: Reading) -> Float[Array, "*batch L features"]:
+        rows = row_features(reading)
+        return jnp.concatenate([rows, contact_features(reading)], axis=-1) if self.tells_contact else rows
+
+
+def final_position(reading: Reading) -> Float[Array, "n 2"]:
+    """Where the tip was in the last real row, relative to the estimate, m."""
+    last = jnp.maximum(reading.mask.sum(-1) - 1, 0)
+    return jnp.take_along_axis(reading.tip_pos_estimate, last[:, None, None], axis=1)[:, 0, :2]
+
+
+def seen_from(reading: Reading, origin: Float[Array, "n 2"]) -> Reading:
+    """The reading with horizontal positions relative to a place, which is given relative to the estimate."""
+    offset = jnp.pad(origin, ((0, 0), (0, 1)))[:, None]
+    return replace(reading, tip_pos_estimate=reading.tip_pos_estimate - offset)
+
+
+def row_features(reading: Reading) -> Float[Array, "*batch L features"]:
+    """All that a token is told beside its wrench window, in SI units."""
+    return jnp.concatenate(
+        [
+            reading.action_world,
+            reading.tip_pos_estimate,
+            reading.tip_quat_world,
+            reading.tip_linvel_world,
+            reading.tip_angvel_world,
+            reading.contact[..., None],
+        ],
+        axis=-1,
+    )
+
+
+def contact_position(reading: Reading) -> Float[Array, "*batch L 2"]:
+    """Centre of pressure of each action relative to the estimate, m."""
+    return reading.tip_pos_estimate[..., :2] + reading.pressure_tip
+
+
+def contact_features(reading: Reading) -> Float[Array, "*batch L features"]:
+    """What the wrench of an action comes to: its mean and spread, and where it pressed, in SI units.
+
+    A network could compute these itself, but quotients of its inputs are what it learns last.
+    """
+    wrench = reading.wrench_sensor
+    return jnp.concatenate(
+        [wrench.mean(-2), wrench.std(-2), reading.pressure_tip, contact_position(reading)], axis=-1
+    )
+
+
+def _standard(x: Float[Array, "*batch n"], scale: Float[Array, "2 n"]) -> Float[Array, "*batch n"]:
+    return (x - scale[0]) / scale[1]
+
+
+def _moments(x: Float[Array, "*batch n"], mask) -> Float[Array, "2 n"]:
+    """Mean and standard deviation over all axes but the last, of the entries that the mask keeps."""
+    axes, where = tuple(range(x.ndim - 1)), mask[..., None]
+    std = jnp.std(x, axes, where=where)
+    return jnp.stack([jnp.mean(x, axes, where=where), jnp.maximum(std, MIN_INPUT_STD)])

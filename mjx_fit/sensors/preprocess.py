@@ -1,0 +1,164 @@
+"""What the robot's sensors make of an rollout: a tared, noisy reading relative to the estimate.
+
+The simulator stores clean wrenches; noise is drawn when a trace is read, so that training sees it afresh each
+time and an evaluation once per attempt.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float, Int, Key
+
+from mjx_fit.config.sections.world import SceneConfig, WristConfig
+from mjx_fit.scene.parts import plate_top_m
+from mjx_fit.sensors.traces import require_readable
+from mjx_fit.types import Array, Felt, Reading
+
+MIN_PRESS_N = 1.0
+_ATTEMPTS_AT_ONCE = 256
+FACE_M = 0.04
+"""Twice the distance from the centre of a peg's face to its farthest edge along an axis."""
+
+
+def wrench_noise_std(wrist: WristConfig) -> Float[Array, "6"]:
+    """Standard deviation of one sample of (Fx, Fy, Fz, Tx, Ty, Tz), N and N·m."""
+    return jnp.array([wrist.force_noise_n] * 3 + [wrist.torque_xy_noise_nm] * 2 + [wrist.torque_z_noise_nm])
+
+
+def measured_tare(
+    tare_sensor: Float[Array, "6"], key: Key[Array, ""], wrist: WristConfig
+) -> Float[Array, "6"]:
+    """The mean of n samples at rest, as noisy as any: tare + ε, ε ~ N(0, σ² / n).
+
+    Args:
+        tare_sensor: Clean reading at rest in free space, N and N·m.
+        key: Source of the noise.
+        wrist: σ and n.
+    """
+    std = wrench_noise_std(wrist).astype(tare_sensor.dtype) / jnp.sqrt(wrist.tare_samples)
+    return tare_sensor + std * jax.random.normal(key, std.shape, std.dtype)
+
+
+def measured(
+    wrench_sensor: Float[Array, "*batch 6"],
+    tare_sensor: Float[Array, "6"],
+    key: Key[Array, ""],
+    wrist: WristConfig,
+) -> Float[Array, "*batch 6"]:
+    """A tared wrench with the sensor's noise: clean - tare + ε, ε ~ N(0, σ²) per sample.
+
+    Args:
+        wrench_sensor: Clean, N and N·m.
+        tare_sensor: As it was measured.
+        key: Source of the noise.
+        wrist: σ.
+    """
+    dtype = wrench_sensor.dtype
+    noise = jax.random.normal(key, wrench_sensor.shape, dtype)
+    return wrench_sensor - tare_sensor + wrench_noise_std(wrist).astype(dtype) * noise
+
+
+def in_contact(wrench_sensor: Float[Array, "*batch samples 6"], wrist: WristConfig) -> Bool[Array, "*batch"]:
+    """Whether the peg touches something during an action: by the root mean square of the measured force.
+
+    Args:
+        wrench_sensor: Measured during the action, tared, N and N·m.
+        wrist: Gives the threshold, ``contact_force_n``.
+    """
+    force = wrench_sensor[..., :3]
+    mean_square = (force * force).sum(-1).mean(-1)
+    return mean_square > wrist.contact_force_n**2
+
+
+def touched(felt: Felt, wrist: WristConfig) -> Bool[np.ndarray, "n J"]:
+    """The actions of n attempts in which there was contact, by the force without noise; padding has none."""
+    found = []
+    for first in range(0, len(felt.length), _ATTEMPTS_AT_ONCE):  # what is tared is a copy
+        rows = slice(first, first + _ATTEMPTS_AT_ONCE)
+        tare = np.asarray(felt.tare_sensor[rows])[:, None, None]
+        found.append(np.asarray(in_contact(np.asarray(felt.trace.wrench_sensor[rows]) - tare, wrist)))
+    length = np.asarray(felt.length)[:, None]
+    return np.concatenate(found) & (np.arange(felt.trace.action_world.shape[1]) < length)
+
+
+def centre_of_pressure(wrench_sensor: Float[Array, "*batch 6"], lever_m: float) -> Float[Array, "*batch 2"]:
+    """Where the resultant force meets the plane of the peg's lower face, from its centre, world x and y, m.
+
+    The torque about the tip is τ - r × F with r = (0, 0, lever); a force F_z at (x, y) makes (y F_z, -x F_z)
+    of it. The sensor looks down: its x is the world's, its y the world's -y. What lies beyond ``FACE_M`` is
+    brought there: with hardly any force the quotient means nothing.
+
+    Args:
+        wrench_sensor: Force (N) that the arm exerts on the peg over torque (N·m), tared.
+        lever_m: From the sensor to the tip, m.
+    """
+    force_x, force_y, force_z, torque_x, torque_y, _ = jnp.moveaxis(wrench_sensor, -1, 0)
+    press = jnp.maximum(force_z, MIN_PRESS_N)
+    along_x = -(torque_y - lever_m * force_x) / press
+    along_y = -(torque_x + lever_m * force_y) / press
+    return jnp.clip(jnp.stack([along_x, along_y], axis=-1), -FACE_M, FACE_M)
+
+
+def peak_force(felt: Felt) -> Float[np.ndarray, "n"]:
+    """Largest force of each of n attempts, N, tared: what the peg and the arm bear."""
+    wrench = felt.trace.wrench_sensor - felt.tare_sensor[:, None, None]
+    real = np.arange(wrench.shape[1]) < np.asarray(felt.length)[:, None]
+    return np.where(real[..., None], np.linalg.norm(wrench[..., :3], axis=-1), 0).max((1, 2))
+
+
+def read(
+    felt: Felt,
+    key: Key[Array, ""],
+    wrist: WristConfig,
+    scene: SceneConfig,
+    *,
+    rows: int,
+    start: int | Int[Array, ""] = 0,
+    count: int | Int[Array, ""] | None = None,
+) -> Reading:
+    """Read ``count`` actions of one attempt, from ``start`` on, into ``rows`` rows; vmap for a batch.
+
+    Noise of the tare is drawn once per reading.
+
+    Args:
+        felt: One attempt, without batch axes.
+        key: Source of the noise.
+        wrist: Noise of the force/torque sensor.
+        scene: Gives the height of the plate and the length of the peg.
+        rows: L, static: rows beyond the window are padding, zeros and masked out.
+        start: First action.
+        count: Actions to read; those beyond the attempt's end are padding. None: all there are.
+
+    Raises:
+        RequestError: The attempt cannot be read (``mjx_fit.sensors.traces``).
+    """
+    require_readable(felt, scene.n_types, batch=0)
+    offsets = jnp.arange(rows)
+    mask = start + offsets < felt.length
+    if count is not None:
+        mask &= offsets < count
+    # A gather with clipped indices: a dynamic slice near the end would shift the whole window instead.
+    last = felt.trace.action_world.shape[0] - 1
+    window = jax.tree.map(lambda rows_: rows_[jnp.minimum(start + offsets, last)], felt.trace)
+    window = jax.tree.map(
+        lambda x: jnp.where(mask.reshape(-1, *[1] * (x.ndim - 1)), x, jnp.zeros_like(x)), window
+    )
+
+    clean = window.wrench_sensor
+    sample_key, tare_key = jax.random.split(key)
+    tare = measured_tare(felt.tare_sensor, tare_key, wrist)
+    noisy = measured(clean, tare, sample_key, wrist)
+    origin = jnp.append(felt.estimate_world, jnp.asarray(plate_top_m(scene), clean.dtype))
+    wrench = jnp.where(mask[:, None, None], noisy, 0)
+    return Reading(
+        wrench_sensor=wrench,
+        pressure_tip=centre_of_pressure(wrench.mean(axis=1), scene.peg_length_m),
+        tip_pos_estimate=jnp.where(mask[:, None], window.tip_pos_world - origin, 0),
+        tip_quat_world=window.tip_quat_world,
+        tip_linvel_world=window.tip_linvel_world,
+        tip_angvel_world=window.tip_angvel_world,
+        contact=(mask & in_contact(wrench, wrist)).astype(clean.dtype),
+        action_world=window.action_world,
+        mask=mask,
+        peg_type=felt.peg_type,
+    )

@@ -1,0 +1,176 @@
+"""From a robot's log to what the sensors read, and back: values at the library's own times.
+
+The library reads wrenches at 500 Hz and everything else at 10 Hz, as ``Felt`` has them. A log may have any
+rate of its own: 100 Hz to 1 kHz for the wrench, 10 Hz and more for the pose.
+"""
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation, Slerp
+
+from mjx_fit.scene.robot import PANDA, Robot
+from mjx_fit.sensors.sensor_log import (
+    SLACK,
+    SensorLog,
+    action_times,
+    require_covered,
+    require_log,
+    require_poses,
+)
+from mjx_fit.types import Felt, Trace
+from mjx_fit.utils.errors import RequestError
+from mjx_fit.utils.rates import ACTION_S, STEP_S, SUBSTEPS
+
+LEAST_TARE_SAMPLES = 10
+
+
+def felt_from_log(
+    log: SensorLog, peg_type: int, estimate_world: Float[np.ndarray, "2"], robot: Robot = PANDA
+) -> Felt:
+    """What the sensors read of a log: its values at the times at which the library has them.
+
+    Action j lasts from ``command_time_s[j]`` for 0.1 s. Its 50 wrenches are those at 0, 2, ..., 98 ms from
+    there: linear interpolation up to 500 Hz, and above it the mean of the samples within 2 ms, with weights
+    that fall linearly to 0. Its pose and twist are those at its end, by linear interpolation, and for the
+    orientation along the great circle. No noise is added.
+
+    Args:
+        log: The attempt.
+        peg_type: Index of the peg's shape.
+        estimate_world: Where the attempt started: the estimate of the hole's centre, m.
+        robot: Gives the workspace.
+
+    Returns:
+        One attempt, without batch axes.
+
+    Raises:
+        RequestError: An array has another shape, a number is not finite, time does not ascend, samples are
+            more than 0.1 s apart, an orientation has no direction, or a position is outside the workspace, as
+            in millimetres it would be. The message names the array and the time.
+
+    Example:
+        >>> import jax, numpy as np, mjx_fit as mf
+        >>> rollouts = mf.make_engine("native").run(mf.draw_attempts(jax.random.key(0), 2), actions=3)
+        >>> felt = rollouts.felt[0]
+        >>> again = mf.felt_from_log(mf.log_from_felt(felt), int(felt.peg_type), felt.estimate_world)
+        >>> np.allclose(again.trace.wrench_sensor, felt.trace.wrench_sensor)
+        True
+    """
+    log = require_log(log)
+    begins = action_times(log.command_time_s)
+    ends = begins + ACTION_S
+    samples = (begins[:, None] + STEP_S * np.arange(SUBSTEPS)).ravel()
+    for name, time, first, last in (
+        ("wrench_time_s", log.wrench_time_s, samples[0], samples[-1]),
+        ("pose_time_s", log.pose_time_s, ends[0], ends[-1]),
+    ):
+        require_covered(name, time, first, last)
+    require_poses(log, robot)
+    wrench = _resampled(log.wrench_time_s, log.wrench_sensor, samples)
+    position = _interpolated(log.pose_time_s, log.tip_pos_world, ends)
+    turns = Rotation.from_quat(log.tip_quat_world, scalar_first=True)
+    inside = np.clip(ends, log.pose_time_s[0], log.pose_time_s[-1])
+    quaternion = Slerp(log.pose_time_s, turns)(inside).as_quat(scalar_first=True)
+    quaternion *= np.where(quaternion[:, 1:2] < 0, -1, 1)  # q and -q are one orientation; x is not negative
+    linvel, angvel = _twist(log, turns)
+    trace = Trace(
+        wrench_sensor=_single(wrench.reshape(-1, SUBSTEPS, 6)),
+        tip_pos_world=_single(position),
+        tip_quat_world=_single(quaternion),
+        tip_linvel_world=_single(_interpolated(log.pose_time_s, linvel, ends)),
+        tip_angvel_world=_single(_interpolated(log.pose_time_s, angvel, ends)),
+        action_world=_single(log.command_world),
+    )
+    length, peg = (np.array(number, np.int32) for number in (len(begins), peg_type))
+    return Felt(trace, length, _tare(log), _single(estimate_world), peg)
+
+
+def log_from_felt(felt: Felt, start_s: float = 0.0) -> SensorLog:
+    """The log that a robot would have of a simulated attempt: 500 Hz wrenches, 10 Hz poses, no noise.
+
+    Args:
+        felt: One attempt, without batch axes.
+        start_s: Time at which it begins.
+
+    Example:
+        >>> import jax, mjx_fit as mf
+        >>> rollouts = mf.make_engine("native").run(mf.draw_attempts(jax.random.key(0), 2), actions=3)
+        >>> mf.log_from_felt(rollouts.felt[0]).wrench_sensor.shape
+        (150, 6)
+    """
+    length, trace = int(felt.length), felt.trace
+    begins = start_s + ACTION_S * np.arange(length)
+    return SensorLog(
+        wrench_time_s=(begins[:, None] + STEP_S * np.arange(SUBSTEPS)).ravel(),
+        wrench_sensor=np.asarray(trace.wrench_sensor)[:length].reshape(-1, 6),
+        pose_time_s=begins + ACTION_S,
+        tip_pos_world=np.asarray(trace.tip_pos_world)[:length],
+        tip_quat_world=np.asarray(trace.tip_quat_world)[:length],
+        command_time_s=begins,
+        command_world=np.asarray(trace.action_world)[:length],
+        tare_sensor=np.asarray(felt.tare_sensor),
+        tip_linvel_world=np.asarray(trace.tip_linvel_world)[:length],
+        tip_angvel_world=np.asarray(trace.tip_angvel_world)[:length],
+    )
+
+
+def _resampled(
+    time: Float[np.ndarray, "n"], values: Float[np.ndarray, "n k"], at: Float[np.ndarray, "m"]
+) -> Float[np.ndarray, "m k"]:
+    """Means with triangular weights that end a step away; linear interpolation where samples are rarer.
+
+    The weights of evenly spaced samples at 500 Hz are those of linear interpolation.
+    """
+    origin = time[0]
+    sums = np.cumsum(np.column_stack([np.ones_like(time), values]), axis=0)
+    moments = np.cumsum((time - origin)[:, None] * np.column_stack([np.ones_like(time), values]), axis=0)
+    sums, moments = (np.vstack([np.zeros((1, table.shape[1])), table]) for table in (sums, moments))
+    first, middle, last = (np.searchsorted(time, at + shift) for shift in (-STEP_S, 0.0, STEP_S))
+    offset = (at - origin)[:, None]
+    rising = (moments[middle] - moments[first]) - (offset - STEP_S) * (sums[middle] - sums[first])
+    falling = (offset + STEP_S) * (sums[last] - sums[middle]) - (moments[last] - moments[middle])
+    weighted = (rising + falling) / STEP_S
+    dense = weighted[:, :1] > 1 + SLACK
+    mean = weighted[:, 1:] / np.where(dense, weighted[:, :1], 1)
+    return np.where(dense, mean, _interpolated(time, values, at))
+
+
+def _interpolated(
+    time: Float[np.ndarray, "n"], values: Float[np.ndarray, "n k"], at: Float[np.ndarray, "m"]
+) -> Float[np.ndarray, "m k"]:
+    return np.stack([np.interp(at, time, column) for column in values.T], axis=1)
+
+
+def _twist(log: SensorLog, turns: Rotation) -> tuple[Float[np.ndarray, "M 3"], Float[np.ndarray, "M 3"]]:
+    """Linear (m/s) and angular (rad/s) velocity at the times of the poses."""
+    time, linear, angular = log.pose_time_s, log.tip_linvel_world, log.tip_angvel_world
+    if linear is None:
+        linear = np.gradient(log.tip_pos_world, time, axis=0)
+    if angular is None:
+        rates = (turns[1:] * turns[:-1].inv()).as_rotvec() / np.diff(time)[:, None]
+        angular = _interpolated((time[1:] + time[:-1]) / 2, rates, time)
+    return linear, angular
+
+
+def _tare(log: SensorLog) -> Float[np.ndarray, "6"]:
+    if log.tare_sensor is not None:
+        return _single(log.tare_sensor)
+    if log.free_s is None:
+        raise RequestError(
+            "log: tare_sensor: none is not allowed: give the reading in free space, or free_s, a stretch "
+            "without contact"
+        )
+    begin, end = log.free_s
+    free = (log.wrench_time_s >= begin) & (log.wrench_time_s <= end)
+    if free.sum() < LEAST_TARE_SAMPLES:
+        raise RequestError(
+            f"log: free_s: [{begin:.3f}, {end:.3f}] s is not allowed: {int(free.sum())} wrenches are in "
+            f"it, and a tare needs {LEAST_TARE_SAMPLES}"
+        )
+    return _single(log.wrench_sensor[free].mean(0))
+
+
+def _single(array: Any) -> Any:
+    return np.asarray(array, np.float32)

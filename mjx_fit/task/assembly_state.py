@@ -1,0 +1,238 @@
+"""The state of many assemblies at once: a row is one trial under one method.
+
+A peg that goes into a hole of another type fills that hole, and the robot does not notice: the next peg is
+grasped, and the attempts count as they were made. It is *inserted wrongly*: no success, and no help by a
+human. Its own hole stays empty, so that a later peg, whose hole is taken, ends in any that is empty or with a
+human, who puts it into the first of those.
+"""
+
+from dataclasses import dataclass
+from operator import attrgetter
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from mjx_fit.config.schema import Config
+from mjx_fit.filters.outcome_model import success_probability
+from mjx_fit.filters.updates import initial_belief
+from mjx_fit.scene.scenarios import Trials
+from mjx_fit.sensors.preprocess import peak_force
+from mjx_fit.task import greedy
+from mjx_fit.task.attempt_log import Diary, believed
+from mjx_fit.task.attempt_loop import Tried, Try, spirals_at
+from mjx_fit.task.methods import Method, of_rows
+from mjx_fit.task.oracle import reveal_hole, reveal_match
+from mjx_fit.types import Belief, Rollout
+from mjx_fit.utils.randomness import root_key
+
+EMPTY = -1
+"""Content of a hole that is."""
+
+
+@dataclass(frozen=True)
+class State:
+    """Where all rows stand, R of them with n holes each.
+
+    Attributes:
+        active: Which rows have pegs left.
+        peg: Number of the peg in hand, from 0.
+        beliefs: About every hole, (R, n).
+        content: Type of the peg that the robot or a human put into each hole; -1 where it is empty.
+    """
+
+    active: Bool[np.ndarray, "R"]
+    peg: Int[np.ndarray, "R"]
+    beliefs: Belief
+    content: Int[np.ndarray, "R n"]
+
+    @property
+    def filled(self) -> Bool[np.ndarray, "R n"]:
+        """Which holes are."""
+        return self.content != EMPTY
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What each row tries next, and why.
+
+    Attributes:
+        hole: Which.
+        chance: How likely the attempt is thought to succeed.
+        next_best: The same of the best of the other empty holes; NaN where there is none.
+    """
+
+    hole: Int[np.ndarray, "R"]
+    chance: Float[np.ndarray, "R"]
+    next_best: Float[np.ndarray, "R"]
+
+
+class Table:
+    """The state of all rows, method by method, trial by trial: R = methods x trials.
+
+    Attributes:
+        pegs_done: (R,), pegs that are in, by the robot or by a human.
+        choice: What was chosen in the latest round.
+    """
+
+    choice: Choice
+
+    def __init__(self, config: Config, methods: tuple[Method, ...], trials: Trials, seed: int):
+        self._config, self._methods, self._n_trials = config, methods, len(trials.hole_type)
+        self._world = jax.tree.map(
+            lambda leaf: np.tile(leaf, (len(methods), *[1] * (leaf.ndim - 1))), trials.__dict__
+        )
+        n_rows, n = self._world["hole_type"].shape
+        self._trial = self._world["trial"]
+        self._beliefs = self._initial_beliefs()
+        self._content = np.full((n_rows, n), EMPTY)
+        self._tries = np.zeros((n_rows, n), np.int32)
+        self._attempts = np.zeros((n_rows, n), int)
+        self._human, self._wrongly = np.zeros((n_rows, n), bool), np.zeros((n_rows, n), bool)
+        self._diary = Diary(n_rows, n)
+        self.pegs_done = np.zeros(n_rows, int)
+        self._root = root_key(seed, "assembly: attempts")
+        self._keys = jax.jit(jax.vmap(self._attempt_keys))
+        self._choose = jax.jit(self._greedy)
+
+    @property
+    def active(self) -> Bool[np.ndarray, "R"]:
+        """Rows that have pegs left."""
+        return self.pegs_done < self._content.shape[1]
+
+    @property
+    def attempt_actions(self) -> int:
+        """Most actions in one attempt."""
+        return self._config.task.attempt_actions
+
+    def leave_out_all_but(self, row: int) -> None:
+        """Takes the other rows for done."""
+        self.pegs_done[np.arange(len(self.pegs_done)) != row] = self._content.shape[1]
+
+    def now(self) -> State:
+        """A copy of where the rows stand."""
+        beliefs = jax.tree.map(np.copy, self._beliefs)
+        return State(self.active, self._peg_number(), beliefs, self._content.copy())
+
+    def next_try(self) -> Try | None:
+        """The attempt that each row makes next, at the hole of ``choice``; None once all pegs are in."""
+        if not self.active.any():
+            return None
+        chosen = self._choose(self._beliefs, self._peg(), self._content != EMPTY, self._tries)
+        self.choice = Choice(*map(np.asarray, chosen))
+        hole, rows = self.choice.hole, np.arange(len(self._trial))
+        wiggle_keys, noise_keys = self._keys(self._trial, self._peg_number(), self._attempt_number())
+        hole_type, hole_pos = (self._world[name][rows, hole] for name in ("hole_type", "hole_pos_world"))
+        beliefs = self._belief_about(hole)
+        attempts = spirals_at(self._peg(), hole_type, hole_pos, beliefs.pos_mean_world, wiggle_keys)
+        return Try(attempts, self.active, beliefs, noise_keys)
+
+    def learn(self, tried: Tried) -> None:
+        """Takes over the beliefs about the holes that were tried, and reveals the truth to the bounds."""
+        chosen, rows = self.choice.hole, np.arange(len(self._trial))
+        open_rows = rows[self.active]
+        for leaf, new in zip(jax.tree.leaves(self._beliefs), jax.tree.leaves(tried.beliefs), strict=True):
+            leaf[open_rows, chosen[open_rows]] = np.asarray(new)[open_rows]
+        happened = tried.rollouts
+        failed = self.active & np.asarray(happened.truth.valid & ~happened.truth.inserted)
+        told = rows[failed & self._of("learns_truth")]
+        reveal_hole(self._beliefs, self._world, (told, chosen[told]))
+        told = rows[failed & self._of("learns_match")]
+        reveal_match(self._beliefs, self._world, (told, chosen[told]), self._peg()[told])
+        self._note(happened, tried.asked.beliefs)
+
+    def record(self, tried: Tried) -> None:
+        """Counts the attempts, fills holes, lets a human help at the cap, and hands out the next pegs."""
+        chosen = self.choice.hole
+        rows, happened = np.flatnonzero(self.active), tried.rollouts
+        inserted, wrongly = np.asarray(happened.truth.inserted), np.asarray(happened.inserted_wrongly)
+        peg, hole = self.pegs_done[rows], chosen[rows]
+        self._attempts[rows, peg] += 1
+        self._tries[rows, hole] += 1
+        helped = ~inserted[rows] & (self._attempts[rows, peg] == self._config.task.max_attempts)
+        # The human fills the first empty hole that truly matches; if another peg sits in it, any empty one.
+        empty = self._content == EMPTY
+        matching = (self._world["hole_type"] == self._peg()[:, None]) & empty
+        best = np.where(matching.any(1, keepdims=True), matching, empty)
+        hole = np.where(helped, best[rows].argmax(1), hole)
+        self._human[rows, peg], self._wrongly[rows, peg] = helped, wrongly[rows]
+        done = inserted[rows] | helped
+        self._content[rows[done], hole[done]] = self._peg()[rows[done]]
+        self._tries[rows[done]] = 0
+        self.pegs_done[rows[done]] += 1
+
+    def rows(self) -> list[dict]:
+        """What happened, ready for the result file."""
+        names = self._config.scene.names
+        return [
+            {
+                "trial": int(self._trial[row]),
+                "method": self._methods[row // self._n_trials].name,
+                "pegs": [names[peg] for peg in self._world["peg_type"][row]],
+                "attempts": self._attempts[row].tolist(),
+                "human": self._human[row].tolist(),
+                **({"inserted_wrongly": self._wrongly[row].tolist()} if self._wrongly[row].any() else {}),
+                "holes": [names[hole] for hole in self._world["hole_type"][row]],
+                **self._diary.of(row),
+            }
+            for row in range(len(self._trial))
+        ]
+
+    def _belief_about(self, chosen: Int[np.ndarray, "R"]) -> Belief:
+        """What each row believes of one of its holes."""
+        return jax.tree.map(lambda leaf: leaf[np.arange(len(chosen)), chosen], self._beliefs)
+
+    def _note(self, rollouts: Rollout, before: Belief) -> None:
+        """What was tried and why, what was believed of it before and after, and how hard it pressed."""
+        chosen, rows = self.choice.hole, np.flatnonzero(self.active)
+        position = self._world["hole_pos_world"][np.arange(len(chosen)), chosen]
+        match, error = believed(before, self._peg(), position)
+        match_after, error_after = believed(self._belief_about(chosen), self._peg(), position)
+        columns = {
+            "tried": chosen,
+            "chance": self.choice.chance,
+            "next_best": self.choice.next_best,
+            "match_probability": match,
+            "error_cm": error,
+            "peak_force_n": np.round(peak_force(rollouts.felt), 1),
+            "match_after": match_after,
+            "error_after_cm": error_after,
+        }
+        own = {name: values[rows] for name, values in columns.items()}
+        self._diary.write(rows, self.pegs_done[rows], **own)
+
+    def _initial_beliefs(self) -> Belief:
+        """Beliefs (R, n) as writable arrays: the detector's, or the truth for a method that knows it."""
+        world, config = self._world, self._config
+        estimate = jnp.asarray(world["estimate_world"])
+        detected = initial_belief(estimate, config.detector.prior_std_m, config.scene.n_types)
+        beliefs = jax.tree.map(np.array, detected)
+        reveal_hole(beliefs, world, self._of("knows_truth"))
+        return beliefs
+
+    def _of(self, trait: str) -> Bool[np.ndarray, "R"]:
+        return of_rows(self._methods, self._n_trials, attrgetter(trait))
+
+    def _greedy(self, beliefs: Belief, peg_type, filled, tries):
+        alpha = success_probability(self._config, beliefs.pos_cov)
+        reward = greedy.expected_reward(beliefs.type_logp, peg_type, alpha)
+        hole = greedy.greedy(reward, filled, tries)
+        chance = jnp.take_along_axis(reward, hole[:, None], axis=1)[:, 0]
+        return hole, chance, greedy.runner_up(reward, filled, hole)
+
+    def _attempt_keys(self, trial, peg_number, attempt_number):
+        key = self._root
+        for part in (trial, peg_number, attempt_number):
+            key = jax.random.fold_in(key, part)
+        wiggle, noise = jax.random.split(key)
+        return wiggle, noise
+
+    def _peg_number(self) -> Int[np.ndarray, "R"]:
+        return np.minimum(self.pegs_done, self._content.shape[1] - 1)
+
+    def _peg(self) -> Int[np.ndarray, "R"]:
+        return self._world["peg_type"][np.arange(len(self._trial)), self._peg_number()]
+
+    def _attempt_number(self) -> Int[np.ndarray, "R"]:
+        return self._attempts[np.arange(len(self._trial)), self._peg_number()]

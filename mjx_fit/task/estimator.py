@@ -1,0 +1,154 @@
+"""Where sensors and filters meet: a failed attempt becomes a better belief (lines 9 to 11 of Algorithm 1)."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from flax import nnx
+from jaxtyping import Bool, Int, Key
+
+from mjx_fit.config.schema import Config
+from mjx_fit.filters.outcome_model import success_probability
+from mjx_fit.filters.updates import update_position, update_type
+from mjx_fit.sensors.contact_sensor import ContactSensor
+from mjx_fit.sensors.preprocess import read
+from mjx_fit.sensors.traces import require_readable
+from mjx_fit.task.estimator_input import require_update
+from mjx_fit.types import Array, Belief, Felt, Observation, Reading, Rollout
+from mjx_fit.utils import numerics
+from mjx_fit.utils.errors import RequestError
+
+Update = Callable[[Belief, Felt, Key[Array, "n"]], Belief]
+"""The posterior of n holes, given what was felt in an attempt at each that failed.
+
+Keys are sources of the noise that a simulated F/T sensor adds. It raises ``RequestError`` where a field is
+not what it must be.
+"""
+
+
+def filter_update(
+    config: Config,
+    sensor: ContactSensor | None,
+    learns_position: Bool[np.ndarray, "n"] | bool = True,
+    learns_type: Bool[np.ndarray, "n"] | bool = True,
+) -> Update:
+    """Makes the update of position and type, from the failure itself and from what the sensor says of it.
+
+    Args:
+        config: Gives α, the wrist's noise and the plate's height.
+        sensor: The trained sensor; None: no row reads its trace.
+        learns_position: Whether the trace updates the position, of all rows or of each.
+        learns_type: Whether the trace updates the type; the failure does so all the same.
+
+    Example:
+        >>> import mjx_fit as mf
+        >>> sensor, holes = mf.load_sensor(), mf.draw_holes(0, 2)
+        >>> update = mf.filter_update(sensor.config, sensor.network)
+        >>> outcome = mf.try_holes(holes, {"full": update}, max_attempts=1)["full"]
+        >>> outcome.mean_world.shape  # before the attempt, and after it
+        (2, 2, 2)
+    """
+    numerics.require()
+    hard = config.task.hard_match
+    graph, state = nnx.split(sensor) if sensor is not None else (None, None)
+
+    def learn(state, beliefs, felt, keys, learns_position, learns_type):
+        alpha = success_probability(config, beliefs.pos_cov)
+        updated = update_type(beliefs, None, felt.peg_type, alpha, hard=hard)
+        if graph is None:
+            return updated
+        observation = nnx.merge(graph, state)(readings(felt, keys, config))
+        _require_same_types(observation, config)
+        moved = update_position(beliefs, observation)
+        typed = update_type(beliefs, observation, felt.peg_type, alpha, hard=hard)
+        return Belief(
+            pos_mean_world=where_rows(learns_position, moved.pos_mean_world, beliefs.pos_mean_world),
+            pos_cov=where_rows(learns_position, moved.pos_cov, beliefs.pos_cov),
+            type_logp=where_rows(learns_type, typed.type_logp, updated.type_logp),
+        )
+
+    compiled = jax.jit(learn)
+
+    def update(beliefs: Belief, felt: Felt, keys: Key[Array, "n"]) -> Belief:
+        require_update(beliefs, felt, keys, config.scene.n_types)
+        n = len(felt.length)
+        # Traced, not constants: rows of any traits are computed alike.
+        position, kind = (np.broadcast_to(one, n).copy() for one in (learns_position, learns_type))
+        return compiled(state, beliefs, felt, keys, position, kind)
+
+    return update
+
+
+def frame_update(config: Config, sensor: ContactSensor) -> Update:
+    """Makes the update of the frame-by-frame baseline: what its sensor says of the last attempt, and R."""
+    numerics.require()
+    graph, state = nnx.split(sensor)
+
+    @jax.jit
+    def learn(state, beliefs: Belief, felt: Felt, keys: Key[Array, "n"]) -> Belief:
+        seen = nnx.merge(graph, state)(readings(felt, keys, config))
+        _require_same_types(seen, config)
+        mean = felt.estimate_world + seen.innovation
+        return replace(beliefs, pos_mean_world=mean, pos_cov=seen.pos_noise_cov)
+
+    def update(beliefs: Belief, felt: Felt, keys: Key[Array, "n"]) -> Belief:
+        require_update(beliefs, felt, keys, config.scene.n_types)
+        return learn(state, beliefs, felt, keys)
+
+    return update
+
+
+def after_failures(update: Update, beliefs: Belief, rollouts: Rollout, keys: Key[Array, "n"]) -> Belief:
+    """The posterior after simulated attempts: of those that failed, by the update; the others keep theirs.
+
+    What was felt in an attempt that succeeded, or diverged, is not shown to the update.
+    """
+    failed = np.asarray(rollouts.truth.failed)
+    length = np.where(failed, rollouts.felt.length, 0).astype(np.int32)
+    learnt = update(beliefs, replace(rollouts.felt, length=length), keys)
+    return jax.tree.map(lambda new, old: where_rows(failed, new, old), learnt, beliefs)
+
+
+def readings(
+    felt: Felt, keys: Key[Array, "n"], config: Config, count: Int[Array, ""] | None = None
+) -> Reading:
+    """What the sensors are shown of attempts (n,): tared, with the wrist's noise from these keys.
+
+    Args:
+        felt: The attempts.
+        keys: Sources of the noise.
+        config: Gives the noise of the wrist and the scene.
+        count: Actions to read; the others are padding, so that it compiles once. None: all.
+
+    Raises:
+        RequestError: An attempt cannot be read (``mjx_fit.sensors.traces``).
+
+    Example:
+        >>> import jax, mjx_fit as mf
+        >>> felt = mf.make_engine("native").run(mf.draw_attempts(jax.random.key(0), 2), actions=3).felt
+        >>> mf.readings(felt, jax.random.split(jax.random.key(1), 2), mf.Config()).pressure_tip.shape
+        (2, 3, 2)
+    """
+    require_readable(felt, config.scene.n_types)
+    rows = felt.trace.action_world.shape[1]
+
+    def one(attempt: Felt, key: Key[Array, ""]) -> Reading:
+        return read(attempt, key, config.wrist, config.scene, rows=rows, count=count)
+
+    return jax.vmap(one)(felt, keys)
+
+
+def _require_same_types(observation: Observation, config: Config) -> None:
+    known = observation.match_model_logp.shape[-2]
+    if known != config.scene.n_types:
+        raise RequestError(
+            f"sensor: {known} types are not allowed: scene.shapes has {config.scene.n_types}; train a sensor "
+            "on these shapes"
+        )
+
+
+def where_rows(condition: Bool[Array, "n"], new: Array, old: Array) -> Array:
+    """Row by row the new value or the old one."""
+    return jnp.where(condition.reshape(-1, *[1] * (new.ndim - 1)), new, old)

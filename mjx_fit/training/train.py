@@ -1,0 +1,100 @@
+"""The sensor and, behind it, the baseline that the paper compares it with, in one run."""
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from mjx_fit.config.schema import Config
+from mjx_fit.data import manifest, reader
+from mjx_fit.data.episode import Episode
+from mjx_fit.training import run_folder
+from mjx_fit.training.checkpoint import FRAME_BY_FRAME
+from mjx_fit.training.compatibility import require_world
+from mjx_fit.training.loop import train
+from mjx_fit.training.split import require_chains, require_symmetric
+from mjx_fit.types import ACTION_BYTES
+from mjx_fit.utils import memory
+
+
+def train_from(
+    folder: Path, config: Config, out: Path, seed: int, members: int = 1, init: Path | None = None
+) -> bool:
+    """Train both on a stored data set, or go on with what was begun.
+
+    Args:
+        folder: Of the data set.
+        config: Everything.
+        out: Folder of the run.
+        seed: Root seed.
+        members: Of an ensemble.
+        init: Folder of another run, whose sensors these ones start from.
+
+    Returns:
+        Whether anything was left to do.
+
+    Raises:
+        RequestError: The data are of another scene or controller, ``train.sequence`` does not fit them, or
+            ``train.mirror`` the shapes; and
+            as ``mjx_fit.training.loop.train``.
+    """
+    there = manifest.read(folder)
+    request = there.request
+    require_world(request, config)
+    require_chains(request, config)
+    require_symmetric(config)
+    _require_memory(sum(shard.episodes for shard in there.shards), request["steps"], config)
+    return train_with_baseline(reader.load(folder), config, out, seed, members, init)
+
+
+@run_folder.held
+def train_with_baseline(
+    data: Episode, config: Config, out: Path, seed: int, members: int = 1, init: Path | None = None
+) -> bool:
+    """Train the sensor, then the frame-by-frame one on the same episodes, or go on with what was begun.
+
+    ``checkpoint.load_sensor(out / FRAME_BY_FRAME)`` loads the second; each member of an ensemble has its own.
+    With ``train.baseline_share: 0``, or where the sensor itself is of that kind, it is left out.
+
+    Returns:
+        Whether anything was left to do.
+
+    Raises:
+        RequestError: As ``mjx_fit.training.loop.train``.
+    """
+    _say_what_is_left_out(data)
+    trained = train(data, config, out, seed, members=members, init=init)
+    if config.train.baseline_share and config.sensor.reference != "final":
+        share = _of_baseline(config)
+        trained |= train(data, share, out, seed, members=members, inside=FRAME_BY_FRAME, init=init)
+    return trained
+
+
+def _require_memory(episodes: int, steps: int, config: Config) -> None:
+    """Refuses what certainly needs more memory than there is: all traces, and a batch of windows."""
+    memory.require(episodes * steps * ACTION_BYTES, f"--data: {episodes:,} interactions", "train on fewer")
+    windows = min(config.train.batch_size, episodes) * config.train.max_window
+    memory.require(
+        (episodes * steps + windows) * ACTION_BYTES,
+        f"config: train.batch_size: {config.train.batch_size} beside the data",
+        "lower it or train.max_window",
+    )
+
+
+def _say_what_is_left_out(data: Episode) -> None:
+    invalid = np.asarray(~data.rollout.truth.valid)
+    if invalid.any():
+        print(
+            f"mjx-fit: {invalid.sum():,} of {len(invalid):,} interactions are not valid: left out",
+            file=sys.stderr,
+        )
+
+
+def _of_baseline(config: Config) -> Config:
+    epochs = max(1, round(config.train.baseline_share * config.train.epochs))
+    return replace(
+        config,
+        sensor=replace(config.sensor, reference="final"),
+        train=replace(config.train, epochs=epochs),
+    )

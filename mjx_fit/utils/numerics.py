@@ -1,0 +1,186 @@
+"""Settings of the process that draws and arithmetic depend on: commands set them, the library checks them.
+
+JAX and NumPy keep them for the whole process: an environment variable, or a line in a notebook, would
+otherwise change every number without a word.
+"""
+
+import enum
+import os
+from functools import cache
+from typing import Any
+
+import jax
+import numpy as np
+from jaxtyping import Array, Key
+
+from mjx_fit.utils.errors import RequestError
+
+KEY_IMPL = "threefry2x32"
+"""How keys make random bits: named wherever a key is made."""
+
+_UNGUARDED = (None, "allow", "log", "log_explicit")
+
+PINNED: dict[str, tuple[Any, ...]] = {
+    # What changes draws:
+    "jax_enable_x64": (False,),
+    "jax_default_prng_impl": (KEY_IMPL,),
+    "jax_threefry_partitionable": (True,),
+    "jax_random_seed_offset": (0,),
+    "jax_high_dynamic_range_gumbel": (False,),
+    # What changes arithmetic:
+    "jax_default_matmul_precision": (None,),
+    "jax_numpy_dtype_promotion": ("standard",),
+    "jax_disable_jit": (False,),
+    "jax_disable_most_optimizations": (False,),
+    "jax_exec_time_optimization_effort": (0.0,),
+    "jax_memory_fitting_effort": (0.0,),
+    "jax_memory_fitting_level": ("O2",),
+    "jax_optimization_level": ("UNKNOWN",),
+    "jax_softmax_custom_jvp": (False,),
+    "jax_use_direct_linearize": (True,),
+    "jax_compiler_enable_remat_pass": (True,),
+    "eager_constant_folding": (False,),
+    # What makes correct code raise:
+    "jax_numpy_rank_promotion": ("allow", "warn"),
+    "jax_explicit_x64_dtypes": ("warn", "allow"),
+    "jax_legacy_prng_key": ("allow", "warn"),
+    "jax_transfer_guard": _UNGUARDED,
+    "jax_transfer_guard_host_to_device": _UNGUARDED,
+    "jax_transfer_guard_device_to_device": _UNGUARDED,
+    "jax_transfer_guard_device_to_host": _UNGUARDED,
+    "jax_array_garbage_collection_guard": (None, "allow", "log"),
+    "jax_debug_nans": (False,),
+    "jax_debug_infs": (False,),
+    "jax_debug_key_reuse": (False,),
+    "jax_check_tracer_leaks": (False,),
+    "jax_enable_checks": (False,),
+    "jax_error_checking_behavior_nan": ("ignore",),
+    "jax_error_checking_behavior_divide": ("ignore",),
+    "jax_error_checking_behavior_oob": ("ignore",),
+    "jax_thread_guard": (False,),
+    "jax_no_tracing": (False,),
+    "jax_no_execution": (False,),
+}
+"""Options of JAX, each with the values that are allowed; commands set the first. Those that an installed
+version of JAX lacks are left out."""
+
+_CARRIED = {
+    "NPY_DISABLE_CPU_FEATURES",
+    "NPY_ENABLE_CPU_FEATURES",
+    "NVIDIA_TF32_OVERRIDE",
+    "OPENBLAS_CORETYPE",
+    "XLA_FLAGS",
+}
+"""Variables that change arithmetic and that users set for good reasons."""
+
+_HARMLESS = {
+    "JAX_PLATFORMS",
+    "JAX_PLATFORM_NAME",
+    "JAX_CUDA_VISIBLE_DEVICES",
+    "JAX_ROCM_VISIBLE_DEVICES",
+    "JAX_CPU_ENABLE_ASYNC_DISPATCH",
+    "JAX_LOG_COMPILES",
+    "JAX_LOGGING_LEVEL",
+    "JAX_DEBUG_LOG_MODULES",
+    "JAX_EXPLAIN_CACHE_MISSES",
+    "JAX_TRACEBACK_FILTERING",
+    "JAX_INCLUDE_FULL_TRACEBACKS_IN_LOCATIONS",
+    "JAX_RAISE_PERSISTENT_CACHE_ERRORS",
+    "JAX_ENABLE_COMPILATION_CACHE",
+    "JAX_ENABLE_CUSTOM_PRNG",  # another type for keys of the old kind, which are not used
+    "JAX_DUMP_IR_TO",
+    "JAX_INCLUDE_DEBUG_INFO_IN_DUMPS",
+    "JAX_TRACEBACK_IN_LOCATIONS_LIMIT",
+    "JAX_TRACER_ERROR_NUM_TRACEBACK_FRAMES",
+    "JAX_LOG_CHECKPOINT_RESIDUALS",
+    "JAX_DUMP_IR_MODES",
+    "JAX_PPRINT_USE_COLOR",
+    "JAX_CAPTURED_CONSTANTS_WARN_BYTES",
+    "JAX_CAPTURED_CONSTANTS_REPORT_FRAMES",
+}
+_HARMLESS_BEGINNINGS = ("JAX_COMPILATION_CACHE_", "JAX_PERSISTENT_CACHE_")
+"""Variables of JAX that choose devices, caches and words. Any other that is set may change arithmetic."""
+
+
+def pin() -> dict[str, Any]:
+    """Sets every option of ``PINNED`` for the process, and NumPy's handling of overflow and the like.
+
+    Returns:
+        The options that would have changed something, with the value that each has now.
+    """
+    changed = {}
+    for name, allowed in _present().items():
+        if (value := _value(name)) != allowed[0]:
+            jax.config.update(name, allowed[0])
+            if value not in allowed:
+                changed[name] = allowed[0]
+    np.seterr(divide="warn", over="warn", under="ignore", invalid="warn")
+    return changed
+
+
+def require() -> None:
+    """Check the process before anything is drawn or computed; called wherever users come in.
+
+    Raises:
+        RequestError: An option of JAX or NumPy would change draws or arithmetic, or let correct code raise.
+    """
+    for name, allowed in _present().items():
+        if (value := _value(name)) not in allowed:
+            raise RequestError(
+                f"{name}: {value!r} is not allowed in a process that uses mjx_fit, whose numbers depend on "
+                f"it: it must be {' or '.join(map(repr, allowed))}; "
+                f"jax.config.update({name!r}, {allowed[0]!r}) sets it"
+            )
+    raising = sorted(name for name, what in np.geterr().items() if what == "raise")
+    if raising:
+        raise RequestError(
+            f"numpy.seterr: {raising[0]}='raise' is not allowed in a process that uses mjx_fit: it must be "
+            "'ignore' or 'warn'"
+        )
+
+
+def key(seed: int) -> Key[Array, ""]:
+    """A random key, whatever implementation JAX would take by default."""
+    return jax.random.key(seed, impl=KEY_IMPL)
+
+
+def carried() -> dict[str, str]:
+    """Variables of the environment that are set and change arithmetic: results of others do not mix.
+
+    Empty in an ordinary shell.
+    """
+    found = {name: " ".join(os.environ[name].split()) for name in os.environ if _is_carried(name)}
+    if "XLA_FLAGS" in found:
+        found["XLA_FLAGS"] = _flags(os.environ["XLA_FLAGS"])
+    return {name: value for name, value in sorted(found.items()) if value}
+
+
+@cache
+def _present() -> dict[str, tuple[Any, ...]]:
+    there = jax.config.values
+    return {name: allowed for name, allowed in PINNED.items() if name in there}
+
+
+def _value(name: str) -> Any:
+    """What holds here and now: within ``with jax.enable_x64(True)``, too."""
+    value = getattr(jax.config, name) if hasattr(jax.config, name) else jax.config.values[name]
+    return value.name.lower() if isinstance(value, enum.Enum) else value
+
+
+def _is_carried(name: str) -> bool:
+    if name in _CARRIED:
+        return True
+    of_jax = name.startswith("JAX_") and name not in _HARMLESS and name.lower() not in PINNED
+    return of_jax and not name.startswith(_HARMLESS_BEGINNINGS)
+
+
+def _flags(text: str) -> str:
+    """Flags of XLA in one order; the variable may name a file that holds them, and dumps change nothing."""
+    text = text.strip()
+    if text and not text.startswith("-"):
+        try:
+            with open(text, encoding="utf-8") as file:
+                text = file.read()
+        except (OSError, ValueError):
+            return text
+    return " ".join(sorted(flag for flag in set(text.split()) if not flag.startswith("--xla_dump")))

@@ -1,0 +1,82 @@
+"""How far long work is: a bar with the time left on a terminal, plain lines elsewhere. On stderr.
+
+A watchdog ends the process when the work stands still.
+"""
+
+import time
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import Progress as Bar
+
+from mjx_fit.utils import interrupts
+from mjx_fit.utils.watchdog import Watchdog
+
+SECONDS_BETWEEN_LINES = 5.0
+COMPILING = "compiling: the first part takes longest"
+"""Words to begin with where the first part may take minutes."""
+
+
+class Progress:
+    """A context manager; call it with what is done so far and a few words.
+
+    Args:
+        name: What the work is called.
+        total: How much there is to do.
+        done: How much was done before.
+        begins: A few words for the time before the first call.
+    """
+
+    def __init__(self, name: str, total: int, done: int = 0, begins: str = ""):
+        self._name, self._total, self._before, self._begins = name, total, done, begins
+        self._watchdog = Watchdog(name)
+        self._last_line = time.monotonic() - SECONDS_BETWEEN_LINES
+        self._paced_from: tuple[float, int] | None = None
+        self._console = Console(stderr=True, highlight=False)
+        self._bar = None
+        if self._console.is_terminal:
+            columns = (TextColumn(name), BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"))
+            self._bar = Bar(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=self._console)
+            self._task = self._bar.add_task("", total=total, completed=done)
+
+    def __enter__(self) -> "Progress":
+        self._watchdog.__enter__()
+        if self._bar is not None:
+            self._bar.start()
+        if self._begins:
+            self(self._before, self._begins)
+        return self
+
+    def __exit__(self, *error) -> None:
+        self._watchdog.__exit__(*error)
+        if self._bar is not None:
+            self._bar.stop()
+
+    def __call__(self, done: int, text: str = "") -> None:
+        """Shows that ``done`` of the total is done.
+
+        Raises:
+            StoppedError: The process was asked to stop.
+        """
+        interrupts.check()
+        self._watchdog.beat()
+        if self._bar is not None:
+            self._bar.update(self._task, completed=done, description=text)
+            return
+        now = time.monotonic()
+        # What was done before took no time, and the first part was compiled for: neither tells of the pace.
+        if self._paced_from is None and done > self._before:
+            self._paced_from = now, done
+        if now - self._last_line < SECONDS_BETWEEN_LINES and done < self._total:
+            return
+        self._last_line = now
+        words = [f"{self._name}: {done}/{self._total}", text, self._left(now, done)]
+        self._console.print(", ".join(filter(None, words)), soft_wrap=True)
+
+    def _left(self, now: float, done: int) -> str:
+        if done >= self._total:
+            return ""
+        since, first = self._paced_from or (now, done)
+        if done == first:
+            return "just begun"
+        return f"{(now - since) / (done - first) * (self._total - done):.0f} s left"

@@ -1,0 +1,45 @@
+"""MuJoCo's own viewer as a screen."""
+
+# MuJoCo's extension module has no stubs.
+# pyright: reportAttributeAccessIssue=false
+
+from collections.abc import Callable
+
+import mujoco
+import mujoco.viewer
+import numpy as np
+
+from mjx_fit.viz import scene_model as puppet_
+from mjx_fit.viz.camera import set_camera
+from mjx_fit.viz.scene_model import Puppet
+from mjx_fit.viz.timeline import Moment
+
+
+class Window:
+    """A window on the display. What is believed of the types stands in its corner in words."""
+
+    def __init__(self, puppet: Puppet):
+        self._puppet = puppet
+        self._viewer = mujoco.viewer.launch_passive(
+            puppet.model, puppet.data, show_left_ui=False, show_right_ui=False
+        )
+        set_camera(self._viewer.cam)
+
+    def show(
+        self, pose: Callable[[], None], moment: Moment, words: list[tuple[str, str]], panel: np.ndarray
+    ) -> None:
+        """See ``mjx_fit.viz.viewer.Screen``; the panel is left out, since images flicker in this viewer."""
+        with self._viewer.lock():
+            pose()
+            scene = self._viewer.user_scn
+            assert scene is not None  # it is, as long as the window is open
+            scene.ngeom = 0
+            puppet_.add(scene, self._puppet.marks(moment))
+        left, right = ("\n".join(column) for column in zip(*words, strict=True))
+        font, place = mujoco.mjtFontScale.mjFONTSCALE_150, mujoco.mjtGridPos.mjGRID_TOPRIGHT
+        self._viewer.set_texts((font, place, left, right))
+        self._viewer.sync()
+
+    def is_open(self) -> bool:
+        """See ``mjx_fit.viz.viewer.Screen``."""
+        return self._viewer.is_running()

@@ -1,0 +1,145 @@
+"""From a recording to the moments of a video: where the tip is, what is believed, what has been felt."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import jax
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from mjx_fit.engines.attempt_rules import START_HEIGHT_M
+from mjx_fit.evaluation.recording import Recording, Step
+from mjx_fit.scene.parts import plate_top_m
+from mjx_fit.scene.robot import ROBOTS
+from mjx_fit.task.assembly_state import EMPTY
+from mjx_fit.types import Belief
+from mjx_fit.utils.errors import require
+from mjx_fit.utils.rates import ACTION_S
+
+ACTIONS_PER_S = round(1 / ACTION_S)
+CLEAR_M = 0.09
+"""Height of the tip over the plates between attempts."""
+MOVE_S, LEARN_S, END_S = 0.8, 0.7, 1.2
+"""Seconds of the video that a movement, an update of the beliefs and the end take, whatever its speed."""
+
+
+@dataclass(frozen=True)
+class Moment:
+    """What one frame shows.
+
+    Attributes:
+        step: Which of the recording's steps it belongs to.
+        phase: The arm moves to the hole, attempts, or what was felt is learned.
+        actions: Actions of the attempt so far, fractional.
+        tip_pos_world: Where the tip is, m.
+        belief: What is believed of all holes.
+        content: Type of the peg in each hole; -1 where it is empty.
+        holding: Whether the peg is in the hand.
+    """
+
+    step: int
+    phase: Literal["move", "attempt", "learn"]
+    actions: float
+    tip_pos_world: Float[np.ndarray, "3"]
+    belief: Belief
+    content: Int[np.ndarray, "n"]
+    holding: bool
+
+    @property
+    def filled(self) -> Bool[np.ndarray, "n"]:
+        """Which holes are."""
+        return self.content != EMPTY
+
+
+def require_speed(speed: float) -> None:
+    """Refuses a speed at which nothing could be followed.
+
+    Raises:
+        RequestError: It is not allowed.
+    """
+    require("--speed", speed, 0.1, 100)
+
+
+def home(recording: Recording) -> Float[np.ndarray, "3"]:
+    """Where the tip rests before an assembly, m."""
+    return np.array(ROBOTS[recording.config.scene.robot].home_m)
+
+
+def moments(recording: Recording, fps: int, speed: float) -> list[Moment]:
+    """All moments of a recording.
+
+    Args:
+        recording: What was played.
+        fps: Frames in a second of the video.
+        speed: Seconds of an attempt in a second of the video.
+    """
+    shown: list[Moment] = []
+    tip = home(recording)
+    for index in range(len(recording.steps)):
+        shown += moments_of(recording, index, tip, fps, speed)
+        tip = shown[-1].tip_pos_world
+    return shown + [shown[-1]] * round(END_S * fps)
+
+
+def moments_of(
+    recording: Recording, index: int, tip: Float[np.ndarray, "3"], fps: int, speed: float
+) -> list[Moment]:
+    """The moments of one step, from where the tip is: it moves there, attempts, learns and lifts."""
+    step, top = recording.steps[index], plate_top_m(recording.config.scene)
+    path, clear = _path(step, top + START_HEIGHT_M), top + CLEAR_M
+    shown = [*_move(index, step, path[0], tip, clear, fps), *_attempt(index, step, path, fps, speed)]
+    return [*shown, *_learn(index, step, shown[-1].tip_pos_world, clear, fps)]
+
+
+def _move(number: int, step: Step, start, tip, clear: float, fps: int) -> Iterator[Moment]:
+    over = np.array([*start[:2], clear])
+    way = np.stack([tip, [*tip[:2], max(clear, tip[2])], over, start])
+    for share in _smooth(round(MOVE_S * fps)):
+        yield Moment(number, "move", 0.0, _along(way, share), step.before, step.content, True)
+
+
+def _attempt(number: int, step: Step, path, fps: int, speed: float) -> Iterator[Moment]:
+    length = int(step.rollout.felt.length)
+    frames = max(2, round(length / ACTIONS_PER_S / speed * fps))
+    for at in np.linspace(0, length, frames):
+        whole, rest = min(int(at), length - 1), at - min(int(at), length - 1)
+        place = (1 - rest) * path[whole] + rest * path[whole + 1]
+        yield Moment(number, "attempt", at, place, step.before, step.content, True)
+
+
+def _learn(number: int, step: Step, tip, clear: float, fps: int) -> Iterator[Moment]:
+    content = step.content.copy()
+    done = bool(step.rollout.truth.inserted) or step.helped is not None
+    if done:
+        content[step.hole if step.helped is None else step.helped] = int(step.rollout.felt.peg_type)
+    up = np.stack([tip, [*tip[:2], clear]])
+    for share in _smooth(round(LEARN_S * fps)):
+        belief = jax.tree.map(lambda a, b, share=share: (1 - share) * a + share * b, step.before, step.after)
+        yield Moment(
+            number, "learn", float(step.rollout.felt.length), _along(up, share), belief, content, not done
+        )
+
+
+def _path(step: Step, start_height_m: float) -> Float[np.ndarray, "steps 3"]:
+    """Where the tip was before the first action and after each."""
+    tips = np.array(step.rollout.felt.trace.tip_pos_world[: int(step.rollout.felt.length)])
+    first = np.array([*step.rollout.felt.estimate_world, start_height_m])
+    path = np.concatenate([first[None], tips])
+    if not step.rollout.truth.valid:  # where a world that broke went last is nowhere
+        path[-1] = path[-2]
+    return path
+
+
+def _smooth(frames: int) -> Float[np.ndarray, "frames"]:
+    """From 0 to 1 with no jerk at the ends: 10 s³ - 15 s⁴ + 6 s⁵."""
+    s = np.linspace(0, 1, max(frames, 2))
+    return s**3 * (10 - 15 * s + 6 * s**2)
+
+
+def _along(way: Float[np.ndarray, "k 3"], share: float) -> Float[np.ndarray, "3"]:
+    """The point that lies a share of a polygon's length from its beginning."""
+    legs = np.linalg.norm(np.diff(way, axis=0), axis=1)
+    at = np.concatenate([[0], np.cumsum(legs)])
+    keep = np.concatenate([[True], legs > 0])
+    return np.array([np.interp(share * at[-1], at[keep], way[keep, axis]) for axis in range(3)])

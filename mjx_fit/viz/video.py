@@ -1,0 +1,158 @@
+"""A recording as a video: the robot on the left, its belief and what it felt on the right."""
+
+import os
+import sys
+import warnings
+from collections.abc import Generator, Iterator
+from contextlib import closing
+from itertools import pairwise
+from pathlib import Path
+
+import imageio_ffmpeg
+import numpy as np
+from jaxtyping import UInt8
+from PIL import Image
+
+from mjx_fit.evaluation.recording import Recording
+from mjx_fit.scene.parts import plate_top_m
+from mjx_fit.utils import errors, files, locks
+from mjx_fit.utils.errors import RequestError, WorkError
+from mjx_fit.utils.progress import Progress
+from mjx_fit.viz.camera import Stage
+from mjx_fit.viz.panel import WIDTH_SHARE, Panel
+from mjx_fit.viz.scene_model import Puppet
+from mjx_fit.viz.timeline import Moment, moments, require_speed
+
+FORMATS = (".mp4", ".gif")
+SIZE_PX = (1280, 720)
+MANY_FRAMES = 2000
+"""Minutes of drawing without a graphics card."""
+MOST_GIF_FRAMES, MOST_GIF_FPS = 1000, 50
+"""A GIF counts in hundredths of a second, and its frames are held at once."""
+Frame = UInt8[np.ndarray, "h w 3"]
+
+
+def require(out: Path, fps: int, speed: float) -> None:
+    """Refuse a video that cannot be made, before an assembly is played for it.
+
+    Raises:
+        RequestError: A value is not allowed.
+    """
+    if out.suffix not in FORMATS:
+        raise RequestError(f"--out: {out} is not allowed: it must end in {' or '.join(FORMATS)}")
+    errors.require("--fps", fps, 1, 60)
+    require_speed(speed)
+    if out.suffix == ".gif" and fps > MOST_GIF_FPS:
+        raise RequestError(f"--fps: {fps} is not allowed for a GIF: it must be at most {MOST_GIF_FPS}")
+    if out.is_dir():
+        raise RequestError(f"--out: {out} is not allowed: it is a folder")
+    files.require_writable(out)
+
+
+def render(recording: Recording, out: Path, fps: int, speed: float, size: tuple[int, int] = SIZE_PX) -> Path:
+    """Writes the video of a recording, whole or not at all.
+
+    Args:
+        recording: What was played.
+        out: An ``.mp4`` (H.264) or ``.gif``.
+        fps: Frames per second.
+        speed: Seconds of an attempt in a second of the video.
+        size: Width and height, px; even numbers.
+
+    Raises:
+        RequestError: A value is not allowed.
+        WorkError: The encoder failed.
+    """
+    require(out, fps, speed)
+    shown = moments(recording, fps, speed)
+    if out.suffix == ".gif" and len(shown) > MOST_GIF_FRAMES:
+        raise RequestError(
+            f"--out: {out} is not allowed: a GIF of {len(shown)} frames would be held in memory, up to "
+            f"{MOST_GIF_FRAMES} are; take .mp4, --attempt, fewer --fps or more --speed"
+        )
+    if len(shown) > MANY_FRAMES:
+        what = f"{len(shown)} frames for {len(recording.steps)} attempts"
+        print(f"render: {what}; a larger --speed, or one --attempt, has fewer", file=sys.stderr)
+    write = _write_gif if out.suffix == ".gif" else _write_mp4
+    # Closed here: at the end of the process there is no graphics library left to free a context with.
+    with locks.holding_file(out), closing(_frames(recording, shown, size)) as frames:
+        files.replace_with(out, lambda hidden: write(frames, hidden, fps, size))
+    return out
+
+
+def still(recording: Recording, share: float, size: tuple[int, int] = SIZE_PX) -> Frame:
+    """One frame of the video: the one at a share of its length."""
+    shown = moments(recording, 20, 8.0)
+    return next(_drawn(recording, [shown[round(share * (len(shown) - 1))]], size))
+
+
+def _frames(recording: Recording, shown: list[Moment], size: tuple[int, int]) -> Generator[Frame]:
+    with (
+        Progress("drawing: frames", len(shown)) as progress,
+        closing(_drawn(recording, shown, size)) as drawn,
+    ):
+        for number, frame in enumerate(drawn, 1):
+            yield frame
+            progress(number)
+
+
+def _drawn(recording: Recording, shown: list[Moment], size: tuple[int, int]) -> Generator[Frame]:
+    width, height = size
+    beside = round(width * WIDTH_SHARE)
+    acting, panel = Puppet(recording), Panel(recording, beside, height)
+    stage = Stage(acting, width - beside, height)
+    scene = recording.config.scene
+    corner = [0.72 * scene.plate_half_width_m, -0.72 * scene.plate_half_width_m, plate_top_m(scene)]
+    numbers = np.pad(recording.hole_pos_world, ((0, 0), (0, 1))) + corner
+    postures = acting.postures(np.stack([moment.tip_pos_world for moment in shown]))
+    try:
+        for moment, qpos in zip(shown, postures, strict=True):
+            step = recording.steps[moment.step]
+            acting.pose(moment, step, qpos)
+            image = stage.draw(moment)
+            places = [stage.on_image(point) for point in numbers]
+            image = panel.label(image, places, step.hole)
+            yield np.concatenate([image, panel.draw(moment)], axis=1)
+    finally:
+        stage.close()
+
+
+def _write_mp4(frames: Iterator[Frame], path: Path, fps: int, size: tuple[int, int]) -> None:
+    writer = imageio_ffmpeg.write_frames(
+        str(path),
+        size,
+        fps=fps,
+        codec="libx264",
+        output_params=["-preset", "fast", "-movflags", "+faststart", "-f", "mp4"],
+        macro_block_size=2,
+    )
+    with warnings.catch_warnings():
+        # JAX warns of any fork; this one becomes the encoder at once.
+        warnings.filterwarnings("ignore", "os.fork", RuntimeWarning)
+        writer.send(None)
+    own = os.environ.get("IMAGEIO_FFMPEG_EXE")
+    why = f", and has {own} (IMAGEIO_FFMPEG_EXE) libx264?" if own else "?"
+    failed = WorkError(f"render: the video could not be encoded whole: is there room for it{why}")
+    sent = 0
+    try:
+        for frame in frames:
+            writer.send(np.ascontiguousarray(frame))
+            sent += 1
+    except OSError:
+        raise failed from None
+    finally:
+        writer.close()
+    # The encoder may also end early without a word: a full disk, say, shows in what it left.
+    try:
+        encoded = imageio_ffmpeg.count_frames_and_secs(str(path))[0]
+    except RuntimeError:
+        encoded = None
+    if encoded != sent:
+        raise failed
+
+
+def _write_gif(frames: Iterator[Frame], path: Path, fps: int, size: tuple[int, int]) -> None:
+    images = [Image.fromarray(frame).quantize(128) for frame in frames]
+    ends = [10 * round(100 * k / fps) for k in range(len(images) + 1)]  # ms, in whole hundredths
+    lasts = [end - begin for begin, end in pairwise(ends)]
+    images[0].save(path, "GIF", save_all=True, append_images=images[1:], duration=lasts, loop=0)

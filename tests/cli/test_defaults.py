@@ -1,0 +1,144 @@
+"""What commands do when no option says otherwise, and what may not change with it."""
+
+import hashlib
+import json
+from pathlib import Path
+
+import pytest
+from places import EARLIER_RUN
+
+from mjx_fit.cli import commands, main
+from mjx_fit.cli.arguments import parser
+from mjx_fit.config.files import read_config, read_stored_config
+from mjx_fit.config.schema import Config, config_differences, config_to_yaml
+from mjx_fit.config.sections.learning import SensorConfig, TrainConfig
+from mjx_fit.data.manifest import Manifest
+from mjx_fit.data.plan import Plan, plan_of
+from mjx_fit.training.checkpoint import load_sensor
+from mjx_fit.utils import resources
+from mjx_fit.utils.errors import RequestError
+
+REQUESTS = "7b073a3030f4736c0c48500af961d62f"
+"""Digest of two requests as they were stored when the paper's sensor and training were the defaults."""
+
+
+@pytest.fixture
+def planned(monkeypatch):
+    """The plan that a command line makes."""
+    plans = []
+    monkeypatch.setattr(
+        "mjx_fit.data.collect.collect", lambda config, out, plan, engine, update: plans.append(plan)
+    )
+
+    def plan(*options) -> Plan:
+        assert main.main(["collect", "--out", "d", *options]) == 0
+        return plans[-1]
+
+    return plan
+
+
+def test_collect_collects_spirals_as_long_as_an_attempt(planned):
+    assert planned() == Plan()
+    assert (Plan().policy, Plan().actions) == ("spiral", 100)
+    assert Config().task.attempt_actions == 100
+    assert planned("--set", "task.attempt_actions=40").actions == 40
+
+
+def test_steps_is_another_name_of_actions(planned, capsys):
+    assert planned("--actions", "7") == planned("--steps", "7") == Plan(actions=7)
+    assert main.main(["collect", "--out", "d", "--actions", "7", "--steps", "8"]) == 2
+    err = capsys.readouterr().err
+    assert err.count("\n") == 1
+    assert "--steps: not allowed with argument --actions" in err
+    with pytest.raises(SystemExit):
+        parser().parse_args(["collect", "--help"])
+    said = capsys.readouterr().out
+    assert "--actions J" in said
+    assert "--steps" not in said
+
+
+def test_stored_requests_do_not_follow_the_defaults():
+    """Bytes of shards and digests of manifests hold them; the key is still ``steps``."""
+    cpu = read_config(resources.folder("configs") / "cpu.yaml")
+    asked = [
+        Plan(12, 7, "mixed", "native", 3, 4, 2).request(Config()),
+        Plan(actions=5, policy="random", engine="native").request(cpu),
+    ]
+    assert hashlib.md5((json.dumps(asked) + "\n").encode()).hexdigest() == REQUESTS
+
+    plan = plan_of(Manifest(asked[0], (1, 3), {}, ()))
+    assert plan == Plan(12, 7, "mixed", "native", 3, 4, 2, shard_index=1, num_shards=3)
+    assert "--actions 7 --policy mixed" in plan.command(Path("d"))
+    assert "--steps" not in plan.command(Path("d"))
+
+
+def test_train_without_a_preset_is_the_training_that_ships():
+    ships = read_config(resources.folder("weights") / "config.yaml")
+    assert ships == Config() == read_config(resources.folder("configs") / "cpu.yaml")
+
+
+def test_presets_mean_what_they_meant():
+    folder = resources.folder("configs")
+    paper = read_config(folder / "paper.yaml")
+    assert paper.sensor == SensorConfig(
+        width=64,
+        conv_channels=(16, 32, 64, 64, 64),
+        layers=4,
+        heads=4,
+        feedforward=128,
+        dropout=0.0,
+        positional=False,
+        causal=False,
+        noise="peg",
+        reference="estimate",
+        contact_features=False,
+        places=0,
+    )
+    assert paper.train == TrainConfig(
+        epochs=5000,
+        batch_size=128,
+        learning_rate=1e-4,
+        schedule="constant",
+        adam_b2=0.99,
+        weight_decay=0.0,
+        mirror=False,
+        min_window=20,
+        max_window=100,
+        sequence=1,
+        validation_fraction=0.1,
+        patience=0,
+        baseline_share=1.0,
+    )
+    quick = read_config(folder / "quick.yaml")
+    assert config_differences(Config(), quick) == ["train.baseline_share is 0.5 there and 0.0 here"]
+    demo = read_config(folder / "demo.yaml")
+    assert config_differences(Config(), demo) == [
+        "task.max_attempts is 30 there and 10 here",
+        "task.outcome_model is constant there and covariance here",
+    ]
+
+
+def test_other_trainings_are_named_with_files_that_exist(monkeypatch, tmp_path):
+    for where in (resources.folder("configs").parent, tmp_path):
+        monkeypatch.chdir(where)
+        said = commands._other_trainings()
+        assert "\n" not in said
+        for name in ("quick.yaml", "paper.yaml"):
+            path = next(word for word in said.split() if word.endswith(name))
+            assert (where / path).is_file()
+
+
+def test_a_key_that_a_stored_run_lacks_means_what_it_meant_then(tmp_path):
+    """``tests/earlier_run`` is older than noise, places and schedule."""
+    folder = EARLIER_RUN
+    stored = read_stored_config(folder / "config.yaml")
+    assert (stored.sensor.noise, stored.sensor.contact_features, stored.sensor.places) == ("peg", False, 0)
+    assert (stored.train.schedule, stored.train.mirror, stored.train.weight_decay) == ("constant", False, 0)
+    assert (stored.sensor.width, stored.train.epochs) == (8, 2)
+    load_sensor(folder)
+    (tmp_path / "c.yaml").write_text(config_to_yaml(Config()))
+    assert read_stored_config(tmp_path / "c.yaml") == Config()
+    for text in ("sensor: 3", "train: {colour: 1}"):
+        (tmp_path / "c.yaml").write_text(text)
+        with pytest.raises(RequestError, match=r"^config: (sensor|train)"):
+            read_stored_config(tmp_path / "c.yaml")

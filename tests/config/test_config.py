@@ -1,0 +1,68 @@
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mjx_fit.config.files import read_config
+from mjx_fit.config.schema import Config, config_to_yaml
+from mjx_fit.utils import resources
+from mjx_fit.utils.errors import RequestError
+
+
+def test_yaml_round_trip(tmp_path):
+    changed = read_config(None, ["scene.clearance_m=0.002", "detector.kind=disc", "task.n_holes=3"])
+    (tmp_path / "c.yaml").write_text(config_to_yaml(changed))
+    assert read_config(tmp_path / "c.yaml") == changed
+    assert changed != Config()
+
+
+@given(st.floats(0.0001, 0.005))
+def test_floats_survive(value):
+    assert read_config(None, [f"scene.clearance_m={value!r}"]).scene.clearance_m == value
+
+
+def test_numbers_without_a_point_are_numbers():
+    assert read_config(None, ["train.learning_rate=1e-3"]).train.learning_rate == 1e-3
+
+
+def test_later_files_win_key_by_key(tmp_path):
+    (tmp_path / "a.yaml").write_text("task: {n_holes: 3, max_attempts: 9}")
+    (tmp_path / "b.yaml").write_text("task: {n_holes: 4}\nscene: {clearance_m: 0.002}")
+    both = read_config([tmp_path / "a.yaml", tmp_path / "b.yaml"], ["task.attempt_actions=7"])
+    assert (both.task.n_holes, both.task.max_attempts, both.task.attempt_actions) == (4, 9, 7)
+    assert both.scene.clearance_m == 0.002
+    with pytest.raises(RequestError, match=r"no\.yaml cannot be read: No such file or directory$"):
+        read_config([tmp_path / "a.yaml", tmp_path / "no.yaml"])
+    with pytest.raises(RequestError, match=r"^config: scene\.shapes: 0 given, at least 1 are allowed$"):
+        read_config(None, ["scene.shapes=[]"])
+
+
+def test_every_shipped_config_is_valid():
+    files = list(resources.folder("configs").glob("*.yaml"))
+    assert {path.stem for path in files} >= {"quick", "paper"}
+    for path in files:
+        read_config(path)
+        assert yaml.safe_load(path.read_text())
+
+
+def test_overrides_win_over_the_file(tmp_path):
+    (tmp_path / "c.yaml").write_text("task: {n_holes: 2}")
+    assert read_config(tmp_path / "c.yaml", ["task.n_holes=4"]).task.n_holes == 4
+
+
+@pytest.mark.parametrize(
+    "text", ["- a list", "scene: [", "scene: 3", "task: {n_holes: 2.5}", "train: {epochs: 0}"]
+)
+def test_bad_files_are_one_line(tmp_path, text):
+    (tmp_path / "c.yaml").write_text(text)
+    with pytest.raises(RequestError) as error:
+        read_config(tmp_path / "c.yaml")
+    assert "\n" not in str(error.value)
+
+
+def test_the_plate_must_be_wider_than_where_a_peg_may_come():
+    assert read_config(None, ["detector.half_width_m=0.03"]).detector.half_width_m == 0.03
+    for wide in (["detector.half_width_m=0.03", "spiral.radius_m=0.02"], ["spiral.radius_m=0.032"]):
+        with pytest.raises(RequestError, match="is not allowed: it must be at least"):
+            read_config(None, wide)
+        read_config(None, [*wide, "scene.plate_half_width_m=0.1"])

@@ -1,0 +1,168 @@
+"""Contact points of boxes against C MuJoCo's."""
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+import pytest
+from hypothesis import assume, event, given, settings
+from hypothesis import strategies as st
+
+from mjx_fit.engines.mjx import collision
+
+PEG = np.array([0.02, 0.0125, 0.035])
+PLATE = np.array([[0.04, 0.03, 0.02], [0.01, 0.03, 0.02]])
+PLATE_CENTRE = np.array([[0.0, 0, -0.02], [0.05, 0, -0.02]])
+COUNT = 12
+
+few_degrees = st.floats(-0.06, 0.06)
+
+
+@pytest.fixture(scope="module")
+def in_c():
+    """One box that can be put anywhere over two boxes side by side."""
+    spec = mujoco.MjSpec()
+    for centre, half in zip(PLATE_CENTRE, PLATE, strict=True):
+        spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=half, pos=centre)
+    body = spec.worldbody.add_body()
+    body.add_freejoint()
+    body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=PEG)
+    model = spec.compile()
+    return model, mujoco.MjData(model)
+
+
+@pytest.fixture(scope="module")
+def ours():
+    def one(pos, frame, count=COUNT):
+        fixed = (np.zeros((1, 3)), PEG[None], PLATE_CENTRE, PLATE)
+        peg_centre, peg, plate_centre, plate = (jnp.asarray(x, jnp.float32)[..., None] for x in fixed)
+        where = pos[:, None], frame[:, :, None]
+        return collision.deepest_points(peg_centre, peg, plate_centre, plate, *where, count)
+
+    return jax.jit(one, static_argnums=2)
+
+
+def placed(in_c, ours, pos, turn):
+    """Contacts of the box at a place, turned by a rotation vector: C's and ours."""
+    model, data = in_c
+    quat = turned(turn)
+    data.qpos[:] = [*pos, *quat]
+    mujoco.mj_forward(model, data)
+    keep = data.contact.dist < 0
+    frame = data.geom_xmat[-1].reshape(3, 3)
+    points = ours(jnp.asarray(pos, jnp.float32), jnp.asarray(frame, jnp.float32))
+    normal = data.contact.frame[keep, :3]
+    of_a_face = np.maximum(np.abs(normal).max(1), np.abs(normal @ frame).max(1)) > 1 - 1e-9
+    return data.contact.dist[keep], data.contact.pos[keep], normal, of_a_face, points
+
+
+def turned(turn):
+    """Straight down, as the tool is, and then turned by a rotation vector: a quaternion."""
+    quat, angle = np.zeros(4), np.linalg.norm(turn)
+    mujoco.mju_axisAngle2Quat(quat, np.asarray(turn) / max(angle, 1e-12), angle)
+    mujoco.mju_mulQuat(quat, quat, np.array([0.0, 1, 0, 0]))
+    return quat
+
+
+def lowest(turn):
+    """How far below its centre the turned box reaches."""
+    frame = np.zeros(9)
+    mujoco.mju_quat2Mat(frame, turned(turn))
+    return np.abs(frame.reshape(3, 3)[2]) @ PEG
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    st.tuples(few_degrees, few_degrees, few_degrees),
+    st.floats(-0.08, 0.08),
+    st.floats(-0.04, 0.04),
+    st.floats(1e-6, 2e-4),
+)
+def test_points_of_faces_are_mujocos(in_c, ours, turn, x, y, deep):
+    """Where a face meets a face: as many points, as deep, in the same places, with the same normals."""
+    dist, pos, normal, of_a_face, points = placed(in_c, ours, [x, y, lowest(turn) - deep], turn)
+    assume(0 < len(dist) <= COUNT)
+    assume(of_a_face.all())
+    assume(dist.max() < -1e-7)  # points that hardly touch come and go with rounding
+    mine = np.asarray(points.dist[:, 0])
+    event(f"{len(dist)} points")
+    assert (mine < 0).sum() == len(dist)
+    assert mine[: len(dist)] == pytest.approx(np.sort(dist), abs=2e-7)
+    apart = np.linalg.norm(np.asarray(points.pos_plate[: len(dist), :, 0])[None] - pos[:, None], axis=-1)
+    nearest = apart.argmin(1)
+    assert (apart.min(1) < 2e-5).all()
+    along = (np.asarray(points.frame[:, 0, :, 0])[nearest] * -normal).sum(1)
+    assert along == pytest.approx(1, abs=1e-6)
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.002])
+def test_a_wall_pushes_sideways(in_c, ours, tilt):
+    """Beside the plate, overlapping it by some micrometres: a horizontal normal, as in C."""
+    pos = [0.06 + 0.02 - 5e-5, 0.001, -0.002]
+    dist, _, normal, of_a_face, points = placed(in_c, ours, pos, [0, tilt, 0])
+    assert of_a_face.all()
+    mine = np.asarray(points.dist[:, 0])
+    assert (mine < 0).sum() == len(dist)
+    assert mine[: len(dist)] == pytest.approx(np.sort(dist), abs=2e-7)
+    assert np.abs(normal[:, 0]).min() > 0.999
+    assert np.asarray(points.frame[: len(dist), 0, :, 0]) == pytest.approx(-normal, abs=1e-6)
+    for frame in np.asarray(points.frame)[: len(dist), :, :, 0]:
+        assert frame @ frame.T == pytest.approx(np.eye(3), abs=1e-6)
+        assert np.linalg.det(frame) == pytest.approx(1, abs=1e-6)
+
+
+def test_frames_are_orthonormal_and_right_handed(ours):
+    frame = np.asarray(ours(jnp.array([0.03, 0.02, 0.0349]), jnp.eye(3)).frame)[0, :, :, 0]
+    assert frame @ frame.T == pytest.approx(np.eye(3), abs=1e-6)
+    assert np.linalg.det(frame) == pytest.approx(1, abs=1e-6)
+
+
+def test_apart_is_no_contact(ours):
+    for pos in ([0, 0, 0.0351], [0.09, 0, 0.03], [0, 0.05, 0.03]):
+        assert (np.asarray(ours(jnp.array(pos), jnp.eye(3)).dist) > 0).all()
+
+
+def test_few_slots_keep_the_deepest_points_and_spare_ones_stay_empty(ours):
+    where = jnp.array([0.03, 0.02, 0.0349]), jnp.eye(3)
+    dist = np.asarray(ours(*where).dist[:, 0])
+    assert (dist < 0).sum() == 8
+    for count in (4, 64):  # the least and the most that the configuration allows
+        slots = np.asarray(ours(*where, count).dist[:, 0])
+        assert len(slots) == count
+        assert (slots < 0).sum() == min(count, 8)
+        assert np.sort(slots)[: min(count, 8)] == pytest.approx(np.sort(dist)[: min(count, 8)])
+
+
+@pytest.mark.parametrize(
+    "turn", [[0.002, 0.05, 0], [0, 0.05, 0.05], [-0.002, 0.06, -0.03], [0.02, 0.03, 0.1]]
+)
+def test_where_the_pegs_face_is_the_reference_points_lie_on_both_surfaces(ours, turn):
+    """The peg overhangs, its lowest edge hangs free, the plate has an edge in its face: C has one point.
+
+    By geometry: half the distance along the normal leads from a point to the peg's face and back to the
+    plate's, and the deepest is the deepest of the plate's edge under the peg.
+    """
+    frame = np.zeros(9)
+    mujoco.mju_quat2Mat(frame, turned(turn))
+    frame = frame.reshape(3, 3)
+    edge = np.stack([np.full(6001, 0.06), np.linspace(-0.03, 0.03, 6001), np.zeros(6001)], axis=1)
+    # As high over x = 7.2 cm as puts some of that edge up to 0.1 mm into the face.
+    pos = np.array([0.072, 0.002, 0.0])
+    at = (edge - pos) @ frame
+    pos[2] = (PEG[2] - 1e-4 - at[np.abs(at[:, 1]) < 0.01, 2]).max() / -frame[2, 2]
+    at = (edge - pos) @ frame
+    inside = (np.abs(at[:, :2]) <= PEG[:2]).all(1)
+    points = ours(jnp.asarray(pos, jnp.float32), jnp.asarray(frame, jnp.float32))
+    dist = np.asarray(points.dist[:, 0])
+    assert (dist < 0).any()
+    assert -dist[0] == pytest.approx((PEG[2] - at[inside, 2]).max(), abs=1e-6)
+    middle, normal = (
+        np.asarray(x, float)[dist < 0] for x in (points.pos_plate[..., 0], points.frame[:, 0, :, 0])
+    )
+    assert normal == pytest.approx(np.tile(frame[:, 2], (len(normal), 1)), abs=1e-6)
+    half = -dist[dist < 0, None] / 2 * normal
+    on_peg, on_plate = (middle + half - pos) @ frame, middle - half
+    assert on_peg[:, 2] == pytest.approx(PEG[2], abs=1e-6)
+    assert (np.abs(on_peg[:, :2]) <= PEG[:2] + 1e-6).all()
+    assert on_plate[:, 2] == pytest.approx(0, abs=1e-6)
+    assert (np.abs(on_plate - PLATE_CENTRE[1]) <= PLATE[1] + 1e-6).all()

@@ -1,0 +1,9 @@
+"""Where the files lie that tests look at."""
+
+from pathlib import Path
+
+TESTS = Path(__file__).parent
+ROOT = TESTS.parent
+EARLIER_RUN = TESTS / "earlier_run"
+"""A training run that an earlier version wrote."""
+EXPERIMENTS = ROOT / "experiments"

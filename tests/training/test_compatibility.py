@@ -1,0 +1,78 @@
+"""Whether a sensor may be judged, or trained, on a data set."""
+
+import json
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from mjx_fit.config.files import read_config
+from mjx_fit.config.schema import Config
+from mjx_fit.config.sections.shape import SHAPES, Shape
+from mjx_fit.data import manifest, reader
+from mjx_fit.training import compatibility
+from mjx_fit.training.sensor_loader import TrainedSensor
+from mjx_fit.training.train import train_from
+from mjx_fit.utils import provenance
+from mjx_fit.utils.errors import RequestError
+
+
+@pytest.fixture(scope="module")
+def folder(collect, tmp_path_factory):
+    return collect(tmp_path_factory.mktemp("kin") / "set")
+
+
+@pytest.fixture
+def run(folder, tmp_path):
+    """A run folder that says what it was trained on."""
+    data = reader.load(folder)
+    told = {"data": provenance.fingerprint(data), "first_hole": compatibility.first_hole(data)}
+    (tmp_path / "run.json").write_text(json.dumps(told))
+    return tmp_path
+
+
+def judge(run, data):
+    compatibility.require_new(run, data, provenance.fingerprint(data))
+
+
+def test_the_data_of_the_training_are_refused(run, folder):
+    with pytest.raises(RequestError, match="data that the run was trained on are not allowed"):
+        judge(run, reader.load(folder))
+
+
+def test_the_holes_of_the_training_are_refused_however_many(run, collect, tmp_path):
+    more = reader.load(collect(tmp_path / "more", episodes=7))
+    with pytest.raises(RequestError, match="holes that the run was trained at are not allowed"):
+        judge(run, more)
+
+
+def test_other_holes_are_new(run, collect, tmp_path):
+    judge(run, reader.load(collect(tmp_path / "other", seed=6)))
+
+
+def test_data_of_another_world_are_refused(folder, tmp_path):
+    for key, value in (("scene.clearance_m", 0.002), ("control.kp_position", 500.0)):
+        config = read_config(None, [f"{key}={value}"])
+        with pytest.raises(RequestError, match=rf"--data: .*{key} is .* there and {value} here"):
+            train_from(folder, config, tmp_path / "run", seed=0)
+    assert not (tmp_path / "run").exists()
+    compatibility.require_world(manifest.read(folder).request, read_config(None, ["wrist.force_noise_n=0.2"]))
+
+
+def test_data_of_other_shapes_are_refused(collect, tmp_path):
+    folder = collect(tmp_path / "set")
+    bar = Shape("bar", SHAPES[0].rectangles)
+    config = replace(Config(), scene=replace(Config().scene, shapes=(bar, *SHAPES[1:])))
+    with pytest.raises(RequestError, match=r"--data: .*scene.shapes is .*cross.* there and .*bar.* here"):
+        train_from(folder, config, tmp_path / "run", seed=0)
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_sensor_of_other_shapes_is_refused_wherever_it_is_used():
+    bar = Shape("bar", SHAPES[0].rectangles)
+    config = replace(Config(), scene=replace(Config().scene, shapes=(bar, *SHAPES[1:])))
+    network: Any = object()
+    with pytest.raises(
+        RequestError, match=r"--run: .*\(bar, rectangle, square\).*\(cross, rectangle, square\)"
+    ):
+        TrainedSensor(network, Config(), "f").adapt(config)
