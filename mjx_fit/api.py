@@ -39,7 +39,7 @@ def load_config(path: Path | str | None = None, *overrides: str) -> Config:
         overrides: Applied after it.
 
     Raises:
-        RequestError: The file cannot be read, or a key or value is not allowed; the message names it.
+        RequestError: The file cannot be read, or a key or value is invalid; the message names it.
 
     Example:
         >>> import mjx_fit as mf
@@ -95,7 +95,7 @@ def draw_attempts(
     n = require_count("n", n, 1, MOST_ATTEMPTS)
     if policy not in schedule.POLICIES:
         raise RequestError(
-            f"policy: {shown(policy)} is not allowed: it must be one of {', '.join(schedule.POLICIES)}"
+            f"policy: {shown(policy)} is invalid: expected one of {', '.join(schedule.POLICIES)}"
         )
     return schedule.draw_attempts(key, jnp.arange(n), policy, config or Config())
 
@@ -117,7 +117,7 @@ def collect_dataset(
         The folder.
 
     Raises:
-        RequestError: A value is not allowed, or the folder holds something else, or is in use.
+        RequestError: A value is invalid, or the folder holds something else, or is in use.
 
     Example:
         >>> import tempfile, mjx_fit as mf

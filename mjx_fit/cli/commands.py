@@ -216,7 +216,7 @@ def _played(args: argparse.Namespace) -> "Generator[Recording]":
     asked = args.config or args.set or args.seed or args.engine != "auto"
     if args.result is not None and asked:
         raise RequestError(
-            "--config, --set, --seed, --engine: none is allowed beside a result: it brings its own"
+            "--config, --set, --seed, --engine: cannot be combined with a result file, which stores its own"
         )
     pick = playback.Pick(args.method, args.trial, args.attempt)
     if args.result is None:

@@ -68,7 +68,7 @@ def demo(config: Config, out: Path, size: Size, train: bool) -> None:
     }
     foreign = files.foreign(out, parts)
     if foreign:
-        raise RequestError(f"--out: {out} is not allowed: it holds other files ({foreign[0]})")
+        raise RequestError(f"--out: {out} cannot be used: it holds other files ({foreign[0]})")
     with locks.holding(out):
         _stages(config, out, size, train)
 

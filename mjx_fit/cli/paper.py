@@ -101,7 +101,7 @@ def size_of(name: str) -> Size:
         RequestError: There is none.
     """
     if name not in SIZES:
-        raise RequestError(f"--size: {shown(name)} is not allowed: choose from {', '.join(SIZES)}")
+        raise RequestError(f"--size: {shown(name)} is invalid: choose from {', '.join(SIZES)}")
     return SIZES[name]
 
 
@@ -143,13 +143,13 @@ def _check(config: Config, out: Path, seed: int) -> None:
     require_seed(seed + OWN)
     if not config.train.baseline_share:
         raise RequestError(
-            "config: train.baseline_share: 0.0 is not allowed: it must be above 0, to have frame_by_frame"
+            "config: train.baseline_share: 0.0 is invalid: expected above 0, to have frame_by_frame"
         )
     parts = {"data", "held_out", "own", "run", "report"}
     parts |= {f"{name}{end}" for name in RESULTS for end in (".json", ".parts", ".broken")}
     foreign = files.foreign(out, parts)
     if foreign:
-        raise RequestError(f"--out: {out} is not allowed: it holds other files ({foreign[0]})")
+        raise RequestError(f"--out: {out} cannot be used: it holds other files ({foreign[0]})")
 
 
 def _stages(base: Request, size: Size) -> dict[str, Callable[[], object]]:

@@ -11,18 +11,18 @@ def path(text: str) -> Path:
         argparse.ArgumentTypeError: It can be no path.
     """
     if not text.strip():
-        raise argparse.ArgumentTypeError(f"{text!r} is not allowed: it must name a file or a folder")
+        raise argparse.ArgumentTypeError(f"{text!r} is invalid: it must name a file or a folder")
     if "\0" in text:
-        raise argparse.ArgumentTypeError(f"{text!r} is not allowed: a path holds no NUL")
+        raise argparse.ArgumentTypeError(f"{text!r} cannot be used: a path holds no NUL")
     try:
         text.encode()
     except UnicodeEncodeError:
-        raise argparse.ArgumentTypeError(f"{text!a} is not allowed: it must be valid UTF-8") from None
+        raise argparse.ArgumentTypeError(f"{text!a} is invalid: expected valid UTF-8") from None
     try:
         return Path(text).expanduser()
     except RuntimeError:
         user = Path(text).parts[0]
         raise argparse.ArgumentTypeError(
-            f"{text!r} is not allowed: no home folder of {user} is known; write ./{user} for a folder "
+            f"{text!r} cannot be used: no home folder of {user} is known; write ./{user} for a folder "
             "of that name"
         ) from None

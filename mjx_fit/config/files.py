@@ -18,7 +18,7 @@ def read_config(path: Path | Sequence[Path] | None = None, overrides: Sequence[s
         overrides: ``section.key=value`` strings, applied after the file.
 
     Raises:
-        RequestError: The file cannot be read, or a key or value is not allowed.
+        RequestError: The file cannot be read, or a key or value is invalid.
     """
     tree: dict[str, Any] = {}
     paths = [] if path is None else [path] if isinstance(path, Path) else path
@@ -38,7 +38,7 @@ def read_stored_config(path: Path) -> Config:
         path: Its YAML file.
 
     Raises:
-        RequestError: The file cannot be read, or a key or value is not allowed.
+        RequestError: The file cannot be read, or a key or value is invalid.
     """
     return config_from_stored(_read(path))
 
@@ -72,7 +72,7 @@ def _decoded(content: bytes) -> str:
         return content.decode("utf-8")
     except UnicodeDecodeError as error:
         raise strict_yaml.StrictYamlError(
-            f"byte {error.start} (0x{content[error.start]:02x}) is not allowed: it must be UTF-8 text"
+            f"byte {error.start} (0x{content[error.start]:02x}) is invalid: expected UTF-8 text"
         ) from None
 
 
@@ -81,12 +81,12 @@ def _set(tree: dict[str, Any], override: str) -> None:
     keys = path.strip().split(".")
     if not separator or len(keys) != 2 or not all(keys):
         raise RequestError(
-            f"--set: {shown(override)} is not allowed: write section.key=value, e.g. scene.clearance_m=0.002"
+            f"--set: {shown(override)} is invalid: write section.key=value, e.g. scene.clearance_m=0.002"
         )
     section = tree.setdefault(keys[0], {})
     if not isinstance(section, dict):
-        raise RequestError(f"config: {keys[0]}: {shown(section)} is not allowed: it must be a section")
+        raise RequestError(f"config: {keys[0]}: {shown(section)} is invalid: expected a section")
     try:
         section[keys[1]] = strict_yaml.load(text)
     except strict_yaml.StrictYamlError as error:
-        raise RequestError(f"--set: {shown(override)} is not allowed: it is no YAML value: {error}") from None
+        raise RequestError(f"--set: {shown(override)} is invalid: it is no YAML value: {error}") from None

@@ -57,7 +57,7 @@ def require_one_for_each_shape(field: str, values: tuple, scene: SceneConfig) ->
     """
     if len(values) != scene.n_types:
         raise ValueError(
-            f"{field}: {shown(list(values))} is not allowed: it must have an entry for each of scene.shapes "
+            f"{field}: {shown(list(values))} is invalid: it must have an entry for each of scene.shapes "
             f"({scene.n_types}), or be null for the default"
         )
 

@@ -60,7 +60,7 @@ def config_from_stored(tree: dict[str, Any]) -> Config:
     """The configuration in a stored file; keys that are younger than it mean what went without saying then.
 
     Raises:
-        RequestError: A key or value is not allowed.
+        RequestError: A key or value is invalid.
     """
     then = {"sensor": FIRST_SENSOR, "train": FIRST_TRAIN}
     filled = {
@@ -75,7 +75,7 @@ def config_from_tree(tree: dict[str, Any]) -> Config:
     """The configuration that differs from the defaults in the values of a nested dict.
 
     Raises:
-        RequestError: A key or value is not allowed.
+        RequestError: A key or value is invalid.
     """
     try:
         # JSON, so that lists may stand for tuples; what it cannot say becomes text, which no field takes.
@@ -85,7 +85,7 @@ def config_from_tree(tree: dict[str, Any]) -> Config:
         raise RequestError(f"config: {schema_errors.in_words(error, Config)}") from None
     except (RecursionError, TypeError, ValueError):  # nested without end, or keys that are no names
         raise RequestError(
-            f"config: {shown(tree)} is not allowed: it must hold sections of names and values"
+            f"config: {shown(tree)} is invalid: it must hold sections of names and values"
         ) from None
     limits.require_steady(config.scene, config.control, config.spiral, config.random, config.task)
     require_room(config, "spiral.radius_m", config.spiral.radius_m)
@@ -108,7 +108,7 @@ def require_room(config: Config, key: str, radius_m: float) -> None:
     reach = error + radius_m + max(shape.half_width_m for shape in scene.shapes)
     if reach > scene.plate_half_width_m:
         raise RequestError(
-            f"config: scene.plate_half_width_m: {scene.plate_half_width_m} is not allowed: it must be at "
+            f"config: scene.plate_half_width_m: {scene.plate_half_width_m} is invalid: expected at "
             f"least {math.ceil(1000 * reach) / 1000}: the detector's error, {key} and half a peg"
         )
 

@@ -32,7 +32,8 @@ def in_words(error: ValidationError, schema: type) -> str:
     if kind in ("too_long", "too_short") and isinstance(given, list):
         word, key = ("most", "max_length") if kind == "too_long" else ("least", "min_length")
         return f"{field}: {len(given)} given, at {word} {first.get('ctx', {}).get(key)} are allowed"
-    return f"{field}: {shown(given)} is not allowed: {_allowed(_annotation(place, schema)) or first['msg']}"
+    allowed = _allowed(_annotation(place, schema))
+    return f"{field}: {shown(given)} is invalid: {f'expected {allowed}' if allowed else first['msg']}"
 
 
 def members(annotation: Any) -> tuple[Any, ...]:
@@ -118,16 +119,16 @@ def _allowed(node: Any) -> str:
     """What a field that is annotated so may be, or nothing."""
     among = members(node)
     if len(among) > 1:
-        return ", or ".join(_allowed(one) for one in among)
+        return " or ".join(_allowed(one) for one in among)
     node, limits = plain_and_limits(next(iter(among)))
     if node in (int, float) and {"ge", "le"} <= limits.keys():
         what = "a whole number" if node is int else "a number"
         times = f" and a multiple of {limits['multiple_of']}" if "multiple_of" in limits else ""
-        return f"it must be {what} between {limits['ge']} and {limits['le']}{times}"
+        return f"{what} {limits['ge']} to {limits['le']}{times}"
     if node is bool:
-        return "it must be true or false"
+        return "true or false"
     if get_origin(node) is Literal:
-        return f"it must be one of {', '.join(get_args(node))}"
+        return f"one of {', '.join(get_args(node))}"
     if dataclasses.is_dataclass(node):
-        return f"it must hold {', '.join(_keys(node))}"
-    return "it must be a list" if get_origin(node) is tuple else ""
+        return ", ".join(_keys(node))
+    return "a list" if get_origin(node) is tuple else ""

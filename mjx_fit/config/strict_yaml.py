@@ -32,14 +32,14 @@ _NO_TEXT = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x84\x86-\x9f\ud800-\udff
 
 
 class StrictYamlError(ValueError):
-    """The text is not allowed; one line says what and where."""
+    """The text is invalid; one line says what and where."""
 
 
 def load(text: str) -> Any:
     """What a text means: None, a bool, an int, a float, a str, or lists and dicts of them.
 
     Raises:
-        StrictYamlError: The text is not allowed.
+        StrictYamlError: The text is invalid.
     """
     _require_small(text)
     try:
@@ -61,13 +61,13 @@ def _require_small(text: str) -> None:
     odd = _NO_TEXT.search(text)
     if odd is not None:
         line = text.count("\n", 0, odd.start()) + 1
-        raise StrictYamlError(f"line {line}: the character U+{ord(odd[0]):04X} is not allowed")
+        raise StrictYamlError(f"line {line}: the character U+{ord(odd[0]):04X} is invalid")
 
 
 def _counted(events: Iterator[yaml.Event]) -> Iterator[yaml.Event]:
     for number, event in enumerate(events):
         if number > MOST_VALUES:
-            raise _error(event, f"more than {MOST_VALUES} values are not allowed")
+            raise _error(event, f"it has more than {MOST_VALUES} values")
         yield event
 
 
@@ -77,9 +77,9 @@ def _document(events: Iterator[yaml.Event]) -> Any:
     for event in events:
         if isinstance(event, yaml.DocumentStartEvent):
             if found:
-                raise _error(event, "a second document is not allowed")
+                raise _error(event, "a second document is not supported")
             if event.tags or event.version not in (None, (1, 2)):
-                raise _error(event, "a directive is not allowed, but for %YAML 1.2")
+                raise _error(event, "directives other than %YAML 1.2 are not supported")
         elif isinstance(event, yaml.NodeEvent):
             found.append(_value(event, events, 1))
     return found[0] if found else None
@@ -89,13 +89,13 @@ def _value(event: yaml.Event, events: Iterator[yaml.Event], level: int) -> Any:
     """The value that begins with an event; takes its other events."""
     anchor, tag = getattr(event, "anchor", None), getattr(event, "tag", None)
     if anchor is not None:  # an alias has one, too
-        raise _error(event, f"the anchor or alias {shown(anchor)} is not allowed: write the value out")
+        raise _error(event, f"the anchor or alias {shown(anchor)} is not supported: write the value out")
     if tag is not None:
-        raise _error(event, f"the tag {shown(tag)} is not allowed: values mean what they look like")
+        raise _error(event, f"the tag {shown(tag)} is not supported: values mean what they look like")
     if isinstance(event, yaml.ScalarEvent):
         return _scalar(event)
     if level > MOST_LEVELS:
-        raise _error(event, f"nesting of more than {MOST_LEVELS} levels is not allowed")
+        raise _error(event, f"it nests more than {MOST_LEVELS} levels")
     if isinstance(event, yaml.SequenceStartEvent):
         return [_value(item, events, level + 1) for item in _until(events, yaml.SequenceEndEvent)]
     return _mapping(events, level)
@@ -105,10 +105,10 @@ def _mapping(events: Iterator[yaml.Event], level: int) -> dict[str, Any]:
     mapping: dict[str, Any] = {}
     for event in _until(events, yaml.MappingEndEvent):
         if isinstance(event, yaml.ScalarEvent) and event.style is None and event.value == "<<":
-            raise _error(event, "a merge key (<<) is not allowed: write the values out")
+            raise _error(event, "merge keys (<<) are not supported: write the values out")
         key = _value(event, events, level + 1)
         if not isinstance(key, str):
-            raise _error(event, f"the key {shown(key)} is not allowed: a key is a name")
+            raise _error(event, f"the key {shown(key)} cannot be used: a key is a name")
         if key in mapping:
             raise _error(event, f"the key {shown(key)} is given twice")
         mapping[key] = _value(next(events), events, level + 1)
@@ -127,7 +127,7 @@ def _scalar(event: yaml.ScalarEvent) -> Any:
     text: str = event.value
     odd = _NO_TEXT.search(text)  # from an escape such as "\0"
     if odd is not None:
-        raise _error(event, f"the character U+{ord(odd[0]):04X} is not allowed")
+        raise _error(event, f"the character U+{ord(odd[0]):04X} is invalid")
     if event.style is not None:
         return text
     if text in _NULL:

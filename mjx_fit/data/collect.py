@@ -39,7 +39,7 @@ def collect(config: Config, out: Path, plan: Plan, engine: Engine, update: Updat
         update: What the sensor that ``plan.sensor`` names makes of an attempt.
 
     Raises:
-        RequestError: A value is not allowed, or the folder holds something else, or is in use.
+        RequestError: A value is invalid, or the folder holds something else, or is in use.
     """
     check(plan)
     if plan.policy != "spiral":
@@ -48,7 +48,7 @@ def collect(config: Config, out: Path, plan: Plan, engine: Engine, update: Updat
     _require_memory(config, plan)
     request, shards = plan.request(config), plan.shards()
     if request["engine"] != engine.name:
-        raise RequestError(f"--engine: {plan.engine} is not allowed with an engine {engine.name}")
+        raise RequestError(f"--engine: {plan.engine} does not match the engine {engine.name}")
     wanted = new_manifest(request, (plan.shard_index, plan.num_shards))
     if is_finished(out, wanted, shards):
         return

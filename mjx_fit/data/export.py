@@ -63,9 +63,9 @@ def export(folder: Path, out: Path) -> None:
         ".hdf5": _write_robomimic,
     }
     if out.suffix not in writers:
-        raise RequestError(f"--out: {out} is not allowed: it must end in one of {', '.join(writers)}")
+        raise RequestError(f"--out: {out} is invalid: it must end in one of {', '.join(writers)}")
     if out.is_dir():
-        raise RequestError(f"--out: {out} is not allowed: it is a folder")
+        raise RequestError(f"--out: {out} cannot be used: it is a folder")
     manifest = manifest_.read_complete(folder)
     with locks.holding_file(out):
         files.replace_with(out, lambda temporary: writers[out.suffix](folder, manifest, temporary))

@@ -60,16 +60,14 @@ def _datasets(file: h5py.File, names: set[str]) -> Iterator[tuple[str, Any]]:
         inside = {name.rpartition("/")[2] for name in names if name.rpartition("/")[0] == place}
         inside |= {one for one in groups if one and not place}
         if not isinstance(group, h5py.Group):
-            raise LayoutError(f"{place}: it must be a group")
+            raise LayoutError(f"{place}: expected a group")
         if len(group) != len(inside) or set(group) != inside:
             found = sorted(set(group) ^ inside) if len(group) < 10 * len(inside) else ["many more"]
-            raise LayoutError(
-                f"{place or 'it'}: it must hold its fields and nothing else: {found[0]!a}"[:200]
-            )
+            raise LayoutError(f"{place or 'it'}: expected its fields and nothing else: {found[0]!a}"[:200])
         for name in sorted(inside):
             path = f"{place}/{name}".removeprefix("/")
             if group.id.links.get_info(name.encode()).type != h5l.TYPE_HARD:
-                raise LayoutError(f"{path}: a link is not allowed")
+                raise LayoutError(f"{path}: links are not supported")
             if path in names:
                 yield path, group[name]
 
@@ -77,18 +75,18 @@ def _datasets(file: h5py.File, names: set[str]) -> Iterator[tuple[str, Any]]:
 def _require_plain(name: str, dataset: Any, shape: Shape) -> int:
     """The bytes of a field, if it is an array of the type and shape that it must be, in the file."""
     if not isinstance(dataset, h5py.Dataset):
-        raise LayoutError(f"{name}: it must be a data set")
+        raise LayoutError(f"{name}: expected a data set")
     settings = dataset.id.get_create_plist()
     if settings.get_layout() not in (h5d.CONTIGUOUS, h5d.CHUNKED) or settings.get_external_count():
-        raise LayoutError(f"{name}: data outside the file are not allowed, nor is a virtual data set")
+        raise LayoutError(f"{name}: external and virtual data are not supported")
     filters = [settings.get_filter(i)[0] for i in range(settings.get_nfilters())]
     if len(set(filters)) < len(filters) or set(filters) - {h5z.FILTER_DEFLATE, h5z.FILTER_SHUFFLE}:
-        raise LayoutError(f"{name}: the filters {filters} are not allowed: it must be gzip and shuffle")
+        raise LayoutError(f"{name}: the filters {filters} are invalid: expected gzip and shuffle")
     wanted, found = type_of(name), dataset.id.get_type()
     if not found.equal(h5t.py_create(wanted, logical=True)):
-        raise LayoutError(f"{name}: its type is {_type_name(found)} and must be {wanted}")
+        raise LayoutError(f"{name}: its type is {_type_name(found)}: expected {wanted}")
     if dataset.id.shape != shape:
-        raise LayoutError(f"{name}: its shape is {dataset.id.shape} and must be {shape}")
+        raise LayoutError(f"{name}: its shape is {dataset.id.shape}: expected {shape}")
     size, stored = int(np.prod(shape, dtype=np.int64)) * wanted.itemsize, dataset.id.get_storage_size()
     if size > _INFLATION * stored + _SMALL or not stored:
         raise LayoutError(f"{name}: {stored} bytes are stored of {size:,}")

@@ -29,18 +29,18 @@ def require(episodes: Episode, first_episode: int, sequence: int, n_types: int) 
         ("sequence", episodes.sequence, ids // sequence),
         ("number", episodes.number, ids % sequence),
     ):
-        _require(name, values, values == right, ids, "its ids must be those that the manifest says")
+        _require(name, values, values == right, ids, "expected the ids of the manifest")
     for name, values, end in (
         ("policy", episodes.policy, len(NAMES)),
         ("peg_type", data.felt.peg_type, n_types),
         ("hole_type", data.truth.hole_type, n_types),
         ("length", data.felt.length, data.felt.trace.action_world.shape[1] + 1),
     ):
-        _require(name, values, (values >= 0) & (values < end), ids, f"it must be from 0 to {end - 1}")
+        _require(name, values, (values >= 0) & (values < end), ids, f"expected 0 to {end - 1}")
     for name, flags in (("inserted", data.truth.inserted), ("valid", data.truth.valid)):
-        _require(name, flags, np.asarray(flags).view(np.uint8) < 2, ids, "it must be true or false")
+        _require(name, flags, np.asarray(flags).view(np.uint8) < 2, ids, "expected true or false")
     place = np.asarray(data.truth.hole_pos_world)
-    _require("hole_pos_world", place, np.isfinite(place), ids, "it must be finite")
+    _require("hole_pos_world", place, np.isfinite(place), ids, "expected a finite number")
     _require_numbers(episodes, ids)
 
 
@@ -51,7 +51,7 @@ def require_flags(contact: np.ndarray, first_episode: int) -> None:
         ValueError: A byte is neither 0 nor 1; the message names the episode.
     """
     ids = first_episode + np.arange(len(contact))
-    _require("contact", contact, contact.view(np.uint8) < 2, ids, "it must be true or false")
+    _require("contact", contact, contact.view(np.uint8) < 2, ids, "expected true or false")
 
 
 def _require_numbers(episodes: Episode, ids: np.ndarray) -> None:
@@ -64,7 +64,7 @@ def _require_numbers(episodes: Episode, ids: np.ndarray) -> None:
         # The comparison is false for NaN, too.
         right = (np.abs(values) <= LARGEST).reshape(len(ids), -1).all(axis=1) | ~performed
         name = jax.tree_util.keystr(path[-1:], simple=True)
-        _require(name, values, right, ids, f"it must be finite and at most {LARGEST:.0e}")
+        _require(name, values, right, ids, f"expected a finite number, at most {LARGEST:.0e}")
 
 
 def _require(name: str, values, right, ids: np.ndarray, allowed: str) -> None:
@@ -72,6 +72,4 @@ def _require(name: str, values, right, ids: np.ndarray, allowed: str) -> None:
     if not right.all():
         row = int(np.argmin(right))
         shown = f" {values[row]}" if np.ndim(values) == 1 else ""
-        raise ValueError(
-            f"{name} of episode {ids[row]}:{shown} is not allowed: {allowed}".replace(": is", " is")
-        )
+        raise ValueError(f"{name} of episode {ids[row]}:{shown} is invalid: {allowed}".replace(": is", " is"))

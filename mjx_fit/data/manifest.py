@@ -125,7 +125,7 @@ def read_complete(folder: Path) -> Manifest:
     """
     manifest = read(folder)
     if not manifest.complete:
-        raise RequestError(f"data: {folder} is not allowed: it is not complete; repeat its collect command")
+        raise RequestError(f"data: {folder} cannot be used: it is not complete; repeat its collect command")
     return manifest
 
 
@@ -137,17 +137,17 @@ def read(folder: Path) -> Manifest:
     """
     if not folder.is_dir():
         what = "it is a file; give its folder" if folder.is_file() else "there is no such folder"
-        raise RequestError(f"data: {folder} is not allowed: {what}")
+        raise RequestError(f"data: {folder} cannot be used: {what}")
     try:
         return parse(read_text(folder))
     except FileNotFoundError:
         raise RequestError(
-            f"data: {folder} is not allowed: it holds no {NAME}, so it is no data set"
+            f"data: {folder} cannot be used: it holds no {NAME}, so it is no data set"
         ) from None
     except FormatError as error:
-        raise RequestError(f"data: {folder} is not allowed: {error}") from None
+        raise RequestError(f"data: {folder} cannot be used: {error}") from None
     except (OSError, ValueError) as error:
-        raise RequestError(f"data: {folder} is not allowed: its {NAME} is damaged: {error}") from None
+        raise RequestError(f"data: {folder} cannot be used: its {NAME} is damaged: {error}") from None
 
 
 def read_text(folder: Path) -> str:

@@ -76,7 +76,7 @@ def require(fields: Any) -> dict[str, Any]:
     manifest = bounded_json.check(_SCHEMA, fields)
     index, of = manifest["part"]
     if index >= of:
-        raise ValueError(f"part: {index} of {of} is not allowed: parts are counted from 0")
+        raise ValueError(f"part: {index} of {of} cannot be used: parts are counted from 0")
     if len(set(manifest["shapes"])) < len(manifest["shapes"]):
         raise ValueError(f"shapes: {', '.join(manifest['shapes'])}: the names must differ")
     request = manifest["request"]
@@ -84,7 +84,7 @@ def require(fields: Any) -> dict[str, Any]:
     if isinstance(asked, list) and len(asked) != len(manifest["shapes"]):
         raise ValueError(f"shapes: {len(manifest['shapes'])} names: request.config has {len(asked)} shapes")
     if request["episodes"] % request["sequence"]:
-        raise ValueError("request.episodes: it must be a multiple of request.sequence")
+        raise ValueError("request.episodes: expected a multiple of request.sequence")
     _require_shards(manifest["shards"], request)
     there = sum(shard["episodes"] for shard in manifest["shards"])
     if manifest["complete"] and of == 1 and there != request["episodes"]:
@@ -101,7 +101,7 @@ def _require_shards(shards: list[dict[str, Any]], request: dict[str, Any]) -> No
         if name != f"shard-{first:08d}.h5":
             raise ValueError(f"shards: {name} is not the name of a shard that begins with episode {first}")
         if n > most:
-            raise ValueError(f"shards: {name}: {n} episodes are not allowed: a batch has at most {most}")
+            raise ValueError(f"shards: {name}: {n} episodes cannot be used: a batch has at most {most}")
         if first < end:
             raise ValueError(f"shards: {name}: its episodes are in another shard, too")
         end = first + n

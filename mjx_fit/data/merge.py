@@ -61,18 +61,18 @@ def _whole(manifests: dict[Path, Manifest]) -> Manifest:
         ]
         if differing:
             raise RequestError(
-                f"data: {folder} is not allowed: it is no part of the same whole as {first_folder} "
+                f"data: {folder} cannot be used: it is no part of the same whole as {first_folder} "
                 f"({differing[0]})"
             )
         if part.part[1] != of:
             raise RequestError(
-                f"data: {folder} is not allowed: it is a part of {part.part[1]}, and {first_folder} of {of}"
+                f"data: {folder} cannot be used: it is a part of {part.part[1]}, and {first_folder} of {of}"
             )
     by_index: dict[int, Path] = {}
     for folder, part in manifests.items():
         twin = by_index.setdefault(part.part[0], folder)
         if twin != folder:
-            raise RequestError(f"data: {folder} is not allowed: {twin} is the same part, {part.part[0]}")
+            raise RequestError(f"data: {folder} cannot be used: {twin} is the same part, {part.part[0]}")
     missing = [index for index in range(of) if index not in by_index]
     if missing:
         raise RequestError(f"data: part {missing[0]} of {of} is missing: give the folders of all parts")
@@ -85,7 +85,7 @@ def _require_of_these(out: Path, shards: dict[str, Shard]) -> None:
         return
     for there in manifest_.read(out).shards:
         if there.name in shards and shards[there.name] != there:
-            raise RequestError(f"--out: {out} is not allowed: its {there.name} is not of these parts")
+            raise RequestError(f"--out: {out} cannot be used: its {there.name} is not of these parts")
 
 
 def _content(folder: Path, shard: Shard, request: dict[str, Any]) -> bytes:

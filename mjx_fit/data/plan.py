@@ -108,7 +108,7 @@ def check(plan: Plan) -> None:
     require("--actions", plan.actions, 1, MAX_ACTIONS)
     if plan.policy not in POLICIES:
         raise RequestError(
-            f"--policy: {shown(plan.policy)} is not allowed: it must be one of {', '.join(POLICIES)}"
+            f"--policy: {shown(plan.policy)} is invalid: expected one of {', '.join(POLICIES)}"
         )
     require("--batch", plan.batch, 1, MAX_BATCH)
     require("--sequence", plan.sequence, 1, MAX_SEQUENCE)
@@ -116,16 +116,13 @@ def check(plan: Plan) -> None:
     require("--shard-index", plan.shard_index, 0, plan.num_shards - 1, "one less than --num-shards")
     if plan.episodes % plan.sequence:
         raise RequestError(
-            f"--episodes: {plan.episodes} is not allowed: it must be a multiple of --sequence, "
-            f"{plan.sequence}"
+            f"--episodes: {plan.episodes} is invalid: expected a multiple of --sequence, {plan.sequence}"
         )
     if plan.sensor and plan.sequence == 1:
-        raise RequestError(
-            "--run: it is not allowed with --sequence 1: only later attempts start from beliefs"
-        )
+        raise RequestError("--run cannot be used with --sequence 1: only later attempts start from beliefs")
     batches = -(-plan.sequences // plan.worlds)
     if plan.num_shards > batches:
         raise RequestError(
-            f"--num-shards: {plan.num_shards} is not allowed: it must be at most {batches}, the number of "
+            f"--num-shards: {plan.num_shards} is invalid: expected at most {batches}, the number of "
             "batches; a smaller --batch makes more"
         )

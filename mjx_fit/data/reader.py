@@ -37,7 +37,7 @@ def load(folder: Path, without: Collection[str] = ()) -> Episode:
     manifest = manifest_.read_complete(folder)
     wanted = [shard for shard in manifest.shards if shard.name not in without]
     if not wanted:
-        raise RequestError(f"data: {folder} is not allowed: no shard is left to be read")
+        raise RequestError(f"data: {folder} cannot be used: no shard is left to be read")
     stacked, row = None, 0
     for part in read_shards(folder, wanted, manifest.request):
         if stacked is None:
@@ -96,7 +96,7 @@ def damages(folder: Path) -> dict[str, str]:
     try:
         manifest = manifest_.parse(manifest_.read_text(folder))
     except manifest_.FormatError as error:
-        raise RequestError(f"data: {folder} is not allowed: {error}") from None
+        raise RequestError(f"data: {folder} cannot be used: {error}") from None
     except FileNotFoundError:
         if not list(folder.glob("shard-*.h5")):
             manifest_.read(folder)  # says why this is no data set

@@ -66,7 +66,7 @@ def split(
     ids, of_episode = np.unique(sequences, return_inverse=True)
     n = len(ids)
     if n < 2:
-        raise RequestError(f"--data: {n} holes with a peg are not allowed: training needs at least 2")
+        raise RequestError(f"--data: {n} holes with a peg cannot be used: training needs at least 2")
     n_validation = min(max(1, round(fraction * n)), n - 1)
     chosen = np.zeros(n, bool)
     chosen[np.random.default_rng(seed).permutation(n)[:n_validation]] = True

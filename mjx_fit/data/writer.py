@@ -129,12 +129,12 @@ class Writer:
 def _require_ours(folder: Path) -> None:
     """A data set may go to a new folder, or to one in which a data set was begun."""
     if folder.exists() and not folder.is_dir():
-        raise RequestError(f"--out: {folder} is not allowed: it must be a folder")
+        raise RequestError(f"--out: {folder} is invalid: expected a folder")
     if not folder.is_dir() or (folder / manifest_.NAME).is_file():
         return
     foreign = files.foreign(folder, {manifest_.NAME, *_SIDE})
     if foreign:
-        raise RequestError(f"--out: {folder} is not allowed: it holds other files ({foreign[0]})")
+        raise RequestError(f"--out: {folder} cannot be used: it holds other files ({foreign[0]})")
 
 
 def _require_same(folder: Path, there: Manifest, wanted: Manifest) -> None:
@@ -146,5 +146,5 @@ def _require_same(folder: Path, there: Manifest, wanted: Manifest) -> None:
             if name == "config":
                 detail = f": {config_differences(*map(config_from_tree, (old, new)))[0]}"
             raise RequestError(
-                f"--out: {folder} is not allowed: it holds another run (its {name} differs{detail})"
+                f"--out: {folder} cannot be used: it holds another run (its {name} differs{detail})"
             )

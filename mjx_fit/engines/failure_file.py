@@ -52,7 +52,7 @@ def _read(path: Path) -> dict[str, np.ndarray]:
     with zipfile.ZipFile(path) as packed:
         names = sorted(info.filename for info in packed.infolist())
         if names != sorted(f"{name}.npy" for name in _FORM):
-            raise ValueError(f"it must hold {', '.join(_FORM)} and nothing else")
+            raise ValueError(f"expected {', '.join(_FORM)} and nothing else")
         if sum(info.file_size for info in packed.infolist()) > LARGEST:
             raise ValueError(f"it unpacks to more than {LARGEST:,} bytes")
         for name in _FORM:
@@ -73,15 +73,15 @@ def _require_form(name: str, packed: zipfile.ZipFile) -> None:
         )
         found_shape, _, dtype = reader(file)
     if dtype.kind != kind or found_shape != shape or dtype.itemsize > (LARGEST if kind == "U" else 8):
-        raise ValueError(f"{name}: {dtype} of shape {found_shape} is not allowed: it must be {kind} {shape}")
+        raise ValueError(f"{name}: {dtype} of shape {found_shape} is invalid: expected {kind} {shape}")
 
 
 def _require_values(arrays: dict[str, np.ndarray]) -> None:
     for name, value in arrays.items():
         if value.dtype.kind == "f" and not np.isfinite(value).all():
-            raise ValueError(f"{name}: it must be finite")
+            raise ValueError(f"{name}: expected finite numbers")
     n_types = config_from_yaml(str(arrays["config"])).scene.n_types
     ends = {"peg_type": n_types, "hole_type": n_types, "policy": len(NAMES), "horizon": MAX_HORIZON + 1}
     for name, end in (*ends.items(), ("step", int(arrays["horizon"]))):
         if not 0 <= int(arrays[name]) < end:
-            raise ValueError(f"{name}: {int(arrays[name])} is not allowed: it must be from 0 to {end - 1}")
+            raise ValueError(f"{name}: {int(arrays[name])} is invalid: expected 0 to {end - 1}")

@@ -56,7 +56,7 @@ def require_attempts(
     horizon = actions if horizon is None else require_count("horizon", horizon, actions, MOST_ACTIONS)
     active = np.ones(n, bool) if active is None else np.asarray(active)
     if active.dtype != bool or active.shape != (n,):
-        _refuse("active", f"{active.dtype} {active.shape}", f"it must be bool ({n},), one for each attempt")
+        _refuse("active", f"{active.dtype} {active.shape}", f"expected bool ({n},), one for each attempt")
     counts = {"peg_type": scene.n_types, "hole_type": scene.n_types, "policy": policies}
     for name, count in counts.items():
         _require_indices(name, _leaf(attempts, name, n, (), jnp.integer, "integers"), active, count)
@@ -79,27 +79,27 @@ def require_count(name: str, value: Any, least: int, most: int) -> int:
     except TypeError:
         number = None
     if number is None or isinstance(value, bool) or not least <= number <= most:
-        _refuse(name, repr(value), f"it must be a whole number from {least} to {most}")
+        _refuse(name, repr(value), f"expected a whole number from {least} to {most}")
     return number
 
 
 def _length(attempts: Attempt) -> int:
     if not isinstance(attempts, Attempt):
-        _refuse("attempts", type(attempts).__name__, "it must be an Attempt")
+        _refuse("attempts", type(attempts).__name__, "expected an Attempt")
     for field in fields(Attempt):
         if not hasattr(getattr(attempts, field.name), "shape"):
             given = type(getattr(attempts, field.name)).__name__
-            _refuse(f"attempts: {field.name}", given, "it must be a NumPy or JAX array")
+            _refuse(f"attempts: {field.name}", given, "expected a NumPy or JAX array")
     shape = np.shape(attempts.peg_type)
     if len(shape) != 1 or not shape[0]:
-        _refuse("attempts: peg_type", f"shape {shape}", "it must be (n,) with n of 1 or more")
+        _refuse("attempts: peg_type", f"shape {shape}", "expected (n,) with n of 1 or more")
     return shape[0]
 
 
 def _leaf(attempts: Attempt, name: str, n: int, rest: tuple[int, ...], kind: Any, word: str) -> np.ndarray:
     leaf = getattr(attempts, name)
     if leaf.shape != (n, *rest) or not jnp.issubdtype(leaf.dtype, kind):
-        _refuse(f"attempts: {name}", f"{leaf.dtype} {leaf.shape}", f"it must be {word} {(n, *rest)}")
+        _refuse(f"attempts: {name}", f"{leaf.dtype} {leaf.shape}", f"expected {word} {(n, *rest)}")
     return np.asarray(leaf)
 
 
@@ -107,7 +107,7 @@ def _require_indices(name: str, leaf: np.ndarray, active: np.ndarray, count: int
     wrong = active & ((leaf < 0) | (leaf >= count))
     if wrong.any():
         row = int(wrong.argmax())
-        _refuse(f"attempts: {name} of row {row}", str(leaf[row]), f"it must be 0 to {count - 1}")
+        _refuse(f"attempts: {name} of row {row}", str(leaf[row]), f"expected 0 to {count - 1}")
 
 
 def _require_places(name: str, leaf: np.ndarray, active: np.ndarray, reach: tuple[float, float]) -> None:
@@ -120,18 +120,18 @@ def _require_places(name: str, leaf: np.ndarray, active: np.ndarray, reach: tupl
         _refuse(
             f"attempts: {name} of row {row}",
             f"({x:.6g}, {y:.6g}) m",
-            f"it must be {reach[0]} to {reach[1]} m from the arm's base, with x positive",
+            f"expected {reach[0]} to {reach[1]} m from the arm's base, with x positive",
         )
 
 
 def _require_keys(key: Any, n: int) -> None:
     if not jnp.issubdtype(key.dtype, jax.dtypes.prng_key):
-        _refuse("attempts: key", str(key.dtype), "it must be keys as jax.random.key makes them")
+        _refuse("attempts: key", str(key.dtype), "expected keys as jax.random.key makes them")
     if key.shape != (n,):
-        _refuse("attempts: key", f"shape {key.shape}", f"it must be ({n},), one for each attempt")
+        _refuse("attempts: key", f"shape {key.shape}", f"expected ({n},), one for each attempt")
     if str(jax.random.key_impl(key)) != _KEYS:
-        _refuse("attempts: key", str(jax.random.key_impl(key)), f"its implementation must be {_KEYS}")
+        _refuse("attempts: key", str(jax.random.key_impl(key)), f"expected the implementation {_KEYS}")
 
 
 def _refuse(name: str, value: str, allowed: str) -> NoReturn:
-    raise RequestError(f"{name}: {value} is not allowed: {allowed}")
+    raise RequestError(f"{name}: {value} is invalid: {allowed}")

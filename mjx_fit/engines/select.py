@@ -18,7 +18,7 @@ def resolve(name: str) -> str:
         RequestError: There is no such engine.
     """
     if name not in ENGINES:
-        raise RequestError(f"--engine: {shown(name)} is not allowed: choose from {', '.join(ENGINES)}")
+        raise RequestError(f"--engine: {shown(name)} is invalid: choose from {', '.join(ENGINES)}")
     if name != "auto":
         return name
     return "native" if jax.default_backend() == "cpu" else "mjx"

@@ -25,7 +25,7 @@ def assembly(request: Request) -> Result:
         request: Its trials count assemblies.
 
     Raises:
-        RequestError: A value is not allowed, a method needs a sensor and there is none, or the file holds
+        RequestError: A value is invalid, a method needs a sensor and there is none, or the file holds
             another result.
     """
     picked = chosen(request.methods, ASSEMBLY)
@@ -33,7 +33,7 @@ def assembly(request: Request) -> Result:
     reading = [method.name for method in picked if method.needs_sensor]
     sensor = request.sensor if reading else None
     if reading and sensor is None:
-        raise RequestError(f"--run: none is not allowed: {reading[0]} needs the folder of a training run")
+        raise RequestError(f"--run is required: method {reading[0]!r} needs a trained sensor")
     if sensor:
         request = replace(request, config=sensor.adapt(request.config))
     asked = {

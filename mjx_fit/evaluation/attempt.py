@@ -29,7 +29,7 @@ def attempt(request: Request) -> Result:
             in turn.
 
     Raises:
-        RequestError: A value is not allowed, or the file holds another result.
+        RequestError: A value is invalid, or the file holds another result.
     """
     n_types = request.config.scene.n_types
     result_file.require_trials(request.trials, n_types + (n_types > 1))  # of each shape, and mismatched ones

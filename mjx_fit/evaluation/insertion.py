@@ -30,7 +30,7 @@ def insertion(request: Request) -> Result:
             ``seeds``.
 
     Raises:
-        RequestError: A value is not allowed, there is no sensor for a method, or the file holds another
+        RequestError: A value is invalid, there is no sensor for a method, or the file holds another
             result.
     """
     picked, trials, seeds = chosen(request.methods, INSERTION), request.trials, request.seeds

@@ -115,8 +115,8 @@ def _require_own(folder: Path, asked: dict[str, Any]) -> None:
             if name == "versions":
                 name = provenance.differing(known.get(name, {}), asked[name])[0][0]
             raise RequestError(
-                f"--out: {folder} is not allowed: it holds the begun work of another request "
+                f"--out: {folder} cannot be used: it holds the begun work of another request "
                 f"(its {name} differs); remove it or choose another file"
             )
     elif foreign := files.foreign(folder, {ASKED}):
-        raise RequestError(f"--out: {folder} is not allowed: it holds other files ({foreign[0]}); remove it")
+        raise RequestError(f"--out: {folder} cannot be used: it holds other files ({foreign[0]}); remove it")

@@ -84,9 +84,9 @@ def replay(
             or machine.
     """
     if result.experiment != "assembly":
-        raise RequestError(f"result: {result.experiment!r} is not allowed: it must be of assembly")
+        raise RequestError(f"result: {result.experiment!r} is invalid: expected 'assembly'")
     if not result.trials:
-        raise RequestError("result: trials: none is not allowed: there is nothing to play")
+        raise RequestError("result: trials: none is invalid: there is nothing to play")
     rows = {(row["method"], row["trial"]): row for row in result.trials}
     names = list(dict.fromkeys(name for name, _ in rows))
     wanted = pick.method, pick.trial
@@ -102,7 +102,9 @@ def replay(
         raise RequestError("--run: the result was made with another sensor; give its --run")
     trials = result.request.get("trials")
     if not isinstance(trials, int) or trials <= max(number for _, number in rows):
-        raise RequestError(f"result: request.trials: {trials!r} is not allowed: it must count its trials")
+        raise RequestError(
+            f"result: request.trials: {trials!r} is invalid: expected the number of its trials"
+        )
     pieces = parts.pieces(trials, len(names), engine.name)
     ids = next(piece for piece in pieces if pick.trial in piece)
     picked = chosen(",".join(names), ASSEMBLY)
@@ -133,7 +135,7 @@ def _only(method: str) -> Method:
     """
     known = {one.name: one for one in ASSEMBLY}
     if method not in known:
-        raise RequestError(f"--method: {shown(method)} is not allowed: choose from {', '.join(known)}")
+        raise RequestError(f"--method: {shown(method)} is invalid: choose from {', '.join(known)}")
     return known[method]
 
 
@@ -160,7 +162,7 @@ def _play(of: _Assemblies, pick: Pick, engine: Engine, sensor: TrainedSensor | N
     if reading := [one.name for one in methods if one.needs_sensor]:
         # Of any row: beliefs are updated in a batch of all.
         if sensor is None:
-            raise RequestError(f"--run: none is not allowed: {reading[0]} needs a training run")
+            raise RequestError(f"--run is required: method {reading[0]!r} needs a trained sensor")
         config, network = sensor.adapt(config), sensor.network
         sensor.say_if_away(config, "playing")
     drawn, place = draw_trials(config, of.seed, ids), int(np.flatnonzero(ids == pick.trial)[0])

@@ -32,7 +32,7 @@ def position(request: Request) -> Result:
             scene has one shape), and as many that match.
 
     Raises:
-        RequestError: A value is not allowed, there is no sensor for a method, or the file holds another
+        RequestError: A value is invalid, there is no sensor for a method, or the file holds another
             result.
     """
     picked, trials = chosen(request.methods, POSITION), request.trials

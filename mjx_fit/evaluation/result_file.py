@@ -52,15 +52,15 @@ def finished(out: Path, here: Header) -> Result | None:
     """
     require_seed(here["seed"])
     if out.suffix != ".json":  # by which a report finds it in a folder
-        raise RequestError(f"--out: {out} is not allowed: it must end in .json")
+        raise RequestError(f"--out: {out} is invalid: it must end in .json")
     if not out.exists():
         files.require_writable(out)  # before minutes of work, not after them
         return None
     if out.is_dir():
-        raise RequestError(f"--out: {out} is not allowed: it is a folder; name a .json file")
+        raise RequestError(f"--out: {out} cannot be used: it is a folder; name a .json file")
     there = results.read(out)
     if {name: getattr(there, name) for name in here} != here:
-        raise RequestError(f"--out: {out} is not allowed: it holds another result; choose a new file")
+        raise RequestError(f"--out: {out} cannot be used: it holds another result; choose a new file")
     return there
 
 
@@ -113,7 +113,7 @@ def require_trials(trials: int, methods: int = 1, seeds: int = 1) -> None:
     """Refuse a number of trials that is none, or of which the rows would never all be there.
 
     Raises:
-        RequestError: It is not allowed.
+        RequestError: It is invalid.
     """
     require("--trials", trials, 1, MAX_TRIALS)
     require("--seeds", seeds, 1, MAX_SEEDS)

@@ -115,7 +115,7 @@ def require(tree: Any) -> dict[str, Any]:
         raise ValueError(_under_trials(str(error))) from None
     asked = tree.get("request", {}).get("trials", 0)
     if tree["experiment"] == "assembly" and trials and asked > len(trials):  # to play one, all are drawn
-        raise ValueError(f"request.trials: {asked} is not allowed: there are {len(trials)} rows of trials")
+        raise ValueError(f"request.trials: {asked} is invalid: there are {len(trials)} rows of trials")
     shapes = tree["config"].get("scene", {}).get("shapes")
     names = {shape["name"] for shape in shapes} if shapes else {*SceneConfig().names}
     for number, trial in enumerate(trials):
@@ -135,12 +135,12 @@ def _unknown(column: str, found: list[str], names: set[str]) -> Iterator[str]:
     for name in found:
         if name not in names:
             shapes = ", ".join(sorted(names))
-            yield f"{column}: {name[:80]!r} is not allowed: it must be a shape, one of {shapes}"
+            yield f"{column}: {name[:80]!r} is invalid: expected a shape, one of {shapes}"
 
 
 def _other_length(column: str, found: list, wanted: int, of: str) -> Iterator[str]:
     if len(found) != wanted:
-        yield f"{column}: {len(found)} values are not allowed: {of} has {wanted}"
+        yield f"{column}: {len(found)} values cannot be used: {of} has {wanted}"
 
 
 def _assembly(trial: dict[str, Any], first: dict[str, Any], _: set[str]) -> Iterator[str]:
@@ -158,15 +158,15 @@ def _assembly(trial: dict[str, Any], first: dict[str, Any], _: set[str]) -> Iter
     if "tried" in trial:
         most = max((hole for holes in trial["tried"] for hole in holes), default=0)
         if most >= len(trial.get("holes", trial["pegs"])):
-            yield f"tried: {most} is not allowed: there are {len(trial.get('holes', trial['pegs']))} holes"
+            yield f"tried: {most} is invalid: there are {len(trial.get('holes', trial['pegs']))} holes"
 
 
 def _attempt(trial: dict[str, Any], _: dict[str, Any], names: set[str]) -> Iterator[str]:
     yield from _unknown("pair", trial["pair"], names)
     if trial["matched"] != (trial["pair"][0] == trial["pair"][1]):
-        yield f"matched: {trial['matched']} is not allowed: the pair says otherwise"
+        yield f"matched: {trial['matched']} cannot be used: the pair says otherwise"
     if trial.get("inserted_wrongly") and (trial["matched"] or trial["inserted"]):
-        yield "inserted_wrongly: True is not allowed: the pair matches, or inserted is true"
+        yield "inserted_wrongly: True cannot be used: the pair matches, or inserted is true"
 
 
 def _position(trial: dict[str, Any], first: dict[str, Any], names: set[str]) -> Iterator[str]:
@@ -176,7 +176,7 @@ def _position(trial: dict[str, Any], first: dict[str, Any], names: set[str]) -> 
     yield from _other_length("squared_mahalanobis", trial["squared_mahalanobis"], places, "error_cm")
     yield from _other_length("peak_force_n", [None, *trial["peak_force_n"]], places, "error_cm")
     if (trial["inserted_at"] or 0) >= places:
-        yield f"inserted_at: {trial['inserted_at']} is not allowed: there are {places - 1} attempts"
+        yield f"inserted_at: {trial['inserted_at']} is invalid: there are {places - 1} attempts"
 
 
 def _insertion(trial: dict[str, Any], _: dict[str, Any], names: set[str]) -> Iterator[str]:

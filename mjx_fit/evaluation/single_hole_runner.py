@@ -60,7 +60,7 @@ def run(study: Study, request: Request) -> Result:
         request: What it is asked for.
 
     Raises:
-        RequestError: A value is not allowed, there is no sensor for a method, or the file holds another
+        RequestError: A value is invalid, there is no sensor for a method, or the file holds another
             result.
     """
     sensors, config, differs = _sensors(study.methods, request)
@@ -122,9 +122,7 @@ def _sensors(
                 "--methods, or train with a train.baseline_share above 0"
             )
         if sensor is None:
-            raise RequestError(
-                f"--run: none is not allowed: {method.name} needs the folder of a training run"
-            )
+            raise RequestError(f"--run is required: method {method.name!r} needs a trained sensor")
         sensors[method.name] = sensor
         # The baseline's network and training are the run's, but for what makes it the baseline.
         if method.reads == "filter":

@@ -78,11 +78,11 @@ def _require_ours(inputs: list[Path], out: Path) -> None:
     """A page may go to a new folder, over a page of ours, or beside the inputs in a folder that is one."""
     index = out / "index.html"
     if index.exists() and GENERATOR not in index.read_text(encoding="utf-8", errors="replace"):
-        raise RequestError(f"report: --out {out} is not allowed: it holds an index.html of something else")
+        raise RequestError(f"report: --out {out} cannot be used: it holds an index.html of something else")
     beside = out.resolve() in [path.resolve() for path in inputs]
     foreign = files.foreign(out, {index.name})
     if foreign and not index.exists() and not beside:
-        raise RequestError(f"report: --out {out} is not allowed: it holds other files ({foreign[0]})")
+        raise RequestError(f"report: --out {out} cannot be used: it holds other files ({foreign[0]})")
 
 
 def _find(path: Path, depth: int = 1) -> dict[Path, tuple[str, _Maker]]:

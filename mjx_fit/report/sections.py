@@ -97,12 +97,12 @@ def of_video(slug: str, path: Path) -> Section:
     size = path.stat().st_size
     if size > LARGEST_VIDEO:
         raise RequestError(
-            f"report: {path} is not allowed: it has {size / 1e6:.0f} MB, and a page takes videos up to "
+            f"report: {path} cannot be used: it has {size / 1e6:.0f} MB, and a page takes videos up to "
             f"{LARGEST_VIDEO / 1e6:.0f} MB; render it with fewer --fps or more --speed"
         )
     content, (at, begins) = path.read_bytes(), _BEGINS[path.suffix]
     if not content.startswith(begins, at):
-        raise RequestError(f"report: {path} is not allowed: it is no {path.suffix} video")
+        raise RequestError(f"report: {path} cannot be used: it is no {path.suffix} video")
     address = f"data:{VIDEOS[path.suffix]};base64,{base64.b64encode(content).decode()}"
     return Section(slug, f"Video: {path.stem}", (), "", (), video=address)
 

@@ -120,7 +120,7 @@ def place_holes(rng: np.random.Generator, n_holes: int, config: SceneConfig) -> 
             if len(centres) == n_holes:
                 return centres
     raise RequestError(
-        f"config: task.n_holes: {n_holes} is not allowed: boxes of scene.plate_half_width_m = "
+        f"config: task.n_holes: {n_holes} cannot be used: boxes of scene.plate_half_width_m = "
         f"{config.plate_half_width_m} do not fit side by side in the workspace"
     )
 

@@ -102,7 +102,7 @@ class TraceEncoder(nnx.Module):
         """
         if config.width % config.heads:
             raise RequestError(
-                f"config: sensor.heads: {config.heads} is not allowed: "
+                f"config: sensor.heads: {config.heads} cannot be used: "
                 f"it must divide sensor.width, {config.width}"
             )
         self.positional = config.positional

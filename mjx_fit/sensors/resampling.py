@@ -159,14 +159,14 @@ def _tare(log: SensorLog) -> Float[np.ndarray, "6"]:
         return _single(log.tare_sensor)
     if log.free_s is None:
         raise RequestError(
-            "log: tare_sensor: none is not allowed: give the reading in free space, or free_s, a stretch "
+            "log: tare_sensor: none cannot be used: give the reading in free space, or free_s, a stretch "
             "without contact"
         )
     begin, end = log.free_s
     free = (log.wrench_time_s >= begin) & (log.wrench_time_s <= end)
     if free.sum() < LEAST_TARE_SAMPLES:
         raise RequestError(
-            f"log: free_s: [{begin:.3f}, {end:.3f}] s is not allowed: {int(free.sum())} wrenches are in "
+            f"log: free_s: [{begin:.3f}, {end:.3f}] s cannot be used: {int(free.sum())} wrenches are in "
             f"it, and a tare needs {LEAST_TARE_SAMPLES}"
         )
     return _single(log.wrench_sensor[free].mean(0))

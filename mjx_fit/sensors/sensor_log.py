@@ -85,9 +85,7 @@ def _array(name: str, value: Any) -> Any:
     try:
         array = np.asarray(value, np.float64)
     except (TypeError, ValueError):
-        raise RequestError(
-            f"log: {name}: {type(value).__name__} is not allowed: it must hold numbers"
-        ) from None
+        raise RequestError(f"log: {name}: {type(value).__name__} is invalid: it must hold numbers") from None
     return array
 
 
@@ -110,7 +108,7 @@ def _require_shapes(log: SensorLog) -> None:
         if array is None:
             continue
         if array.shape != shape:
-            raise RequestError(f"log: {name}: shape {array.shape} is not allowed: it must be {shape}")
+            raise RequestError(f"log: {name}: shape {array.shape} is invalid: expected {shape}")
         if not np.isfinite(array).all():
             row = int(np.argwhere(~np.isfinite(array))[0][0])
             raise RequestError(f"log: {name}: row {row} is not finite: all numbers must be")
@@ -125,7 +123,7 @@ def _require_shapes(log: SensorLog) -> None:
         if len(back):
             i = int(back[0])
             raise RequestError(
-                f"log: {name}: {time[i + 1]:.6f} s after {time[i]:.6f} s is not allowed: times must ascend"
+                f"log: {name}: {time[i + 1]:.6f} s after {time[i]:.6f} s cannot be used: times must ascend"
             )
 
 
@@ -133,14 +131,14 @@ def action_times(command_time_s: Float[np.ndarray, "J"]) -> Float[np.ndarray, "J
     """The begin of each action: on a grid of 0.1 s, within a fifth of which the commands must lie."""
     if len(command_time_s) > MOST_ACTIONS:
         raise RequestError(
-            f"log: command_time_s: {len(command_time_s)} actions are not allowed: at most {MOST_ACTIONS}"
+            f"log: command_time_s: {len(command_time_s)} actions cannot be used: at most {MOST_ACTIONS}"
         )
     grid = command_time_s[0] + ACTION_S * np.arange(len(command_time_s))
     off = np.abs(command_time_s - grid)
     if off.max() > ACTION_S / 5:
         i = int(off.argmax())
         raise RequestError(
-            f"log: command_time_s: {command_time_s[i]:.4f} s of action {i} is not allowed: actions begin "
+            f"log: command_time_s: {command_time_s[i]:.4f} s of action {i} cannot be used: actions begin "
             f"every {ACTION_S} s, this one at {grid[i]:.4f} s"
         )
     return grid

@@ -37,7 +37,7 @@ def require_readable(felt: Felt, n_types: int, batch: int = 1) -> None:
         batch: 0 or 1.
 
     Raises:
-        RequestError: A field has another shape, or a value that is not allowed; the message names it.
+        RequestError: A field has another shape, or a value that is invalid; the message names it.
     """
     trace = felt.trace
     rows = np.shape(trace.wrench_sensor)[: batch + 1]
@@ -93,7 +93,7 @@ def _is_traced(tree: Any) -> bool:
 def _require_shape(name: str, leaf: Any, shape: tuple[int, ...], words: str = "") -> None:
     if np.shape(leaf) != shape:
         raise RequestError(
-            f"{name}: shape {np.shape(leaf)} is not allowed: it must be {shape}" + f" ({words})" * bool(words)
+            f"{name}: shape {np.shape(leaf)} is invalid: expected {shape}" + f" ({words})" * bool(words)
         )
 
 
@@ -101,7 +101,7 @@ def _require_indices(name: str, leaf: np.ndarray, most: int) -> None:
     wrong = ~((leaf >= 0) & (leaf <= most))
     if wrong.any() or leaf.dtype.kind not in "iu":
         value = leaf.reshape(-1)[wrong.argmax()]
-        raise RequestError(f"{name}: {value} is not allowed: it must be a whole number from 0 to {most}")
+        raise RequestError(f"{name}: {value} is invalid: expected a whole number from 0 to {most}")
 
 
 def _require_finite(name: str, leaf: np.ndarray, counts: Bool[np.ndarray, "*n"]) -> None:
@@ -121,6 +121,6 @@ def _require_unit(name: str, quaternion: np.ndarray, counts: Bool[np.ndarray, "*
     if wrong.any():
         at = tuple(np.argwhere(wrong)[0])
         raise RequestError(
-            f"{name}: {np.round(quaternion[at], 4).tolist()} is not allowed: its length, {size[at]:.4g}, "
+            f"{name}: {np.round(quaternion[at], 4).tolist()} cannot be used: its length, {size[at]:.4g}, "
             f"must be 1 within {MOST_OFF_UNIT:.0%}"
         )

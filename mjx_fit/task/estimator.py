@@ -144,7 +144,7 @@ def _require_same_types(observation: Observation, config: Config) -> None:
     known = observation.match_model_logp.shape[-2]
     if known != config.scene.n_types:
         raise RequestError(
-            f"sensor: {known} types are not allowed: scene.shapes has {config.scene.n_types}; train a sensor "
+            f"sensor: {known} types cannot be used: scene.shapes has {config.scene.n_types}; train a sensor "
             "on these shapes"
         )
 

@@ -24,7 +24,7 @@ def require_update(beliefs: Belief, felt: Felt, keys: Any, n_types: int) -> None
         n_types: Number of shapes: of the scene, and of the sensor.
 
     Raises:
-        RequestError: A field has another shape, or a value that is not allowed; the message names it.
+        RequestError: A field has another shape, or a value that is invalid; the message names it.
     """
     require_readable(felt, n_types)
     n = len(felt.length)
@@ -70,20 +70,18 @@ def require_places(detections: Any, reach: tuple[float, float]) -> Float[np.ndar
     """
     places = np.asarray(detections, np.float32)
     if places.ndim != 2 or places.shape[1] != 2 or not len(places):
-        raise RequestError(
-            f"detections: shape {places.shape} is not allowed: it must be (n, 2), n of 1 or more"
-        )
+        raise RequestError(f"detections: shape {places.shape} is invalid: expected (n, 2), n of 1 or more")
     distance = np.linalg.norm(places, axis=1)
     wrong = ~((distance >= reach[0]) & (distance <= reach[1]))
     if wrong.any():
         row = int(wrong.argmax())
         x, y = places[row].tolist()
         raise RequestError(
-            f"detections: ({x:.6g}, {y:.6g}) of hole {row} is not allowed: it must be {reach[0]} to "
+            f"detections: ({x:.6g}, {y:.6g}) of hole {row} is invalid: expected {reach[0]} to "
             f"{reach[1]} m from the robot's base"
         )
     return places
 
 
 def _refuse(name: str, value: str, allowed: str) -> None:
-    raise RequestError(f"{name}: {value} is not allowed: {allowed}")
+    raise RequestError(f"{name}: {value} cannot be used: {allowed}")

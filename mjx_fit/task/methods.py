@@ -87,7 +87,7 @@ def chosen(names: str, among: Sequence[M]) -> tuple[M, ...]:
     picked = {}
     for name in names.split(","):
         if name not in known:
-            raise RequestError(f"--methods: {shown(name)} is not allowed: choose from {', '.join(known)}")
+            raise RequestError(f"--methods: {shown(name)} is invalid: choose from {', '.join(known)}")
         picked[name] = known[name]
     return tuple(picked.values())
 

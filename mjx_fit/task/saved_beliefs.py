@@ -57,5 +57,5 @@ def read_beliefs(path: Path) -> SavedBeliefs:
     except ValueError as error:
         raise RequestError(f"{path} is no file of beliefs: {error}") from None
     if saved.format != FORMAT:
-        raise RequestError(f"{path}: format: {saved.format} is not allowed: it must be {FORMAT}")
+        raise RequestError(f"{path}: format: {saved.format} is invalid: expected {FORMAT}")
     return saved

@@ -104,7 +104,7 @@ class BeliefTracker:
             self._peg, self.tries = kind, np.zeros_like(self.tries)
         if self.filled.all():
             raise RequestError(
-                f"choose: peg {shown(peg)} is not allowed: all {len(self.filled)} holes are filled"
+                f"choose: peg {shown(peg)} cannot be used: all {len(self.filled)} holes are filled"
             )
         alpha = success_probability(self._config, jnp.asarray(self.belief.pos_cov))
         reward = greedy.expected_reward(jnp.asarray(self.belief.type_logp), jnp.asarray(kind), alpha)
@@ -186,7 +186,7 @@ class BeliefTracker:
         ):
             if there != here:
                 raise RequestError(
-                    f"{path}: {word}: {shown(there)} is not allowed: the sensor's is {shown(here)}"
+                    f"{path}: {word}: {shown(there)} cannot be used: the sensor's is {shown(here)}"
                 )
         leaves = (
             np.asarray(leaf, np.float32) for leaf in (saved.pos_mean_world, saved.pos_cov, saved.type_logp)
@@ -203,7 +203,7 @@ class BeliefTracker:
     def _type_of(self, peg: str) -> int:
         names = self._config.scene.names
         if peg not in names:
-            raise RequestError(f"peg: {shown(peg)} is not allowed: it must be one of {', '.join(names)}")
+            raise RequestError(f"peg: {shown(peg)} is invalid: expected one of {', '.join(names)}")
         return names.index(peg)
 
     def _require_hole(self, hole: int) -> int:
@@ -213,13 +213,13 @@ class BeliefTracker:
         """Make sure that an attempt is one of this hole: another would give a wrong belief in silence."""
         names, peg = self._config.scene.names, int(felt.peg_type)
         if self._peg not in (None, peg):
-            raise RequestError(f"update: peg_type: {peg} is not allowed: {names[self._peg]} is in hand")
+            raise RequestError(f"update: peg_type: {peg} cannot be used: {names[self._peg]} is in hand")
         if self.filled[hole]:
-            raise RequestError(f"update: hole {hole} is not allowed: it is filled")
+            raise RequestError(f"update: hole {hole} cannot be used: it is filled")
         start, estimate = np.asarray(felt.estimate_world), self.estimate(hole)
         if not np.linalg.norm(start - estimate) <= MOST_OFF_START_M:
             raise RequestError(
-                f"update: estimate_world: {np.round(start, 5).tolist()} is not allowed: an attempt at hole "
+                f"update: estimate_world: {np.round(start, 5).tolist()} cannot be used: an attempt at hole "
                 f"{hole} starts from {np.round(estimate, 5).tolist()}"
             )
 

@@ -98,7 +98,7 @@ def _warn(step: Path) -> None:
 def _require_finite(step: Path, arrays: Arrays) -> None:
     for name, leaf in arrays.items():
         if not np.isfinite(leaf).all():
-            raise RequestError(f"checkpoint: {step} is not allowed: {name[:80]!a} holds no finite numbers")
+            raise RequestError(f"checkpoint: {step} cannot be used: {name[:80]!a} holds no finite numbers")
 
 
 def load_last(out: Path) -> tuple[int, Arrays | None]:
@@ -115,12 +115,12 @@ def load_sensor(run: Path) -> tuple[ContactSensor, Config]:
     numerics.require()
     run = Path(run)
     if not run.is_dir():
-        raise RequestError(f"--run: {run} is not allowed: there is no such folder")
+        raise RequestError(f"--run: {run} is invalid: there is no such folder")
     if not (run / "config.yaml").is_file():
-        raise RequestError(f"--run: {run} is not allowed: it holds no config.yaml, so it is no training run")
+        raise RequestError(f"--run: {run} cannot be used: it holds no config.yaml, so it is no training run")
     checkpoint = load(run / BEST)
     if checkpoint is None:
-        raise RequestError(f"--run: {run} is not allowed: it holds no checkpoint ({BEST}); train it first")
+        raise RequestError(f"--run: {run} cannot be used: it holds no checkpoint ({BEST}); train it first")
     config = read_stored_config(run / "config.yaml")
     abstract = nnx.eval_shape(lambda: ContactSensor(config.sensor, nnx.Rngs(0), config.scene.n_types))
     _require_finite(run / BEST, checkpoint[1])

@@ -99,11 +99,11 @@ def require_new(run: Path, data: Episode, fingerprint: str) -> None:
     """
     for told in lineage(told_by(run)):
         if told.get("data") == fingerprint:
-            raise RequestError("--data: the data that the run was trained on are not allowed: collect others")
+            raise RequestError("--data: the data that the run was trained on cannot be used: collect others")
         if not shares_holes(told, data, fingerprint):
             continue
         raise RequestError(
-            "--data: the holes that the run was trained at are not allowed: collect with another --seed"
+            "--data: the holes that the run was trained at cannot be used: collect with another --seed"
         )
 
 

@@ -95,7 +95,7 @@ def train(
         saver.resume(epochs_done, arrays)
         if len(saver.best_nll) != members:
             raise RequestError(
-                f"--members: {members} is not allowed: {out} was begun with {len(saver.best_nll)} of them"
+                f"--members: {members} cannot be used: {out} was begun with {len(saver.best_nll)} of them"
             )
     if epochs_done >= config.train.epochs or saver.is_stale(epochs_done):
         return False
@@ -105,7 +105,7 @@ def train(
     recipe, state = _begin(data, sides[0], config, init_keys, starts)
     placed_data = placed(data)
     if members > 1 and isinstance(placed_data.episode, np.ndarray):
-        raise RequestError(f"--members: {members} is not allowed: the data do not fit beside them; train one")
+        raise RequestError(f"--members: {members} cannot be used: the data do not fit beside them; train one")
     about = first_hole(data), np.asarray(data.sequence), episodes
     for folder, origin in zip(folders, origins, strict=True):
         run_folder.write(folder, config, seed, data_id, *about, origin)

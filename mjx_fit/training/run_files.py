@@ -113,7 +113,7 @@ def ended(out: Path, config: Config) -> str:
 def damaged(path: Path, what: object, option: str = "--out") -> RequestError:
     """The refusal of a file of a run that a kill cannot have left so."""
     return RequestError(
-        f"{option}: {path} is not allowed: it is damaged ({what}); restore it, or choose a new folder"
+        f"{option}: {path} cannot be used: it is damaged ({what}); restore it, or choose a new folder"
     )
 
 

@@ -47,7 +47,7 @@ def require_members(count: int) -> None:
     """Refuse a number of sensors that is none, or more than are trained at once.
 
     Raises:
-        RequestError: It is not allowed.
+        RequestError: It is invalid.
     """
     require("--members", count, 1, MAX_MEMBERS)
 
@@ -65,7 +65,7 @@ def members(out: Path, count: int, inside: str = "") -> list[Path]:
     foreign = files.foreign(out, {"checkpoints", "frame_by_frame", *names})
     if foreign:
         raise RequestError(
-            f"--out: {out} is not allowed: it holds other files ({foreign[0]}); choose a new folder"
+            f"--out: {out} cannot be used: it holds other files ({foreign[0]}); choose a new folder"
         )
     return [_below(inside_(out, name), inside) for name in names]
 
@@ -115,7 +115,7 @@ def check(out: Path, config: Config, seed: int, data: str, origin: dict[str, Any
         RequestError: It is not a folder, or it holds another run or other files.
     """
     if out.exists() and not out.is_dir():
-        raise RequestError(f"--out: {out} is not allowed: it must be a folder")
+        raise RequestError(f"--out: {out} is invalid: expected a folder")
     for name in _ENTRIES:
         refuse_link(out / name)
     if not (out / RUN).is_file():
@@ -133,7 +133,7 @@ def check(out: Path, config: Config, seed: int, data: str, origin: dict[str, Any
     _require_end(out, before, config, differences)
     if differences:
         raise RequestError(
-            f"--out: {out} is not allowed: it holds another run ({differences[0]}); choose a new folder"
+            f"--out: {out} cannot be used: it holds another run ({differences[0]}); choose a new folder"
         )
 
 
@@ -150,7 +150,7 @@ def require_same_arithmetic(out: Path) -> None:
     there, here = run_files.read(out).get("versions", {}), provenance.versions()
     for name, old, new in provenance.differing(*map(provenance.settings_of, (there, here))):
         raise RequestError(
-            f"{name}: {new} is not allowed here: {out} was begun with {old}, and its numbers depend on it"
+            f"{name}: {new} cannot be used here: {out} was begun with {old}, and its numbers depend on it"
         )
     for name, old, new in provenance.differing(there, here)[:1]:
         print(
@@ -205,7 +205,7 @@ def _require_origin(out: Path, there: dict[str, Any] | None, here: dict[str, Any
     started = "new weights" if there is None else "a trained sensor"
     how = "leave --init away" if there is None else "give the --init that it was begun with"
     raise RequestError(
-        f"--init: {'none' if here is None else 'this one'} is not allowed: {out} started from {started}"
+        f"--init: {'none' if here is None else 'this one'} cannot be used: {out} started from {started}"
         f"{' that is not this one' if there and here else ''}; {how}, or choose a new folder"
     )
 
@@ -215,13 +215,13 @@ def _require_end(out: Path, before: Config, now: Config, differences: list[str])
     cosine = [words for words in differences if words.startswith("train.epochs ")]
     if cosine and cosine == differences:
         raise RequestError(
-            f"--epochs: {now.train.epochs} is not allowed: {cosine[0]}, where train.schedule cosine brings "
+            f"--epochs: {now.train.epochs} cannot be used: {cosine[0]}, where train.schedule cosine brings "
             f"the learning rate to zero; start another run from this one: --init {out} --out NEW"
         )
     there, here = before.train.patience, now.train.patience
     if not differences and here and (not there or here < there):
         raise RequestError(
-            f"config: train.patience: {here} is not allowed: {out} has {there or '0 (never stop early)'}, "
+            f"config: train.patience: {here} cannot be used: {out} has {there or '0 (never stop early)'}, "
             "which may only grow"
         )
 
@@ -236,5 +236,5 @@ def _require_free(out: Path, config: Config) -> None:
             path.is_file() and path.read_bytes().decode(errors="replace") == begun.get(name)
         ):
             raise RequestError(
-                f"--out: {out} is not allowed: it holds other files ({name}); choose a new folder"
+                f"--out: {out} cannot be used: it holds other files ({name}); choose a new folder"
             )

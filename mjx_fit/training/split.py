@@ -26,7 +26,7 @@ def usable_sides(
     """
     if config.train.min_window > config.train.max_window:
         raise RequestError(
-            f"config: train.min_window: {config.train.min_window} is not allowed: "
+            f"config: train.min_window: {config.train.min_window} cannot be used: "
             f"it must be at most train.max_window, {config.train.max_window}"
         )
     keep = usable(data)
@@ -34,7 +34,7 @@ def usable_sides(
     train_ids, val_ids = (ids[keep[ids]] for ids in sides)
     if not len(train_ids) or not len(val_ids):
         raise RequestError(
-            f"--data: {len(train_ids)} training and {len(val_ids)} validation interactions are not allowed: "
+            f"--data: {len(train_ids)} training and {len(val_ids)} validation interactions cannot be used: "
             "at least one of each must be valid and long enough"
         )
     require_sound(data, keep, config.scene.n_types)
@@ -60,18 +60,18 @@ def require_chains(request: dict[str, Any], config: Config) -> None:
         return
     if there < wanted:
         raise RequestError(
-            f"config: train.sequence: {wanted} is not allowed with these --data: they have "
+            f"config: train.sequence: {wanted} cannot be used with these --data: they have "
             f"{there} attempts in a row; collect them with --sequence {wanted}"
         )
     if not request.get("sensor"):
         raise RequestError(
-            f"config: train.sequence: {wanted} is not allowed with these --data: their later attempts start "
+            f"config: train.sequence: {wanted} cannot be used with these --data: their later attempts start "
             "from drawn estimates; collect them with the --run of a sensor"
         )
     whole = min(request["steps"], request["config"]["task"]["attempt_actions"])
     if config.train.min_window < whole:
         raise RequestError(
-            f"config: train.min_window: {config.train.min_window} is not allowed with train.sequence "
+            f"config: train.min_window: {config.train.min_window} cannot be used with train.sequence "
             f"{wanted}: it must be at least {whole}, a whole attempt of these --data"
         )
 
@@ -85,7 +85,7 @@ def require_symmetric(config: Config) -> None:
     lopsided = [shape.name for shape in config.scene.shapes if not shape.is_its_own_mirror_image]
     if config.train.mirror and lopsided:
         raise RequestError(
-            f"config: train.mirror: True is not allowed: mirrored, the shape {lopsided[0]!r} is another one"
+            f"config: train.mirror: True cannot be used: mirrored, the shape {lopsided[0]!r} is another one"
         )
 
 
@@ -105,22 +105,18 @@ def require_sound(data: Episode, keep: Bool[np.ndarray, "episodes"], n_types: in
     window = rollout.felt.trace.wrench_sensor.shape[2:]
     if window != (SUBSTEPS, WRENCH_AXES):
         raise RequestError(
-            f"--data: wrench_sensor: windows of shape {window} are not allowed: "
+            f"--data: wrench_sensor: windows of shape {window} cannot be used: "
             f"a sensor reads {(SUBSTEPS, WRENCH_AXES)}"
         )
     for name, every in (("peg_type", rollout.felt.peg_type), ("hole_type", rollout.truth.hole_type)):
         types = np.asarray(every)[keep]
         wrong = types[(types < 0) | (types >= n_types)]
         if len(wrong):
-            raise RequestError(
-                f"--data: {name}: {wrong[0]} is not allowed: there are {n_types} types, from 0"
-            )
+            raise RequestError(f"--data: {name}: {wrong[0]} is invalid: there are {n_types} types, from 0")
     for path, leaf in jax.tree_util.tree_leaves_with_path(data):
         values = np.asarray(leaf).reshape(len(keep), -1)
         broken = np.asarray(~np.isfinite(values).all(axis=1)) & keep
         if broken.any():
             episode = np.asarray(data.episode)[broken][0]
             name = jax.tree_util.keystr(path[-1:], simple=True)
-            raise RequestError(
-                f"--data: {name} of episode {episode} is not allowed: it must hold finite numbers"
-            )
+            raise RequestError(f"--data: {name} of episode {episode} is invalid: it must hold finite numbers")

@@ -57,10 +57,10 @@ def read(init: Path | None, config: Config, members: int, inside: str) -> list[S
     there = len(list(init.glob("member-*")))
     if members == 1:
         raise RequestError(
-            f"--init: {init} is not allowed: it holds {there} sensors; name one, e.g. {init / 'member-0'}"
+            f"--init: {init} cannot be used: it holds {there} sensors; name one, e.g. {init / 'member-0'}"
         )
     if members > there:
-        raise RequestError(f"--members: {members} is not allowed: --init {init} holds {there} sensors")
+        raise RequestError(f"--members: {members} cannot be used: --init {init} holds {there} sensors")
     return [_start(init / f"member-{member}", inside, config) for member in range(members)]
 
 
@@ -86,7 +86,7 @@ def require_unseen(
                 told.get(key) != here[key] for key in here
             ):
                 raise RequestError(
-                    "--init: a sensor that was trained at holes of these --data is not allowed, unless with "
+                    "--init: a sensor that was trained at holes of these --data cannot be used, unless with "
                     "the very same data, --seed and train.validation_fraction "
                     f"({told.get('seed')} and {told.get('validation_fraction')} there): it has seen what it "
                     "would be validated on; collect with another --seed"
@@ -121,7 +121,7 @@ def _start(run: Path, inside: str, config: Config) -> Start | None:
     ]
     if others:
         raise RequestError(
-            f"--init: {run} is not allowed: {others[0]}; give the --config and --set that it was trained with"
+            f"--init: {run} cannot be used: {others[0]}; give the --config and --set that it was trained with"
         )
     told = {
         "sensor": checkpoint.fingerprint_of(sensor),

@@ -112,7 +112,7 @@ def what_is_wrong(error: ValidationError) -> str:
     what = " ".join(first["msg"].split())[: 2 * _SHOWN]
     if first["type"] == "value_error":  # one of our own checks, which says all
         return f"{where}: {what}".removeprefix(": ")
-    return f"{where}: {_shown(first['input'], quoted=True)} is not allowed: {what}"
+    return f"{where}: {_shown(first['input'], quoted=True)} cannot be used: {what}"
 
 
 def _shown(value: Any, *, quoted: bool = False) -> str:

@@ -87,7 +87,7 @@ def blame(error: Exception) -> RequestError | None:
     if name in _DEVICES:
         said = said.partition(" (set JAX_PLATFORMS")[0] or "JAX finds no such device"
     return RequestError(
-        f"{name}: {os.environ[name]!r} is not allowed here: {said[:300]}; correct it or unset it"
+        f"{name}: {os.environ[name]!r} cannot be used here: {said[:300]}; correct it or unset it"
     )
 
 
@@ -113,7 +113,7 @@ def _require_flags() -> None:
     if tried.returncode:
         said = [line.partition("] ")[2] for line in tried.stderr.splitlines() if line[:1] in ("E", "F")]
         why = next(filter(None, said), "XLA cannot start with it")
-        raise RequestError(f"XLA_FLAGS: {flags!r} is not allowed: {why}")
+        raise RequestError(f"XLA_FLAGS: {flags!r} cannot be used: {why}")
     if CACHE.is_absolute():
         with contextlib.suppress(OSError):
             known.parent.mkdir(parents=True, exist_ok=True)

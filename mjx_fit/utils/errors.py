@@ -23,7 +23,7 @@ class RequestError(ValueError):
         ...     mf.make_engine("mujoco")
         ... except mf.RequestError as error:
         ...     print(error)
-        --engine: 'mujoco' is not allowed: choose from auto, mjx, native
+        --engine: 'mujoco' is invalid: choose from auto, mjx, native
     """
 
 
@@ -42,13 +42,11 @@ def require(field: str, value: float, low: float, high: float, because: str = ""
         because: What the range follows from, where that is not the field alone.
 
     Raises:
-        RequestError: It is not allowed.
+        RequestError: It is invalid.
     """
     if not low <= value <= high:
         reason = f": {because}" if because else ""
-        raise RequestError(
-            f"{field}: {shown(value)} is not allowed: it must be between {low} and {high}{reason}"
-        )
+        raise RequestError(f"{field}: {shown(value)} is out of range: expected {low} to {high}{reason}")
 
 
 def shown(value: object) -> str:

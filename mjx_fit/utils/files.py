@@ -86,7 +86,7 @@ def make_folder(path: Path) -> list[Path]:
         return []
     refuse_dangling(path)
     if path.exists():
-        raise RequestError(f"--out: {path} is not allowed: it is a file, and must be a folder")
+        raise RequestError(f"--out: {path} cannot be used: it is a file, and must be a folder")
     made = make_folder(path.parent)
     with naming(path):
         path.mkdir(exist_ok=True)

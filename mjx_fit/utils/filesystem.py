@@ -69,7 +69,7 @@ def refuse_link(path: Path) -> None:
     """
     if path.is_symlink():
         raise RequestError(
-            f"--out: {path} is not allowed: it is a symbolic link, and none is followed in a folder that is "
+            f"--out: {path} cannot be used: it is a symbolic link, and none is followed in a folder that is "
             "written to; remove it"
         )
 
@@ -82,7 +82,7 @@ def refuse_dangling(path: Path) -> None:
     """
     if path.is_symlink() and not os.path.exists(path):
         raise RequestError(
-            f"--out: {path} is not allowed: it is a dangling link (to {os.readlink(path)}); remove it, or "
+            f"--out: {path} cannot be used: it is a dangling link (to {os.readlink(path)}); remove it, or "
             "make what it points to"
         )
 

@@ -30,7 +30,7 @@ def limit_to(n: int | None) -> None:
     """
     if n is not None:
         if not 1 <= n <= MOST_THREADS:
-            raise RequestError(f"--threads: {n} is not allowed: it must be between 1 and {MOST_THREADS}")
+            raise RequestError(f"--threads: {n} is out of range: expected 1 to {MOST_THREADS}")
         os.environ[_OPENMP] = str(n)
     granted = cpus()
     if granted < _affinity():

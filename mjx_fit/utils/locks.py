@@ -132,7 +132,7 @@ def _take(place: Path, path: Path, even_if_read_only: bool) -> int | None:
         try:
             locked = try_lock(descriptor, path)
             if locked is False:
-                raise RequestError(f"--out: {place} is not allowed now: another process is writing to it")
+                raise RequestError(f"--out: {place} is in use: another process is writing to it")
         except BaseException:
             os.close(descriptor)
             raise

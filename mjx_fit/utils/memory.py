@@ -40,7 +40,7 @@ def require(needed: int, what: str, remedy: str) -> None:
     there = available()
     if there is not None and needed > there:
         raise RequestError(
-            f"{what} is not allowed: it needs {_size(needed)} of memory or more, "
+            f"{what} cannot be used: it needs {_size(needed)} of memory or more, "
             f"and {_size(there)} can be had: {remedy}"
         )
 
@@ -54,7 +54,7 @@ def require_start(limit: Limit | None = None) -> None:
     most = (limit or soft_limit)("RLIMIT_AS")
     if most is not None and most < START_BYTES:
         raise RequestError(
-            f"ulimit -v: {most // 1024} ({_size(most)}) is not allowed: commands that compute need "
+            f"ulimit -v: {most // 1024} ({_size(most)}) cannot be used: commands that compute need "
             f"{START_BYTES // 1024} ({_size(START_BYTES)}) or more"
         )
 

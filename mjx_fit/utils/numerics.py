@@ -127,14 +127,14 @@ def require() -> None:
     for name, allowed in _present().items():
         if (value := _value(name)) not in allowed:
             raise RequestError(
-                f"{name}: {value!r} is not allowed in a process that uses mjx_fit, whose numbers depend on "
+                f"{name}: {value!r} cannot be used in a process that uses mjx_fit, whose numbers depend on "
                 f"it: it must be {' or '.join(map(repr, allowed))}; "
                 f"jax.config.update({name!r}, {allowed[0]!r}) sets it"
             )
     raising = sorted(name for name, what in np.geterr().items() if what == "raise")
     if raising:
         raise RequestError(
-            f"numpy.seterr: {raising[0]}='raise' is not allowed in a process that uses mjx_fit: it must be "
+            f"numpy.seterr: {raising[0]}='raise' cannot be used in a process that uses mjx_fit: it must be "
             "'ignore' or 'warn'"
         )
 

@@ -17,7 +17,7 @@ with mujoco.Renderer(model, 8, 8) as renderer:
 """In a process of its own: a missing library may end it."""
 
 _MISSING = (
-    "MUJOCO_GL: {} is not allowed: nothing can be drawn with it here; install EGL (Debian: libegl1 and "
+    "MUJOCO_GL: {} cannot be used: nothing can be drawn with it here; install EGL (Debian: libegl1 and "
     "libgl1-mesa-dri) or OSMesa (libosmesa6), or draw on a machine with a display"
 )
 

@@ -56,7 +56,7 @@ def require_speed(speed: float) -> None:
     """Refuses a speed at which nothing could be followed.
 
     Raises:
-        RequestError: It is not allowed.
+        RequestError: It is invalid.
     """
     require("--speed", speed, 0.1, 100)
 

@@ -36,16 +36,16 @@ def require(out: Path, fps: int, speed: float) -> None:
     """Refuse a video that cannot be made, before an assembly is played for it.
 
     Raises:
-        RequestError: A value is not allowed.
+        RequestError: A value is invalid.
     """
     if out.suffix not in FORMATS:
-        raise RequestError(f"--out: {out} is not allowed: it must end in {' or '.join(FORMATS)}")
+        raise RequestError(f"--out: {out} is invalid: it must end in {' or '.join(FORMATS)}")
     errors.require("--fps", fps, 1, 60)
     require_speed(speed)
     if out.suffix == ".gif" and fps > MOST_GIF_FPS:
-        raise RequestError(f"--fps: {fps} is not allowed for a GIF: it must be at most {MOST_GIF_FPS}")
+        raise RequestError(f"--fps: {fps} is out of range for a GIF: expected at most {MOST_GIF_FPS}")
     if out.is_dir():
-        raise RequestError(f"--out: {out} is not allowed: it is a folder")
+        raise RequestError(f"--out: {out} cannot be used: it is a folder")
     files.require_writable(out)
 
 
@@ -60,14 +60,14 @@ def render(recording: Recording, out: Path, fps: int, speed: float, size: tuple[
         size: Width and height, px; even numbers.
 
     Raises:
-        RequestError: A value is not allowed.
+        RequestError: A value is invalid.
         WorkError: The encoder failed.
     """
     require(out, fps, speed)
     shown = moments(recording, fps, speed)
     if out.suffix == ".gif" and len(shown) > MOST_GIF_FRAMES:
         raise RequestError(
-            f"--out: {out} is not allowed: a GIF of {len(shown)} frames would be held in memory, up to "
+            f"--out: {out} cannot be used: a GIF of {len(shown)} frames would be held in memory, up to "
             f"{MOST_GIF_FRAMES} are; take .mp4, --attempt, fewer --fps or more --speed"
         )
     if len(shown) > MANY_FRAMES:

@@ -62,7 +62,7 @@ def view(
         host: Address or name of this machine at which the page is served; nobody else reaches the loop-back.
 
     Raises:
-        RequestError: A value is not allowed, the port is in use, or there is neither a display nor viser.
+        RequestError: A value is invalid, the port is in use, or there is neither a display nor viser.
     """
     require_speed(speed)
     require("--port", port, 1, 65535)

@@ -148,7 +148,7 @@ def _quiet_logger() -> logging.Logger:
 
 def _resolved(host: str, port: int) -> tuple[int, Any]:
     wrong = RequestError(
-        f"--host: {host!r} is not allowed: it must be an IP address or a host name that resolves to one"
+        f"--host: {host!r} is invalid: expected an IP address or a host name that resolves to one"
     )
     if not host.strip():
         raise wrong
@@ -180,10 +180,10 @@ def _listening(family: int, address: Any, host: str) -> socket.socket:
 
 def _why_not(error: OSError, host: str, port: int) -> RequestError:
     if error.errno == errno.EADDRINUSE:
-        return RequestError(f"--port: {port} is not allowed: it is in use; choose another")
+        return RequestError(f"--port: {port} cannot be used: it is in use; choose another")
     if error.errno in (errno.EACCES, errno.EPERM):
-        return RequestError(f"--port: {port} is not allowed: the system refuses it; choose one from 1024")
-    return RequestError(f"--host: {host!r} is not allowed: it must be an address of this machine")
+        return RequestError(f"--port: {port} cannot be used: the system refuses it; choose one from 1024")
+    return RequestError(f"--host: {host!r} is invalid: expected an address of this machine")
 
 
 def _is_loopback(address: str) -> bool:

@@ -124,10 +124,10 @@ def test_sizes_have_names_and_presets_that_can_be_compared(tmp_path):
         assert read_config(resources.folder("configs") / f"{size.preset}.yaml").train.baseline_share > 0
         for count in (size.episodes / size.sequence, size.own / 5):
             assert count == int(count)
-    with pytest.raises(RequestError, match="it must be above 0"):
+    with pytest.raises(RequestError, match="expected above 0"):
         paper(read_config(None, [*TINY, "train.baseline_share=0"]), tmp_path / "p", SIZE, 0)
     (tmp_path / "mine.json").write_text("{}")
     with pytest.raises(RequestError, match="it holds other files"):
         paper(read_config(None, TINY), tmp_path, SIZE, 0)
-    with pytest.raises(RequestError, match="--size: 'huge' is not allowed: choose from quick, cpu, full"):
+    with pytest.raises(RequestError, match="--size: 'huge' is invalid: choose from quick, cpu, full"):
         size_of("huge")

@@ -55,7 +55,7 @@ def test_values_mean_what_a_researcher_means(text, value):
 
 def test_not_a_number_is_read_and_no_field_takes_it():
     assert math.isnan(strict_yaml.load(".nan"))
-    with pytest.raises(RequestError, match=r"scene\.friction: nan is not allowed"):
+    with pytest.raises(RequestError, match=r"scene\.friction: nan is invalid"):
         read_config(None, ["scene.friction=.nan"])
 
 
@@ -68,8 +68,8 @@ def test_not_a_number_is_read_and_no_field_takes_it():
         ("a: &s {self: *s}", "the anchor or alias 's'"),
         ("a: *s", "the anchor or alias 's'"),
         ("&k a: 1", "the anchor or alias 'k'"),
-        ("<<: {a: 1}", "a merge key"),
-        ("a: {<<: [1]}", "a merge key"),
+        ("<<: {a: 1}", "merge keys"),
+        ("a: {<<: [1]}", "merge keys"),
         ("a: !!int x", "the tag 'tag:yaml.org,2002:int'"),
         ("a: !!float x", "the tag"),
         ("a: !!bool maybe", "the tag"),
@@ -78,15 +78,15 @@ def test_not_a_number_is_read_and_no_field_takes_it():
         ("a: !!python/object/apply:os.system [id]", "the tag"),
         ("!!map a: 1", "the tag"),
         ("a: ! b", "the tag '!'"),
-        ("1: 2", "the key 1 is not allowed"),
+        ("1: 2", "the key 1 cannot be used"),
         ("true: 2", "the key True"),
         ("~: 2", "the key None"),
         ("1.5: 2", "the key 1.5"),
         ("? [1, 2]\n: 3", r"the key \[1, 2\]"),
         ("? {a: 1}\n: 3", "the key {'a': 1}"),
         ("a: 1\n---\nb: 2", "line 2, column 1: a second document"),
-        ("%YAML 1.1\n---\na: 1", "a directive"),
-        ("%TAG ! tag:x,2000:\n---\na: 1", "a directive"),
+        ("%YAML 1.1\n---\na: 1", "directives"),
+        ("%TAG ! tag:x,2000:\n---\na: 1", "directives"),
         ("\ufeffa: 1", r"U\+FEFF"),
         ("a: \x00", r"line 1: the character U\+0000"),
         ("a:\n  b: \x1b[31m", r"line 2: the character U\+001B"),
@@ -98,10 +98,10 @@ def test_not_a_number_is_read_and_no_field_takes_it():
         (f"a: {'1' * 5000}", "has 5000 digits: at most 100"),
         (f"a: 0.{'1' * 5000}", "has 5002 digits"),
         (f"a: 0x{'1' * 5000}", "has 5002 digits"),
-        (f"a: {'[' * 1000}", "nesting of more than 16 levels"),
-        (f"a: {'{b: ' * 17}1{'}' * 17}", "nesting of more than 16 levels"),
-        ("- " * 100, "nesting of more than 16 levels"),
-        ("? " * 100, "nesting of more than 16 levels"),
+        (f"a: {'[' * 1000}", "more than 16 levels"),
+        (f"a: {'{b: ' * 17}1{'}' * 17}", "more than 16 levels"),
+        ("- " * 100, "more than 16 levels"),
+        ("? " * 100, "more than 16 levels"),
         (f"a: [{'1,' * 20_000}]", "more than 10000 values"),
         ("x" * 10_000_000, "it has 10000000 characters: at most 131072"),
         ("a: [", "line 1, column 5: it is no YAML"),
@@ -149,7 +149,7 @@ def test_files_are_utf_8_whatever_the_locale(tmp_path, monkeypatch):
         b"# gr\xf6\xdfer\ntask: {}",
     ):
         path.write_bytes(content)
-        with pytest.raises(RequestError, match=r"c\.yaml cannot be read: .* is not allowed"):
+        with pytest.raises(RequestError, match=r"c\.yaml cannot be read: .* is invalid"):
             read_config(path)
 
 

@@ -174,7 +174,7 @@ def test_later_attempts_start_from_what_a_sensor_believes(native, tmp_path):
     for sensor in ("another", ""):
         with pytest.raises(RequestError, match="its sensor differs"):
             collect(tmp_path / "own", **{**plan, "sensor": sensor})
-    with pytest.raises(RequestError, match="--run: it is not allowed with --sequence 1"):
+    with pytest.raises(RequestError, match="--run cannot be used with --sequence 1"):
         collect(tmp_path / "one", **{**plan, "sequence": 1})
     wide = read_config(None, ["detector.half_width_m=0.03"])
     with pytest.raises(RequestError, match=r"plate_half_width_m: 0.08 .* random.reach_m and half a peg"):
@@ -182,7 +182,7 @@ def test_later_attempts_start_from_what_a_sensor_believes(native, tmp_path):
 
 
 def test_the_engine_is_the_one_that_the_plan_names(collect, tmp_path):
-    with pytest.raises(RequestError, match="--engine: mjx is not allowed with an engine native"):
+    with pytest.raises(RequestError, match="--engine: mjx does not match the engine native"):
         collect(tmp_path / "new", engine="mjx")
     assert not (tmp_path / "new").exists()
 
@@ -190,22 +190,22 @@ def test_the_engine_is_the_one_that_the_plan_names(collect, tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"episodes": -3}, "--episodes: -3 is not allowed: it must be between 1 and"),
+        ({"episodes": -3}, "--episodes: -3 is out of range: expected 1 to"),
         (
             {"episodes": 10, "sequence": 3},
-            "--episodes: 10 is not allowed: it must be a multiple",
+            "--episodes: 10 is invalid: expected a multiple",
         ),
-        ({"actions": 0}, "--actions: 0 is not allowed"),
-        ({"policy": "zigzag"}, "--policy: 'zigzag' is not allowed: it must be one of spiral, random, mixed"),
-        ({"seed": -1}, "--seed: -1 is not allowed"),
-        ({"batch": 0}, "--batch: 0 is not allowed"),
-        ({"sequence": 0}, "--sequence: 0 is not allowed"),
-        ({"engine": "warp9"}, "--engine: 'warp9' is not allowed"),
-        ({"shard_index": 2, "num_shards": 2}, "--shard-index: 2 is not allowed: it must be between 0 and 1"),
-        ({"num_shards": 0}, "--num-shards: 0 is not allowed"),
-        ({"num_shards": 9}, "--num-shards: 9 is not allowed: it must be at most 2"),
-        ({"episodes": 10**11}, "--episodes: 100000000000 is not allowed: it must be between 1 and 10000000"),
-        ({"num_shards": 9, "shard_index": 8}, "--num-shards: 9 is not allowed: it must be at most 2"),
+        ({"actions": 0}, "--actions: 0 is out of range"),
+        ({"policy": "zigzag"}, "--policy: 'zigzag' is invalid: expected one of spiral, random, mixed"),
+        ({"seed": -1}, "--seed: -1 is out of range"),
+        ({"batch": 0}, "--batch: 0 is out of range"),
+        ({"sequence": 0}, "--sequence: 0 is out of range"),
+        ({"engine": "warp9"}, "--engine: 'warp9' is invalid"),
+        ({"shard_index": 2, "num_shards": 2}, "--shard-index: 2 is out of range: expected 0 to 1"),
+        ({"num_shards": 0}, "--num-shards: 0 is out of range"),
+        ({"num_shards": 9}, "--num-shards: 9 is invalid: expected at most 2"),
+        ({"episodes": 10**11}, "--episodes: 100000000000 is out of range: expected 1 to 10000000"),
+        ({"num_shards": 9, "shard_index": 8}, "--num-shards: 9 is invalid: expected at most 2"),
     ],
 )
 def test_bad_requests_write_nothing(change: dict[str, Any], message, collect, tmp_path):

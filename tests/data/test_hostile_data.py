@@ -80,7 +80,7 @@ def test_no_other_file_is_read(make, tmp_path, capsys):
         with h5py.File(secret, "w") as file:
             file["secret"] = np.full((hostile.EPISODES, 7), 42.0, np.float32)
     folder = hostile.write(tmp_path / "set", make(secret))
-    assert "end_qpos: data outside the file are not allowed" in reader.damages(folder)[hostile.NAME]
+    assert "end_qpos: external and virtual data are not supported" in reader.damages(folder)[hostile.NAME]
     assert_refused(capsys, folder, tmp_path / "out", hostile.NAME)
 
 

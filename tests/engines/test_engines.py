@@ -354,7 +354,7 @@ def test_only_a_peg_in_its_hole_is_inserted(scene):
 
 def test_auto_is_native_on_a_cpu_and_unknown_engines_are_refused():
     assert select.resolve("auto") == ("native" if jax.default_backend() == "cpu" else "mjx")
-    with pytest.raises(RequestError, match="--engine: 'warp9' is not allowed: choose from auto, mjx, native"):
+    with pytest.raises(RequestError, match="--engine: 'warp9' is invalid: choose from auto, mjx, native"):
         select.resolve("warp9")
 
 

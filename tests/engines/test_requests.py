@@ -46,9 +46,9 @@ def at(leaf, value, row=1):
 
 
 REFUSED = {
-    "peg_type of row 1: 7 is not allowed: it must be 0 to 2": lambda a: {"peg_type": at(a.peg_type, 7)},
+    "peg_type of row 1: 7 is invalid: expected 0 to 2": lambda a: {"peg_type": at(a.peg_type, 7)},
     "hole_type of row 1: -1": lambda a: {"hole_type": at(a.hole_type, -1)},
-    "policy of row 1: 2 is not allowed: it must be 0 to 1": lambda a: {"policy": at(a.policy, 2)},
+    "policy of row 1: 2 is invalid: expected 0 to 1": lambda a: {"policy": at(a.policy, 2)},
     r"hole_pos_world of row 1: \(1.5, 0\) m": lambda a: {"hole_pos_world": at(a.hole_pos_world, (1.5, 0))},
     r"hole_pos_world of row 1: \(nan, 0\)": lambda a: {"hole_pos_world": at(a.hole_pos_world, (np.nan, 0))},
     r"estimate_world of row 1: \(0.5, inf\)": lambda a: {
@@ -56,14 +56,14 @@ REFUSED = {
     },
     r"estimate_world of row 1: \(-0.5, 0\)": lambda a: {"estimate_world": at(a.estimate_world, (-0.5, 0))},
     r"hole_type: int32 \(3,\)": lambda a: {"hole_type": a.hole_type[:3]},
-    r"peg_type: float32 \(4,\) is not allowed: it must be integers": lambda a: {
+    r"peg_type: float32 \(4,\) is invalid: expected integers": lambda a: {
         "peg_type": np.asarray(a.peg_type, np.float32)
     },
     r"hole_pos_world: float32 \(4, 3\)": lambda a: {"hole_pos_world": np.full((N, 3), 0.5, np.float32)},
-    "peg_type: list is not allowed: it must be a NumPy or JAX array": lambda a: {"peg_type": [0] * N},
+    "peg_type: list is invalid: expected a NumPy or JAX array": lambda a: {"peg_type": [0] * N},
     r"key: shape \(3,\)": lambda a: {"key": a.key[:3]},
-    "key: uint32 is not allowed: it must be keys": lambda a: {"key": jax.random.key_data(a.key)},
-    "key: rbg is not allowed": lambda a: {"key": jax.random.split(jax.random.key(0, impl="rbg"), N)},
+    "key: uint32 is invalid: expected keys": lambda a: {"key": jax.random.key_data(a.key)},
+    "key: rbg is invalid": lambda a: {"key": jax.random.split(jax.random.key(0, impl="rbg"), N)},
 }
 
 
@@ -78,12 +78,12 @@ def test_attempts_that_cannot_be_run_are_refused_by_both_engines(what, attempts,
 @pytest.mark.parametrize(
     ("what", "asked"),
     [
-        ("actions: 0 is not allowed: it must be a whole number from 1 to", {"actions": 0}),
+        ("actions: 0 is invalid: expected a whole number from 1 to", {"actions": 0}),
         ("actions: -3", {"actions": -3}),
         ("actions: 1000000000000 is", {"actions": 10**12}),
         ("actions: 2.5", {"actions": 2.5}),
         ("actions: True", {"actions": True}),
-        ("horizon: 2 is not allowed: it must be a whole number from 3", {"actions": 3, "horizon": 2}),
+        ("horizon: 2 is invalid: expected a whole number from 3", {"actions": 3, "horizon": 2}),
         (r"active: int64 \(4,\)", {"actions": 3, "active": np.ones(N, int)}),
         (r"active: bool \(5,\)", {"actions": 3, "active": np.ones(N + 1, bool)}),
     ],
@@ -97,12 +97,12 @@ def test_what_else_an_engine_refuses(what, asked, attempts, native, mjx):
 @pytest.mark.parametrize("threads", [0, -1, 1.5, None, 10**9])
 def test_engines_need_threads(threads):
     for kind in (NativeEngine, MjxEngine):
-        with pytest.raises(RequestError, match=r"threads: .* must be a whole number from 1"):
+        with pytest.raises(RequestError, match=r"threads: .* expected a whole number from 1"):
             kind(CONFIG, threads)
 
 
 def test_no_batch_and_no_attempt_are_refused(attempts, native):
-    with pytest.raises(RequestError, match="attempts: dict is not allowed: it must be an Attempt"):
+    with pytest.raises(RequestError, match="attempts: dict is invalid: expected an Attempt"):
         native.run(vars(attempts), 2)
     with pytest.raises(RequestError, match=r"peg_type: shape \(0,\)"):
         native.run(jax.tree.map(lambda leaf: leaf[:0], attempts), 2)
@@ -172,8 +172,8 @@ def poisoned(leaf, value=np.nan, place=(1, 2)):
 BELIEF = initial_belief(jnp.full((N, 2), 0.5), 0.01, 3)
 KEYS = jax.random.split(jax.random.key(1), N)
 UNREADABLE = {
-    r"trace.wrench_sensor: shape \(4, 3, 12, 6\) is not allowed: it must be \(4, 3, 50, 6\)": lambda d: (
-        traced(d, wrench_sensor=d.trace.wrench_sensor[:, :, :12])
+    r"trace.wrench_sensor: shape \(4, 3, 12, 6\) is invalid: expected \(4, 3, 50, 6\)": lambda d: traced(
+        d, wrench_sensor=d.trace.wrench_sensor[:, :, :12]
     ),
     r"trace.wrench_sensor: shape \(4, 3, 50, 3\)": lambda d: traced(
         d, wrench_sensor=d.trace.wrench_sensor[..., :3]
@@ -191,14 +191,14 @@ UNREADABLE = {
     r"tare_sensor: it is not finite at \(1, 0\)": lambda d: dataclasses.replace(
         d, tare_sensor=poisoned(d.tare_sensor)
     ),
-    r"tip_quat_world: \[0.0, 2.0, 0.0, 0.0\] is not allowed: its length, 2, must be 1 within 1%": lambda d: (
+    r"tip_quat_world: \[0.0, 2.0, 0.0, 0.0\] cannot be used: its length, 2, must be 1 within 1%": lambda d: (
         traced(d, tip_quat_world=d.trace.tip_quat_world * 2)
     ),
-    "length: 4 is not allowed: it must be a whole number from 0 to 3": lambda d: dataclasses.replace(
+    "length: 4 is invalid: expected a whole number from 0 to 3": lambda d: dataclasses.replace(
         d, length=at(d.length, 4)
     ),
     "length: -1": lambda d: dataclasses.replace(d, length=at(d.length, -1)),
-    "peg_type: 3 is not allowed": lambda d: dataclasses.replace(d, peg_type=at(d.peg_type, 3)),
+    "peg_type: 3 is invalid": lambda d: dataclasses.replace(d, peg_type=at(d.peg_type, 3)),
 }
 NO_BELIEF = {
     r"pos_mean_world of row 1: \[nan, ": lambda b: dataclasses.replace(
@@ -215,9 +215,7 @@ NO_BELIEF = {
     "type_logp of row 1: .* exponentials must add up to 1": lambda b: dataclasses.replace(
         b, type_logp=at(b.type_logp, 0.0)
     ),
-    r"type_logp: shape \(4, 4\) is not allowed: it must be \(4, 3\)": lambda b: dataclasses.replace(
-        b, type_logp=np.zeros((N, 4))
-    ),
+    r"type_logp: shape \(4, 4\) is invalid": lambda b: dataclasses.replace(b, type_logp=np.zeros((N, 4))),
 }
 
 

@@ -125,7 +125,7 @@ def test_playing_a_trial_of_a_changed_result_is_one_line(tmp_path, capsys):
     tree["request"]["trials"] = 10**15
     path = put(tmp_path / "r.json", tree)
     assert main.main(["render", str(path), "--out", str(tmp_path / "v.gif")]) == 2
-    assert "request.trials: 1000000000000000 is not allowed" in capsys.readouterr().err
+    assert "request.trials: 1000000000000000 is invalid" in capsys.readouterr().err
 
 
 HOSTILE = {

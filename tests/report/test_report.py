@@ -275,7 +275,7 @@ def test_a_report_follows_no_link(report, tmp_path: Path, name: str):
     report(tmp_path / "out")
     shutil.rmtree(tmp_path / "out" / name, ignore_errors=True)
     (tmp_path / "out" / name).symlink_to(tmp_path / "elsewhere")
-    with pytest.raises(RequestError, match=f"{name} is not allowed: it is a symbolic link"):
+    with pytest.raises(RequestError, match=f"{name} cannot be used: it is a symbolic link"):
         report(tmp_path / "out")
     assert not list((tmp_path / "elsewhere").iterdir())
 
@@ -384,14 +384,14 @@ def test_a_video_comes_first_and_inside_the_page(tmp_path: Path):
 def test_a_video_that_is_too_large_for_a_page(tmp_path: Path):
     with (tmp_path / "long.mp4").open("wb") as file:
         file.truncate(21_000_000)
-    with pytest.raises(RequestError, match=r"long\.mp4 is not allowed: it has 21 MB"):
+    with pytest.raises(RequestError, match=r"long\.mp4 cannot be used: it has 21 MB"):
         build([tmp_path / "long.mp4"], tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
 def test_a_file_that_is_called_a_video_and_is_none(tmp_path: Path):
     (tmp_path / "no.mp4").write_bytes(b"GIF89a")
-    with pytest.raises(RequestError, match=r"no\.mp4 is not allowed: it is no \.mp4 video"):
+    with pytest.raises(RequestError, match=r"no\.mp4 cannot be used: it is no \.mp4 video"):
         build([tmp_path / "no.mp4"], tmp_path / "out")
     assert not (tmp_path / "out").exists()
 

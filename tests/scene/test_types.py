@@ -98,17 +98,17 @@ def test_pairs_that_do_not_match_keep_the_matrix_in_either_outcome_model(outcome
 @pytest.mark.parametrize(
     ("rates", "what"),
     [
-        ("[0.1, 0.2]", r"task.success_probability: \[0.1, 0.2\] is not allowed: .* scene.shapes \(3\)"),
+        ("[0.1, 0.2]", r"task.success_probability: \[0.1, 0.2\] is invalid: .* scene.shapes \(3\)"),
         ("[[0.1, 0, 0], [0, 0.1], [0, 0, 0.1]]", "a row for each with a number for each"),
         ("[[0.1, 0, 0], 0.1, [0, 0, 0.1]]", "a row for each with a number for each"),
         (
             "[[0.1, 0, 1.0], [0, 0.1, 0], [0, 0, 0.1]]",
-            r"success_probability.0.2: 1.0 .* between 0 and 0.999999",
+            r"success_probability.0.2: 1.0 .* 0 to 0.999999",
         ),
-        ("[[0.1, 0, 0], [0, 0, 0], [0, 0, 0.1]]", "success_probability.1.1: 0.0 is not allowed"),
-        ("[0, 0.1, 0.1]", "success_probability.0: 0 is not allowed: it must be a number between 1e-06"),
-        ("[]", r"success_probability: \[\] is not allowed: it must have an entry for each"),
-        ("x", "success_probability: 'x' is not allowed: it must be a list"),
+        ("[[0.1, 0, 0], [0, 0, 0], [0, 0, 0.1]]", "success_probability.1.1: 0.0 cannot be used"),
+        ("[0, 0.1, 0.1]", "success_probability.0: 0 is invalid: expected a number 1e-06"),
+        ("[]", r"success_probability: \[\] is invalid: it must have an entry for each"),
+        ("x", "success_probability: 'x' is invalid: expected a list"),
     ],
 )
 def test_rates_that_are_no_matrix_of_the_shapes_are_refused(rates, what):
@@ -138,7 +138,7 @@ def test_a_scene_of_twelve_shapes_has_a_model_for_each_pair_and_runs():
     done = engine.run(attempts, 2)
     assert done.truth.valid.all()
     wrong = replace(attempts, peg_type=np.full(4, 12))
-    with pytest.raises(RequestError, match="peg_type of row 0: 12 is not allowed: it must be 0 to 11"):
+    with pytest.raises(RequestError, match="peg_type of row 0: 12 is invalid: expected 0 to 11"):
         engine.run(wrong, 2)
 
 

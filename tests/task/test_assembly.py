@@ -277,7 +277,7 @@ def _attempts(trials):
 
 
 def test_unknown_method_is_refused():
-    with pytest.raises(RequestError, match="--methods: 'best' is not allowed: choose from failure_only"):
+    with pytest.raises(RequestError, match="--methods: 'best' is invalid: choose from failure_only"):
         methods.chosen("full,best", methods.ASSEMBLY)
 
 

@@ -249,7 +249,7 @@ def test_trials_of_position_and_insertion_are_what_they_are_said_to_be(tmp_path)
     without = replace(base, out=tmp_path / "q.json", trials=2, baseline=load_baseline(bare))
     with pytest.raises(result_file.RequestError, match="frame_by_frame needs its frame_by_frame"):
         position.position(replace(without, methods="full,frame_by_frame"))
-    with pytest.raises(result_file.RequestError, match="--run: none is not allowed: full needs"):
+    with pytest.raises(result_file.RequestError, match="--run is required: method 'full' needs"):
         position.position(replace(without, methods="full", sensor=None))
     wide = read_config(None, ["scene.clearance_m=0.002"])
     found = position.position(replace(base, config=wide, out=tmp_path / "w.json", trials=2, methods="oracle"))

@@ -153,26 +153,26 @@ REFUSED = {
     r"wrench_time_s: no sample for 2.000 s from 7.998 s on": lambda log: _without(log, 8.0, 20.0, *ARRAYS),
     "wrench_sensor: row 7 is not finite": lambda log: _at(log, "wrench_sensor", 7, np.nan),
     "tip_pos_world: row 3 is not finite": lambda log: _at(log, "tip_pos_world", 3, np.inf),
-    r"wrench_time_s: 0.500000 s after 0.998000 s is not allowed: times must ascend": lambda log: _at(
+    r"wrench_time_s: 0.500000 s after 0.998000 s cannot be used: times must ascend": lambda log: _at(
         log, "wrench_time_s", 500, 0.5
     ),
-    r"a quaternion of length 0 at 0.300 s is not allowed": lambda log: _at(log, "tip_quat_world", 2, 0.0),
+    r"a quaternion of length 0 at 0.300 s cannot be used": lambda log: _at(log, "tip_quat_world", 2, 0.0),
     r"tip_pos_world: \(372.6, .*\) at 0.100 s is outside the workspace: it must be in metres": (
         lambda log: replace(log, tip_pos_world=1000 * np.asarray(log.tip_pos_world))
     ),
-    r"command_time_s: .* of action 5 is not allowed: actions begin every 0.1 s": lambda log: _at(
+    r"command_time_s: .* of action 5 cannot be used: actions begin every 0.1 s": lambda log: _at(
         log, "command_time_s", 5, 0.55
     ),
-    r"wrench_sensor: shape \(5000, 3\) is not allowed: it must be \(5000, 6\)": lambda log: replace(
+    r"wrench_sensor: shape \(5000, 3\) is invalid: expected \(5000, 6\)": lambda log: replace(
         log, wrench_sensor=np.asarray(log.wrench_sensor)[:, :3]
     ),
-    "tare_sensor: none is not allowed: give the reading in free space, or free_s": lambda log: replace(
+    "tare_sensor: none cannot be used: give the reading in free space, or free_s": lambda log: replace(
         log, tare_sensor=None
     ),
-    r"free_s: \[-2.000, -1.000\] s is not allowed: 0 wrenches": lambda log: replace(
+    r"free_s: \[-2.000, -1.000\] s cannot be used: 0 wrenches": lambda log: replace(
         log, tare_sensor=None, free_s=(-2.0, -1.0)
     ),
-    "wrench_sensor: list is not allowed: it must hold numbers": lambda log: replace(
+    "wrench_sensor: list is invalid: it must hold numbers": lambda log: replace(
         log, wrench_sensor=[["a"]]
     ),
     "pose_time_s: 1 samples are not enough": lambda log: replace(
@@ -230,10 +230,10 @@ def test_an_attempt_of_another_peg_place_or_a_filled_hole_is_refused(tracker, fa
     tracker.choose("square")
     before = jax.tree.map(np.copy, tracker.belief)
     for what, hole, felt in (
-        ("peg_type: 0 is not allowed: square is in hand", 1, replace(failed[1], peg_type=np.int32(0))),
+        ("peg_type: 0 cannot be used: square is in hand", 1, replace(failed[1], peg_type=np.int32(0))),
         ("estimate_world: .* an attempt at hole 0 starts from", 0, replace(failed[0], peg_type=np.int32(2))),
-        ("hole 2 is not allowed: it is filled", 2, replace(failed[2], peg_type=np.int32(2))),
-        ("hole: 0.5 is not allowed", 0.5, failed[0]),
+        ("hole 2 cannot be used: it is filled", 2, replace(failed[2], peg_type=np.int32(2))),
+        ("hole: 0.5 is invalid", 0.5, failed[0]),
     ):
         with pytest.raises(mf.RequestError, match=what):
             tracker.update(hole, felt)
@@ -243,7 +243,7 @@ def test_an_attempt_of_another_peg_place_or_a_filled_hole_is_refused(tracker, fa
 @pytest.mark.parametrize("n", [0, 2.5, -1, "3"])
 def test_counts_are_whole_numbers(n):
     for enter in (lambda: mf.draw_attempts(jax.random.key(0), n), lambda: mf.draw_holes(0, n)):
-        with pytest.raises(mf.RequestError, match=r"n: .* must be a whole number"):
+        with pytest.raises(mf.RequestError, match=r"n: .* expected a whole number"):
             enter()
 
 

@@ -36,13 +36,13 @@ def judge(run, data):
 
 
 def test_the_data_of_the_training_are_refused(run, folder):
-    with pytest.raises(RequestError, match="data that the run was trained on are not allowed"):
+    with pytest.raises(RequestError, match="data that the run was trained on cannot be used"):
         judge(run, reader.load(folder))
 
 
 def test_the_holes_of_the_training_are_refused_however_many(run, collect, tmp_path):
     more = reader.load(collect(tmp_path / "more", episodes=7))
-    with pytest.raises(RequestError, match="holes that the run was trained at are not allowed"):
+    with pytest.raises(RequestError, match="holes that the run was trained at cannot be used"):
         judge(run, more)
 
 

@@ -113,7 +113,7 @@ def test_more_patience_goes_on_after_an_early_stop(tmp_path, schedule):
     train(DATA, still(patience=4), tmp_path / "b", 0)
     require_same(tmp_path / "a", tmp_path / "b")
     for less in (1, 2, 3):
-        with pytest.raises(RequestError, match=rf"train\.patience: {less} is not allowed: .* may only grow"):
+        with pytest.raises(RequestError, match=rf"train\.patience: {less} cannot be used: .* may only grow"):
             train(DATA, still(patience=less), tmp_path / "a", 0)
     assert train(DATA, still(patience=0), tmp_path / "a", 0)
     assert len(metrics(tmp_path / "a")) == 24
@@ -161,7 +161,7 @@ def test_a_start_that_was_killed_goes_on_with_the_same_and_no_other(run, tmp_pat
     with pytest.raises(KeyboardInterrupt):
         start(tmp_path / "a", init=run, on_epoch=kill)
     for init, why in (
-        (None, "--init: none is not allowed"),
+        (None, "--init: none cannot be used"),
         (run / FRAME_BY_FRAME, "sensor.reference"),
         (other, ""),
     ):
@@ -172,7 +172,7 @@ def test_a_start_that_was_killed_goes_on_with_the_same_and_no_other(run, tmp_pat
     assert start(tmp_path / "b", init=run)
     require_same(tmp_path / "a", tmp_path / "b")
     assert not start(tmp_path / "a", init=run)
-    with pytest.raises(RequestError, match=r"--init: this one is not allowed: .* started from new weights"):
+    with pytest.raises(RequestError, match=r"--init: this one cannot be used: .* started from new weights"):
         train(DATA, with_train(epochs=2, baseline_share=0.5), run, 0, init=tmp_path / "a")
 
 
@@ -191,7 +191,7 @@ def test_a_start_that_was_killed_goes_on_with_the_same_and_no_other(run, tmp_pat
     ],
 )
 def test_another_network_is_refused_in_a_line(run, tmp_path, config, why):
-    with pytest.raises(RequestError, match=f"^--init: .* is not allowed: {why}") as caught:
+    with pytest.raises(RequestError, match=f"^--init: .* cannot be used: {why}") as caught:
         train(OTHER_DATA, with_train(config, epochs=1), tmp_path / "a", 1, init=run)
     assert "\n" not in str(caught.value)
     assert not (tmp_path / "a").exists()
@@ -249,7 +249,7 @@ def test_members_start_from_one_sensor_or_from_the_same_member(run, tmp_path):
             now = of(tmp_path / out / f"member-{member}")
             np.testing.assert_allclose(now, of(begin[member]), rtol=0, atol=1e-9)
     assert np.abs(of(tmp_path / "own/member-0") - of(tmp_path / "own/member-1")).max() > 1e-3
-    with pytest.raises(RequestError, match=r"--members: 3 is not allowed: --init .* holds 2 sensors"):
+    with pytest.raises(RequestError, match=r"--members: 3 cannot be used: --init .* holds 2 sensors"):
         train(OTHER_DATA, still(epochs=1), tmp_path / "more", 1, members=3, init=tmp_path / "own")
     with pytest.raises(RequestError, match=r"--init: .* holds 2 sensors; name one, e.g. .*member-0"):
         train(OTHER_DATA, still(epochs=1), tmp_path / "more", 1, init=tmp_path / "own")

@@ -27,7 +27,7 @@ BROKEN = [
 def test_a_run_that_does_not_say_what_it_saw_is_one_line(text, tmp_path):
     """Held-out data could be what it was trained on."""
     (tmp_path / "run.json").write_text(text)
-    with pytest.raises(RequestError, match=r"run\.json is not allowed: it is damaged") as error:
+    with pytest.raises(RequestError, match=r"run\.json cannot be used: it is damaged") as error:
         require_new(tmp_path, make_episodes(4, 2, min_length=1), "fingerprint")
     assert str(error.value).isprintable()
 

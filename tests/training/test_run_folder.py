@@ -50,7 +50,7 @@ RUNS = [b"", b"{", b"null", b"[]", b'"seed"', b"7", b"\xff\xfe", DEEP.encode(), 
 )
 def test_a_damaged_run_json_is_named_in_a_line(read, option, content, run):
     (run / "run.json").write_bytes(content)
-    with pytest.raises(RequestError, match=r"run\.json is not allowed: it is damaged") as caught:
+    with pytest.raises(RequestError, match=r"run\.json cannot be used: it is damaged") as caught:
         read(run)
     assert str(caught.value).startswith(f"{option}: {run}")
     assert "\n" not in str(caught.value)
@@ -67,7 +67,7 @@ def test_a_damaged_run_json_is_named_in_a_line(read, option, content, run):
 )
 def test_a_run_json_that_lacks_something(content, read, run):
     (run / "run.json").write_bytes(content)
-    with pytest.raises(RequestError, match=r"run\.json is not allowed: it is damaged"):
+    with pytest.raises(RequestError, match=r"run\.json cannot be used: it is damaged"):
         read(run)
 
 
@@ -91,7 +91,7 @@ def test_a_damaged_line_of_metrics_is_named_and_left(row, run):
     before = (run / "metrics.jsonl").read_bytes()
     for read in (lambda: run_files.keep_metrics(run, 3), lambda: run_files.summary(run)):
         with pytest.raises(
-            RequestError, match=r"metrics\.jsonl is not allowed: it is damaged \(line 2: "
+            RequestError, match=r"metrics\.jsonl cannot be used: it is damaged \(line 2: "
         ) as caught:
             read()
         assert "\n" not in str(caught.value)
@@ -158,7 +158,7 @@ def test_two_trainings_in_a_folder(begin, members, tmp_path):
         other.start()
         held.wait(60)
         try:
-            with pytest.raises(RequestError, match=f"{place} is not allowed now: another process"):
+            with pytest.raises(RequestError, match=f"{place} is in use: another process"):
                 begin(NO_DATA, Config(), tmp_path, 0, members=members)
         finally:
             done.set()

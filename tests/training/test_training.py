@@ -231,7 +231,7 @@ def test_a_diverged_training_says_so(tmp_path, monkeypatch):
     ("change", "message"),
     [
         ({"hole_pos_world": np.full((EPISODES, 2), np.nan, np.float32)}, "hole_pos_world of episode 0 "),
-        ({"peg_type": np.full(EPISODES, 3)}, "peg_type: 3 is not allowed: there are 3 types"),
+        ({"peg_type": np.full(EPISODES, 3)}, "peg_type: 3 is invalid: there are 3 types"),
         (
             {"trace": replace(DATA.rollout.felt.trace, wrench_sensor=np.zeros((EPISODES, 12, 25, 6)))},
             r"wrench_sensor: windows of shape \(25, 6\)",
@@ -362,7 +362,7 @@ def test_training_through_sequences(tmp_path, monkeypatch):
     for request, message in (
         ({"sequence": 2, "sensor": "x"}, "they have 2 attempts in a row; collect them with --sequence 3"),
         ({"sequence": 3}, "start from drawn estimates; collect them with the --run of a sensor"),
-        ({"sequence": 3, "sensor": "x", "steps": 9}, "train.min_window: 8 is not allowed .* at least 9"),
+        ({"sequence": 3, "sensor": "x", "steps": 9}, "train.min_window: 8 cannot be used .* at least 9"),
     ):
         with pytest.raises(RequestError, match=message):
             require_chains(asked | request, config)
@@ -398,7 +398,7 @@ def test_members_of_an_ensemble_train_at_once_as_they_would_alone(run, tmp_path)
     assert [metrics(whole / f"member-{member}") for member in range(3)] == curves
     with pytest.raises(RequestError, match="it holds other files"):
         train(DATA, few, run, 0, members=2)
-    with pytest.raises(RequestError, match="--members: 0 is not allowed"):
+    with pytest.raises(RequestError, match="--members: 0 is out of range"):
         train(DATA, few, tmp_path / "none", 0, members=0)
 
 

@@ -233,7 +233,7 @@ def test_no_link_is_followed_where_something_is_written(name, write, to, tmp_pat
     (tmp_path / "folder" / "part-00000.json").write_bytes(b"precious")
     (tmp_path / "file").write_bytes(b"precious")
     out = linked(tmp_path / "out", name, tmp_path / to)
-    with pytest.raises(RequestError, match=f"{name} is not allowed: it is a symbolic link"):
+    with pytest.raises(RequestError, match=f"{name} cannot be used: it is a symbolic link"):
         write(out)
     assert (tmp_path / "file").read_bytes() == b"precious"
     assert names(tmp_path / "folder") == ["part-00000.json"]
@@ -255,7 +255,7 @@ def test_a_dangling_link_and_a_loop_are_named(words, tmp_path, capsys):
         (tmp_path / name).symlink_to(target)
         assert main.main([*words, "--out", str(tmp_path / name)]) == 2
         said = capsys.readouterr().err
-        assert f"{tmp_path / name} is not allowed: it is a dangling link (to {target})" in said
+        assert f"{tmp_path / name} cannot be used: it is a dangling link (to {target})" in said
         assert said.count("\n") == 1
     assert not (tmp_path / "nowhere").exists()
 
@@ -294,9 +294,7 @@ def test_what_is_held_is_refused_to_others_until_it_is_released(tmp_path):
 
             with holding(place), holding(place):
                 assert lock.exists()
-                with pytest.raises(
-                    RequestError, match=f"{place} is not allowed now: another process is writ"
-                ):
+                with pytest.raises(RequestError, match=f"{place} is in use: another process is writ"):
                     pool.submit(take).result()
             assert pool.submit(take).result()
             assert not lock.exists()
@@ -379,7 +377,7 @@ def test_a_second_command_is_refused(words, lock, tmp_path, capsys):
         before = names(tmp_path)
         assert main.main([*words, "--out", str(out)]) == 2
         said = capsys.readouterr().err
-        assert said == f"mjx-fit: --out: {out} is not allowed now: another process is writing to it\n"
+        assert said == f"mjx-fit: --out: {out} is in use: another process is writing to it\n"
         assert names(tmp_path) == before
 
 
@@ -404,7 +402,7 @@ def test_a_tilde_is_the_home_folder_in_every_option(written, tmp_path, monkeypat
         ("", "must name a file or a folder"),
         ("  ", "must name a file or a folder"),
         ("a\0b", "holds no NUL"),
-        ("a\ud800b", "must be valid UTF-8"),
+        ("a\ud800b", "expected valid UTF-8"),
         ("~nobody-of-that-name/x", "no home folder of ~nobody-of-that-name is known"),
     ],
 )

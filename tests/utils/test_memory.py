@@ -110,7 +110,7 @@ def test_a_collection_that_cannot_fit_is_refused_before_anything_is_made(monkeyp
     huge = ["collect", "--episodes", "65536", "--batch", "65536", "--steps", "1000", "--out", str(out)]
     assert main.main(huge) == 2
     assert capsys.readouterr().err == (
-        "mjx-fit: --batch: 65536 with up to 1000 actions is not allowed: it needs 91.1 GB of memory or more, "
+        "mjx-fit: --batch: 65536 with up to 1000 actions cannot be used: it needs 91.1 GB of memory or more, "
         "and 4.0 GB can be had: lower it\n"
     )
     assert not out.exists()
@@ -133,10 +133,10 @@ def test_training_that_cannot_fit_is_refused_before_the_data_are_read(monkeypatc
     having(monkeypatch, 20 * 12 * ACTION_BYTES - 1)
     asked = ["train", "--data", str(tmp_path / "data"), "--out", str(tmp_path / "run")]
     assert main.main(asked) == 2
-    assert "--data: 20 interactions is not allowed: it needs 0 MB" in capsys.readouterr().err
+    assert "--data: 20 interactions cannot be used: it needs 0 MB" in capsys.readouterr().err
     having(monkeypatch, 20 * 12 * ACTION_BYTES)
     assert main.main(asked) == 2
-    assert "config: train.batch_size: 32 beside the data is not allowed" in capsys.readouterr().err
+    assert "config: train.batch_size: 32 beside the data cannot be used" in capsys.readouterr().err
     assert not (tmp_path / "run").exists()
 
 
@@ -155,7 +155,7 @@ def test_a_limit_under_which_nothing_can_start_is_refused(monkeypatch, tmp_path,
         memory.require_start(limits.get)
     monkeypatch.setattr(memory, "soft_limit", {"RLIMIT_AS": 500 * MB}.get)
     assert main.main(["collect", "--out", str(tmp_path / "data")]) == 2
-    assert capsys.readouterr().err.startswith("mjx-fit: ulimit -v: 488281 (500 MB) is not allowed: ")
+    assert capsys.readouterr().err.startswith("mjx-fit: ulimit -v: 488281 (500 MB) cannot be used: ")
     assert not (tmp_path / "data").exists()
 
 

@@ -46,7 +46,7 @@ OTHERS = {
     "jax_enable_checks": True,
     "jax_error_checking_behavior_nan": "raise",
 }
-"""For each kind of option a value that is not allowed."""
+"""For each kind of option a value that is invalid."""
 
 
 @pytest.fixture
@@ -63,7 +63,7 @@ every_option = pytest.mark.parametrize("option", OTHERS, indirect=True)
 
 @every_option
 def test_the_library_refuses_an_option_that_changes_numbers(option):
-    with pytest.raises(RequestError, match=rf"{option}: .* is not allowed .* it must be"):
+    with pytest.raises(RequestError, match=rf"{option}: .* cannot be used .* it must be"):
         randomness.root_key(0, "test")
 
 
@@ -190,7 +190,7 @@ def test_nor_a_run(tmp_path, other, capsys):
         (tmp_path / run_folder.RUN).write_text(json.dumps({"versions": versions}))
 
     begin(other(provenance.versions()))
-    with pytest.raises(RequestError, match=r"XLA_FLAGS: .* is not allowed here: .* was begun with"):
+    with pytest.raises(RequestError, match=r"XLA_FLAGS: .* cannot be used here: .* was begun with"):
         run_folder.require_same_arithmetic(tmp_path)
     begin(provenance.versions())
     run_folder.require_same_arithmetic(tmp_path)

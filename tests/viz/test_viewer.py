@@ -113,13 +113,13 @@ def test_a_closed_screen_ends_the_show(screens):
 
 def test_an_attempt_that_there_is_not_is_refused(screens):
     screens()
-    with pytest.raises(RequestError, match="--attempt: 99 is not allowed"):
+    with pytest.raises(RequestError, match="--attempt: 99 is out of range"):
         view.view(play(), 99, 100.0, False, 8080)
 
 
 @pytest.mark.parametrize(("speed", "port", "word"), [(0.0, 8080, "--speed: 0.0"), (1.0, 0, "--port: 0")])
 def test_values_that_show_nothing(speed, port, word):
-    with pytest.raises(RequestError, match=f"{word} is not allowed"):
+    with pytest.raises(RequestError, match=f"{word} is out of range"):
         view.view(play(), None, speed, True, port)
 
 

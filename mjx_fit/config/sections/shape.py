@@ -38,7 +38,7 @@ class Shape:
         for x0, y0, x1, y1 in self.rectangles:
             if min(x1 - x0, y1 - y0) < LEAST_SIDE_M:
                 raise ValueError(
-                    f"rectangles: {[x0, y0, x1, y1]} is not allowed in {self.name!r}: it must be a lower "
+                    f"rectangles: {[x0, y0, x1, y1]} is invalid in {self.name!r}: it must be a lower "
                     f"and an upper corner, and no side shorter than {LEAST_SIDE_M}"
                 )
         return self

@@ -85,13 +85,13 @@ class TaskConfig:
         knots = self.error_knots_m
         if any(after - before < LEAST_STEP_M for before, after in pairwise(knots)):
             raise ValueError(
-                f"error_knots_m: {shown(list(knots))} is not allowed: they must ascend, by {LEAST_STEP_M} "
+                f"error_knots_m: {shown(list(knots))} is invalid: they must ascend, by {LEAST_STEP_M} "
                 "at least"
             )
         for rates in self.success_by_error or _SUCCESS_BY_ERROR:
             if len(rates) != len(knots):
                 raise ValueError(
-                    f"success_by_error: {shown(list(rates))} is not allowed: there must be a rate for "
+                    f"success_by_error: {shown(list(rates))} is invalid: there must be a rate for "
                     f"each of error_knots_m, {len(knots)}"
                 )
         return self
@@ -102,13 +102,13 @@ class TaskConfig:
         rows = [row for row in alphas if isinstance(row, tuple)]
         if rows and [len(row) for row in rows] != [len(alphas)] * len(alphas):
             raise ValueError(
-                f"success_probability: {shown(list(alphas))} is not allowed: it must hold a number for each "
+                f"success_probability: {shown(list(alphas))} is invalid: it must hold a number for each "
                 "shape, or a row for each with a number for each"
             )
         for i, row in enumerate(rows):
             if row[i] < LEAST_PROBABILITY:
                 raise ValueError(
-                    f"success_probability.{i}.{i}: {row[i]} is not allowed: a peg that matches its hole "
+                    f"success_probability.{i}.{i}: {row[i]} cannot be used: a peg that matches its hole "
                     f"must have {LEAST_PROBABILITY} at least"
                 )
         return self

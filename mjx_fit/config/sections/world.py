@@ -51,7 +51,7 @@ class SceneConfig:
     @model_validator(mode="after")
     def _names_differ(self) -> "SceneConfig":
         if len(set(self.names)) < self.n_types:
-            raise ValueError(f"shapes: {', '.join(self.names)} are not allowed: the names must differ")
+            raise ValueError(f"shapes: {', '.join(self.names)} cannot be used: the names must differ")
         return self
 
     @property
@@ -149,7 +149,7 @@ class SequenceConfig:
     @model_validator(mode="after")
     def _ordered(self) -> "SequenceConfig":
         if self.min_std_m > self.max_std_m:
-            raise ValueError(f"min_std_m: {self.min_std_m} is not allowed: it must be at most max_std_m")
+            raise ValueError(f"min_std_m: {self.min_std_m} is invalid: expected at most max_std_m")
         return self
 
 

@@ -71,7 +71,7 @@ class MjxEngine:
             policy: Gives the commands; None: the one that an attempt names.
 
         Raises:
-            RequestError: The number of threads is not allowed.
+            RequestError: The number of threads is invalid.
         """
         numerics.require()
         threads = require_count("threads", threads, 1, MOST_THREADS)

@@ -52,7 +52,7 @@ class NativeEngine:
                 threads at once. For benchmarks and experiments.
 
         Raises:
-            RequestError: The number of threads is not allowed.
+            RequestError: The number of threads is invalid.
         """
         numerics.require()
         threads = require_count("threads", threads, 1, MOST_THREADS)
