@@ -9,8 +9,8 @@ from jaxtyping import Array, Float, Key
 
 from mjx_fit.config.files import read_config
 from mjx_fit.config.schema import Config
-from mjx_fit.data import collect as collect_
 from mjx_fit.data import reader, schedule
+from mjx_fit.data.collect import collect
 from mjx_fit.data.episode import Episode
 from mjx_fit.data.plan import Plan
 from mjx_fit.engines.interface import Engine
@@ -126,7 +126,7 @@ def collect_dataset(
         [3, 3, 3, 3]
     """
     config = config or Config()
-    collect_.collect(config, Path(out), plan, engine or make_engine(plan.engine, config))
+    collect(config, Path(out), plan, engine or make_engine(plan.engine, config))
     return Path(out)
 
 

@@ -13,11 +13,10 @@ from h5py import h5d, h5p, h5s, h5t
 from synthetic import make_episodes
 
 from mjx_fit.config.schema import Config
-from mjx_fit.data import manifest as manifest_
 from mjx_fit.data.episode import Episode
 from mjx_fit.data.hdf5 import encode
 from mjx_fit.data.hdf5_layout import type_of
-from mjx_fit.data.manifest import Manifest
+from mjx_fit.data.manifest import Manifest, write_manifest
 from mjx_fit.data.plan import Plan
 from mjx_fit.data.writer import new_manifest, new_shard
 
@@ -54,7 +53,7 @@ def write_content(folder: Path, content: bytes, request: dict[str, Any] | None =
     made = replace(new_manifest(request, (0, 1)), complete=True, shards=(shard,))
     folder.mkdir()
     (folder / NAME).write_bytes(content)
-    manifest_.write(folder, made)
+    write_manifest(folder, made)
     return folder
 
 

@@ -13,8 +13,9 @@ from pathlib import Path
 import jax
 
 from mjx_fit.config.schema import config_from_tree
-from mjx_fit.data import manifest, reader
+from mjx_fit.data import reader
 from mjx_fit.data.episode import happened
+from mjx_fit.data.manifest import read_manifest
 from mjx_fit.report import script
 from mjx_fit.report.figures import data_set
 
@@ -31,7 +32,7 @@ def main(folder: Path) -> None:
     seconds = time.monotonic() - began
     peak_mb = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
 
-    episodes, there = reader.load(folder), manifest.read(folder)
+    episodes, there = reader.load(folder), read_manifest(folder)
     keep = happened(episodes)
     data = jax.tree.map(lambda leaf: leaf[keep], episodes.rollout)
     results = {

@@ -23,6 +23,7 @@ from mjx_fit.evaluation.calibration import calibrate
 from mjx_fit.evaluation.results import Result
 from mjx_fit.report import script
 from mjx_fit.training.loop import train
+from mjx_fit.training.run_folder import Run
 from mjx_fit.training.split import usable_sides
 from mjx_fit.utils import process_setup, provenance, resources
 
@@ -96,7 +97,7 @@ def _trained_and_judged(folder: Path, name: str, row: Row, test: Path, seed: int
     config = _with_epochs(
         read_config(resources.folder("configs") / "cpu.yaml", (AS_IT_WAS, *row.changes)), data
     )
-    train(reader.load(data), config, run, seed)
+    train(reader.load(data), config, Run(run, seed))
     return calibrate(Config(), run / "calibration.json", run, test, seed=0)
 
 

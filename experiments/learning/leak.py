@@ -29,6 +29,7 @@ from mjx_fit.evaluation import held_out
 from mjx_fit.report import script
 from mjx_fit.training.checkpoint import load_sensor
 from mjx_fit.training.loop import train
+from mjx_fit.training.run_folder import Run
 from mjx_fit.types import Array, Trace
 from mjx_fit.utils import process_setup
 
@@ -57,7 +58,7 @@ def main(training: Path, test: Path, run: Path) -> None:
         ("retrained", train_exchanged, test_exchanged),
     ):
         with tempfile.TemporaryDirectory() as folder:
-            train(data, config, Path(folder) / "run", seed=0)
+            train(data, config, Run(Path(folder) / "run", seed=0))
             trained, _ = load_sensor(Path(folder) / "run")
         error = _errors(trained, judged, config)
         prior = np.linalg.norm(_offset(judged), axis=1)

@@ -13,7 +13,7 @@ from mjx_fit.data import reader
 from mjx_fit.data.episode import Episode
 from mjx_fit.evaluation.held_out import failed_attempts
 from mjx_fit.evaluation.statistics import bootstrap_mean
-from mjx_fit.sensors.preprocess import read
+from mjx_fit.sensors.preprocess import Window, read_window
 from mjx_fit.types import Reading
 from mjx_fit.utils.randomness import root_key
 
@@ -53,7 +53,7 @@ def shown(data: Episode, seed: int = 0, batch: int = 256) -> Attempts:
     def some(episodes: Episode) -> Reading:
         def one(episode: Episode):
             key = jax.random.fold_in(root, episode.episode)
-            return read(episode.rollout.felt, key, CONFIG.wrist, CONFIG.scene, rows=ACTIONS)
+            return read_window(episode.rollout.felt, key, CONFIG.wrist, CONFIG.scene, Window(ACTIONS))
 
         return jax.vmap(one)(episodes)
 

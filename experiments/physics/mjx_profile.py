@@ -20,8 +20,7 @@ from mjx_fit.config.schema import Config
 from mjx_fit.control import operational_space
 from mjx_fit.control.kinematics import chain_of
 from mjx_fit.engines.attempt_rules import start_qpos
-from mjx_fit.engines.mjx import contact
-from mjx_fit.engines.mjx import step as stages
+from mjx_fit.engines.mjx import contact, step
 from mjx_fit.engines.mjx.engine import arm_state, compiler_options
 from mjx_fit.engines.mjx.step import models_of, placed, stacked_models
 from mjx_fit.scene.build import pair_index, simulation_scene
@@ -44,7 +43,7 @@ def main() -> None:
     rows = {}
     for name, (changed, controlled) in variants.items():
         ours = {stage: getattr(contact, stage) for stage in ("collide", "solve", "integrate")}
-        with patch.object(stages, "contact", SimpleNamespace(**ours | changed)):
+        with patch.object(step, "contact", SimpleNamespace(**ours | changed)):
             rows[name] = _microseconds(controlled)
         print(f"{name}: {rows[name]:.1f}", flush=True)
     shared.save("mjx_profile", {"worlds": WORLDS, "us_per_world_and_step": rows})
@@ -78,7 +77,7 @@ def _microseconds(controlled: bool) -> float:
             # Without the controller: gravity, some damping, and a pull that presses the peg on the plate.
             free = data.qfrc_bias - 5 * data.qvel + jnp.array([0, 8.0, 0, 0, 0, 0, 0])
             torque = command(arm, to) if controlled else free
-            return stages.advance(model, data, torque)
+            return step.advance(model, data, torque)
 
         return jax.lax.scan(step, data, length=STEPS)[1]
 

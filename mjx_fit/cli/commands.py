@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from mjx_fit.config.files import read_config
 from mjx_fit.config.schema import Config, config_from_stored
 from mjx_fit.config.sections.learning import MAX_EPOCHS
+from mjx_fit.training.run_folder import Run
 from mjx_fit.utils.errors import RequestError, WorkError, require
 
 if TYPE_CHECKING:
@@ -22,10 +23,10 @@ if TYPE_CHECKING:
 
 
 def demo(args: argparse.Namespace) -> None:
-    from mjx_fit.cli.demo import Size, demo
+    from mjx_fit.cli.demo import Size, run_demo
 
     out = args.out or Path("runs", "demo-train" if args.train else "demo")
-    demo(_config(args, preset="quick" if args.train else "demo"), out, Size(), args.train)
+    run_demo(_config(args, preset="quick" if args.train else "demo"), out, Size(), args.train)
 
 
 def collect(args: argparse.Namespace) -> None:
@@ -56,7 +57,7 @@ def data_info(args: argparse.Namespace) -> None:
 
 
 def data_check(args: argparse.Namespace) -> None:
-    from mjx_fit.data import manifest
+    from mjx_fit.data.manifest import MANIFEST_NAME, read_manifest
     from mjx_fit.data.plan import plan_of
     from mjx_fit.data.reader import damages
 
@@ -64,8 +65,8 @@ def data_check(args: argparse.Namespace) -> None:
     for name, what in found.items():
         print(f"{name}: {what}")
     if found:
-        raise WorkError(f"{args.folder}: {_what_to_do(found, manifest.NAME)}")
-    there = manifest.read(args.folder)
+        raise WorkError(f"{args.folder}: {_what_to_do(found, MANIFEST_NAME)}")
+    there = read_manifest(args.folder)
     if there.complete:
         print(f"{args.folder}: complete, all {len(there.shards)} shards whole")
         return
@@ -97,7 +98,7 @@ def data_export(args: argparse.Namespace) -> None:
 
 
 def train(args: argparse.Namespace) -> None:
-    from mjx_fit.data import manifest
+    from mjx_fit.data.manifest import read_manifest
     from mjx_fit.training import run_files, run_folder
     from mjx_fit.training.train import train_from
 
@@ -106,10 +107,10 @@ def train(args: argparse.Namespace) -> None:
     if args.epochs is not None:
         require("--epochs", args.epochs, 1, MAX_EPOCHS)
         config = replace(config, train=replace(config.train, epochs=args.epochs))
-    index, of = manifest.read(args.data).part
+    index, of = read_manifest(args.data).part
     if of > 1:
         print(f"{args.data}: part {index} of {of} of a data set; data merge joins them")
-    was_left = train_from(args.data, config, args.out, args.seed, args.members, args.init)
+    was_left = train_from(args.data, config, Run(args.out, args.seed, args.members, args.init))
     for folder in run_folder.members(args.out, args.members):
         print(f"{folder}: {run_files.summary(folder)}")
         ended = run_files.ended(folder, config)
@@ -180,10 +181,10 @@ def evaluate_calibration(args: argparse.Namespace) -> None:
 
 
 def paper(args: argparse.Namespace) -> None:
-    from mjx_fit.cli.paper import paper, size_of
+    from mjx_fit.cli.paper import run_paper, size_of
 
     size = size_of(args.size)
-    paper(_config(args, preset=size.preset), args.out, size, args.seed)
+    run_paper(_config(args, preset=size.preset), args.out, size, args.seed)
 
 
 def report(args: argparse.Namespace) -> None:

@@ -15,10 +15,11 @@ from mjx_fit.evaluation.request import Request
 from mjx_fit.report.build import build
 from mjx_fit.report.figures.training_run import read_metrics
 from mjx_fit.report.terminal import print_summary
+from mjx_fit.training.run_folder import Run
 from mjx_fit.training.train import train_from
 from mjx_fit.utils import children, files, locks, resources
 from mjx_fit.utils.errors import RequestError
-from mjx_fit.utils.filesystem import inside
+from mjx_fit.utils.filesystem import path_inside
 
 METHODS = "failure_only,full,oracle"
 POLICY = "spiral"
@@ -44,7 +45,7 @@ class Size:
     speed: float = 12.0
 
 
-def demo(config: Config, out: Path, size: Size, train: bool) -> None:
+def run_demo(config: Config, out: Path, size: Size, train: bool) -> None:
     """Runs every stage into ``out``; a stage that is done is not done again.
 
     Args:
@@ -77,9 +78,9 @@ def _stages(config: Config, out: Path, size: Size, train: bool) -> None:
     console = Console(highlight=False)
     run, engine = resources.folder("weights"), make_engine("auto", config)
     if train:
-        run = inside(out, "train")
-        _collect(config, inside(out, "data"), size, engine, console)
-        _train(config, inside(out, "data"), run, console)
+        run = path_inside(out, "train")
+        _collect(config, path_inside(out, "data"), size, engine, console)
+        _train(config, path_inside(out, "data"), run, console)
 
     console.rule(f"{size.assemblies} assemblies of {config.task.n_holes} pegs, each under {METHODS}")
     result = out / "assembly.json"
@@ -101,7 +102,7 @@ def _collect(config: Config, data: Path, size: Size, engine: Engine, console: Co
 
 def _train(config: Config, data: Path, run: Path, console: Console) -> None:
     console.rule("train sensors and filters on them")
-    train_from(data, config, run, seed=0)
+    train_from(data, config, Run(run, seed=0))
     best = min(read_metrics(run / "metrics.jsonl"), key=lambda row: row["val_nll"])
     console.print(
         f"validation NLL: {best['val_nll']:.3f} after the update, {best['prior_nll']:.3f} before it "

@@ -24,11 +24,12 @@ from mjx_fit.evaluation.request import Request
 from mjx_fit.evaluation.results import Result
 from mjx_fit.report.build import build
 from mjx_fit.task.estimator import filter_update
+from mjx_fit.training.run_folder import Run
 from mjx_fit.training.sensor_loader import load_trained_sensor
 from mjx_fit.training.train import train_from
 from mjx_fit.utils import files, locks
 from mjx_fit.utils.errors import RequestError, shown
-from mjx_fit.utils.filesystem import inside
+from mjx_fit.utils.filesystem import path_inside
 from mjx_fit.utils.randomness import require_seed, root_key
 
 
@@ -105,7 +106,7 @@ def size_of(name: str) -> Size:
     return SIZES[name]
 
 
-def paper(config: Config, out: Path, size: Size, seed: int) -> None:
+def run_paper(config: Config, out: Path, size: Size, seed: int) -> None:
     """Runs every stage into ``out``; what is done is not done again.
 
     Args:
@@ -133,7 +134,7 @@ def _run(config: Config, out: Path, size: Size, seed: int) -> None:
         work()
         console.print(f"{time.monotonic() - began:.0f} s")
     console.print(
-        str(build([*sorted(out.glob("*.json")), out / "run"], inside(out, "report"))), soft_wrap=True
+        str(build([*sorted(out.glob("*.json")), out / "run"], path_inside(out, "report"))), soft_wrap=True
     )
 
 
@@ -155,7 +156,7 @@ def _check(config: Config, out: Path, seed: int) -> None:
 def _stages(base: Request, size: Size) -> dict[str, Callable[[], object]]:
     """What is done, by title; ``base`` is what all requests share, with the folder in the place of a file."""
     config, out, engine, seed = base.config, base.out, base.engine, base.seed
-    data, test, run = (inside(out, name) for name in ("data", "held_out", "run"))
+    data, test, run = (path_inside(out, name) for name in ("data", "held_out", "run"))
     plan = Plan(size.episodes, config.task.attempt_actions, "spiral", seed=seed, sequence=size.sequence)
     test_plan = Plan(size.held_out, config.task.attempt_actions, "spiral", seed=seed + HELD_OUT)
     disc = replace(config, detector=replace(config.detector, kind="disc"))
@@ -173,7 +174,7 @@ def _stages(base: Request, size: Size) -> dict[str, Callable[[], object]]:
     return {
         f"{size.episodes:,} interactions to train on": lambda: collect(config, data, plan, engine),
         f"{size.held_out:,} to calibrate on": lambda: collect(config, test, test_plan, engine),
-        "train": lambda: train_from(data, config, run, seed),
+        "train": lambda: train_from(data, config, Run(run, seed)),
         "calibration": lambda: calibrate(config, out / "calibration.json", run, test, seed),
         "calibration by attempt": lambda: _by_attempt(replace(base, seed=seed + OWN), run, size.own),
         "single attempts": measure(attempt, "attempt", config, size.attempts, ""),
@@ -198,7 +199,7 @@ def _by_attempt(base: Request, run: Path, episodes: int) -> None:
     sensor = load_trained_sensor(run)
     actions = config.task.attempt_actions
     plan = Plan(episodes, actions, "spiral", seed=base.seed, sequence=5, sensor=sensor.fingerprint)
-    collect(config, inside(out, "own"), plan, base.engine, filter_update(config, sensor.network))
+    collect(config, path_inside(out, "own"), plan, base.engine, filter_update(config, sensor.network))
     calibrate(config, out / "calibration_by_attempt.json", run, out / "own", base.seed)
 
 

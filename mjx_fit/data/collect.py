@@ -8,7 +8,7 @@ import numpy as np
 
 from mjx_fit.config import limits
 from mjx_fit.config.schema import Config, require_room
-from mjx_fit.data import hdf5 as shard_
+from mjx_fit.data import hdf5
 from mjx_fit.data.plan import Plan, check
 from mjx_fit.data.sequences import Sequences
 from mjx_fit.data.writer import Writer, is_finished, new_manifest, new_shard
@@ -18,7 +18,7 @@ from mjx_fit.task.estimator import Update
 from mjx_fit.types import ACTION_BYTES, SUBSTEPS
 from mjx_fit.utils import memory
 from mjx_fit.utils.errors import RequestError
-from mjx_fit.utils.filesystem import inside
+from mjx_fit.utils.filesystem import path_inside
 from mjx_fit.utils.progress import COMPILING, Progress
 
 _BROKEN = "broken"
@@ -55,7 +55,7 @@ def collect(config: Config, out: Path, plan: Plan, engine: Engine, update: Updat
     with Writer(out, wanted) as writer:
         missing = writer.missing(shards)
         if missing:
-            simulate = Sequences(engine, config, plan, inside(out, _BROKEN), update)
+            simulate = Sequences(engine, config, plan, path_inside(out, _BROKEN), update)
             _fill(writer, {name: shards[name] for name in missing}, len(shards), simulate, request)
         writer.finish()
 
@@ -82,7 +82,7 @@ def _fill(
     with Progress("collect: shard", n_shards, done, begins) as progress:
         for name, start in missing.items():
             episodes = simulate(start)
-            content = shard_.encode(episodes, request)
+            content = hdf5.encode(episodes, request)
             writer.write(new_shard(name, np.asarray(episodes.episode), content), content)
             done += 1
             actions += int(episodes.rollout.felt.length.sum())

@@ -13,10 +13,9 @@ from jaxtyping import Int
 
 from mjx_fit.config.schema import Config, config_from_tree
 from mjx_fit.control.policies import NAMES
-from mjx_fit.data import manifest as manifest_
 from mjx_fit.data.episode import Episode, happened
 from mjx_fit.data.hdf5 import FIELDS, flat
-from mjx_fit.data.manifest import Manifest
+from mjx_fit.data.manifest import Manifest, read_complete_manifest
 from mjx_fit.data.reader import load, read_shards
 from mjx_fit.data.windows import split
 from mjx_fit.engines.attempt_rules import START_HEIGHT_M
@@ -66,7 +65,7 @@ def export(folder: Path, out: Path) -> None:
         raise RequestError(f"--out: {out} is invalid: it must end in one of {', '.join(writers)}")
     if out.is_dir():
         raise RequestError(f"--out: {out} cannot be used: it is a folder")
-    manifest = manifest_.read_complete(folder)
+    manifest = read_complete_manifest(folder)
     with locks.holding_file(out):
         files.replace_with(out, lambda temporary: writers[out.suffix](folder, manifest, temporary))
 

@@ -13,7 +13,7 @@ from mjx_fit.data import manifest_schema
 from mjx_fit.utils import bounded_json, files
 from mjx_fit.utils.errors import RequestError
 
-NAME = "manifest.json"
+MANIFEST_NAME = "manifest.json"
 FORMAT = 2
 
 
@@ -72,7 +72,7 @@ class Manifest:
         return replace(self, shards=tuple(sorted([*others, new], key=lambda shard: shard.name)))
 
 
-def render(manifest: Manifest) -> str:
+def manifest_text(manifest: Manifest) -> str:
     """The manifest as text."""
     tree = {"format": FORMAT, **asdict(manifest)}
     return json.dumps(tree | {"sha256": _digest(tree)}, indent=1) + "\n"
@@ -82,7 +82,7 @@ def _digest(tree: dict[str, Any]) -> str:
     return hashlib.sha256(json.dumps(tree, sort_keys=True).encode()).hexdigest()
 
 
-def parse(text: str) -> Manifest:
+def parse_manifest(text: str) -> Manifest:
     """What ``render`` wrote.
 
     Raises:
@@ -98,7 +98,7 @@ def parse(text: str) -> Manifest:
             "shards": tuple(Shard(**shard) for shard in fields["shards"]),
         }
     )
-    if render(manifest) != text:
+    if manifest_text(manifest) != text:
         raise ValueError("its SHA-256 does not fit")
     return manifest
 
@@ -117,19 +117,19 @@ def _whole(tree: Any) -> dict[str, Any]:
     return manifest_schema.require(body)
 
 
-def read_complete(folder: Path) -> Manifest:
+def read_complete_manifest(folder: Path) -> Manifest:
     """The manifest of a data set that is complete.
 
     Raises:
         RequestError: As in ``read``, or it is not complete.
     """
-    manifest = read(folder)
+    manifest = read_manifest(folder)
     if not manifest.complete:
         raise RequestError(f"data: {folder} cannot be used: it is not complete; repeat its collect command")
     return manifest
 
 
-def read(folder: Path) -> Manifest:
+def read_manifest(folder: Path) -> Manifest:
     """The manifest of a data set.
 
     Raises:
@@ -139,27 +139,29 @@ def read(folder: Path) -> Manifest:
         what = "it is a file; give its folder" if folder.is_file() else "there is no such folder"
         raise RequestError(f"data: {folder} cannot be used: {what}")
     try:
-        return parse(read_text(folder))
+        return parse_manifest(read_manifest_text(folder))
     except FileNotFoundError:
         raise RequestError(
-            f"data: {folder} cannot be used: it holds no {NAME}, so it is no data set"
+            f"data: {folder} cannot be used: it holds no {MANIFEST_NAME}, so it is no data set"
         ) from None
     except FormatError as error:
         raise RequestError(f"data: {folder} cannot be used: {error}") from None
     except (OSError, ValueError) as error:
-        raise RequestError(f"data: {folder} cannot be used: its {NAME} is damaged: {error}") from None
+        raise RequestError(
+            f"data: {folder} cannot be used: its {MANIFEST_NAME} is damaged: {error}"
+        ) from None
 
 
-def read_text(folder: Path) -> str:
+def read_manifest_text(folder: Path) -> str:
     """The text of the manifest of a folder.
 
     Raises:
         OSError: It cannot be read.
         ValueError: It is no text, or larger than any manifest.
     """
-    return bounded_json.read_text(folder / NAME, manifest_schema.LARGEST)
+    return bounded_json.read_text(folder / MANIFEST_NAME, manifest_schema.LARGEST)
 
 
-def write(folder: Path, manifest: Manifest) -> None:
+def write_manifest(folder: Path, manifest: Manifest) -> None:
     """Writes it as a whole or not at all."""
-    files.write_text(folder / NAME, render(manifest))
+    files.write_text(folder / MANIFEST_NAME, manifest_text(manifest))

@@ -5,14 +5,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from mjx_fit.data import manifest as manifest_
 from mjx_fit.data.hdf5 import decode
-from mjx_fit.data.manifest import Manifest, Shard
+from mjx_fit.data.manifest import MANIFEST_NAME, Manifest, Shard, read_complete_manifest, read_manifest
 from mjx_fit.data.reader import content_of
 from mjx_fit.data.writer import Writer, is_finished
 from mjx_fit.utils import files, provenance
 from mjx_fit.utils.errors import RequestError
-from mjx_fit.utils.filesystem import inside
+from mjx_fit.utils.filesystem import path_inside
 from mjx_fit.utils.progress import Progress
 
 
@@ -27,7 +26,7 @@ def merge(parts: Sequence[Path], out: Path) -> None:
         RequestError: A part is missing, unfinished, damaged, or of another data set; or ``out`` holds
             something else.
     """
-    manifests = {folder: manifest_.read_complete(folder) for folder in parts}
+    manifests = {folder: read_complete_manifest(folder) for folder in parts}
     if len({folder.resolve() for folder in parts}) < len(parts):
         raise RequestError("data: a folder is given twice: give each part once")
     whole = _whole(manifests)
@@ -44,7 +43,7 @@ def merge(parts: Sequence[Path], out: Path) -> None:
                 progress(done)
         for folder in parts:
             for dump in sorted((folder / "broken").glob("*.npz")):
-                files.write_bytes(inside(out, "broken") / dump.name, dump.read_bytes())
+                files.write_bytes(path_inside(out, "broken") / dump.name, dump.read_bytes())
         writer.finish()
 
 
@@ -81,9 +80,9 @@ def _whole(manifests: dict[Path, Manifest]) -> Manifest:
 
 def _require_of_these(out: Path, shards: dict[str, Shard]) -> None:
     """What was merged before must have come of these parts as they are now."""
-    if not (out / manifest_.NAME).is_file():
+    if not (out / MANIFEST_NAME).is_file():
         return
-    for there in manifest_.read(out).shards:
+    for there in read_manifest(out).shards:
         if there.name in shards and shards[there.name] != there:
             raise RequestError(f"--out: {out} cannot be used: its {there.name} is not of these parts")
 

@@ -10,10 +10,18 @@ import jax
 import numpy as np
 
 from mjx_fit.config.schema import config_from_tree
-from mjx_fit.data import hdf5 as shard_
-from mjx_fit.data import manifest as manifest_
+from mjx_fit.data import hdf5
 from mjx_fit.data.episode import Episode, happened
-from mjx_fit.data.manifest import Manifest, Shard
+from mjx_fit.data.manifest import (
+    MANIFEST_NAME,
+    FormatError,
+    Manifest,
+    Shard,
+    parse_manifest,
+    read_complete_manifest,
+    read_manifest,
+    read_manifest_text,
+)
 from mjx_fit.sensors.preprocess import touched
 from mjx_fit.types import Array, Rollout
 from mjx_fit.utils import files
@@ -34,7 +42,7 @@ def load(folder: Path, without: Collection[str] = ()) -> Episode:
     Raises:
         RequestError: The folder holds no data set, an unfinished one or a damaged shard.
     """
-    manifest = manifest_.read_complete(folder)
+    manifest = read_complete_manifest(folder)
     wanted = [shard for shard in manifest.shards if shard.name not in without]
     if not wanted:
         raise RequestError(f"data: {folder} cannot be used: no shard is left to be read")
@@ -63,7 +71,7 @@ def read_shards(folder: Path, shards: Collection[Shard], request: dict[str, Any]
     """
     for shard in shards:
         try:
-            yield shard_.decode(content_of(folder, shard), shard, request)
+            yield hdf5.decode(content_of(folder, shard), shard, request)
         except (OSError, ValueError) as error:
             raise RequestError(f"data: {shard.name} in {folder} is damaged or missing: {error}") from None
 
@@ -94,15 +102,15 @@ def damages(folder: Path) -> dict[str, str]:
         RequestError: The folder is no data set, or one of another format.
     """
     try:
-        manifest = manifest_.parse(manifest_.read_text(folder))
-    except manifest_.FormatError as error:
+        manifest = parse_manifest(read_manifest_text(folder))
+    except FormatError as error:
         raise RequestError(f"data: {folder} cannot be used: {error}") from None
     except FileNotFoundError:
         if not list(folder.glob("shard-*.h5")):
-            manifest_.read(folder)  # says why this is no data set
-        return {manifest_.NAME: f"missing: {_LOST}"}
+            read_manifest(folder)  # says why this is no data set
+        return {MANIFEST_NAME: f"missing: {_LOST}"}
     except (OSError, ValueError) as error:
-        return {manifest_.NAME: f"damaged ({error}): {_LOST}"}
+        return {MANIFEST_NAME: f"damaged ({error}): {_LOST}"}
     found = {shard.name: _damage(folder, shard, manifest) for shard in manifest.shards}
     # A collection at work, or killed, may have one shard more than its manifest names yet.
     for path in sorted(folder.glob("*.h5")) if manifest.complete else ():
@@ -115,7 +123,7 @@ def _damage(folder: Path, shard: Shard, manifest: Manifest) -> str:
     if not path.is_file():
         return "missing"
     try:
-        shard_.decode(content_of(folder, shard), shard, manifest.request)
+        hdf5.decode(content_of(folder, shard), shard, manifest.request)
         return ""
     except OSError as error:
         return f"cannot be read: {error.strerror}"
@@ -132,7 +140,7 @@ def describe(folder: Path) -> dict[str, Any]:
     Raises:
         RequestError: As in ``load``.
     """
-    manifest, data = manifest_.read(folder), load(folder)
+    manifest, data = read_manifest(folder), load(folder)
     request = manifest.request
     keep = happened(data)
     done: Rollout = jax.tree.map(lambda leaf: leaf[keep], data.rollout)
@@ -172,7 +180,7 @@ def describe(folder: Path) -> dict[str, Any]:
         "shards": len(manifest.shards),
         "bytes": sum(shard.bytes for shard in manifest.shards),
         "devices": sorted({shard.device for shard in manifest.shards}),
-        "units": {name: field.unit for name, field in shard_.FIELDS.items()},
+        "units": {name: field.unit for name, field in hdf5.FIELDS.items()},
     }
 
 

@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float, Int, Key
 from mjx_fit.config.schema import Config
 from mjx_fit.data.augment import mirror_belief, mirror_place, mirror_reading
 from mjx_fit.data.episode import Episode, happened
-from mjx_fit.sensors.preprocess import read
+from mjx_fit.sensors.preprocess import Window, read_window
 from mjx_fit.types import Array, Belief, Reading, pytree
 from mjx_fit.utils.errors import RequestError
 
@@ -148,14 +148,12 @@ def _sample_one(episode: Episode, key: Key[Array, ""], config: Config) -> tuple[
     count = jnp.minimum(drawn, rollout.felt.length)
     start = jax.random.randint(start_key, (), 0, rollout.felt.length - count + 1)
     sample = Sample(
-        reading=read(
+        reading=read_window(
             rollout.felt,
             noise_key,
             config.wrist,
             config.scene,
-            rows=train.max_window,
-            start=start,
-            count=count,
+            Window(train.max_window, start=start, count=count),
         ),
         prior=_prior(episode, prior_key, config.scene.n_types),
         hole_type=rollout.truth.hole_type,

@@ -15,8 +15,7 @@ import numpy as np
 from jaxtyping import Int
 
 from mjx_fit.config.schema import config_differences, config_from_tree
-from mjx_fit.data import manifest as manifest_
-from mjx_fit.data.manifest import Manifest, Shard
+from mjx_fit.data.manifest import MANIFEST_NAME, Manifest, Shard, read_manifest, write_manifest
 from mjx_fit.utils import files, locks, provenance
 from mjx_fit.utils.errors import RequestError
 
@@ -41,9 +40,9 @@ def is_finished(folder: Path, wanted: Manifest, names: Iterable[str]) -> bool:
     Raises:
         RequestError: It holds something else.
     """
-    if not (folder / manifest_.NAME).is_file():
+    if not (folder / MANIFEST_NAME).is_file():
         return False
-    there = manifest_.read(folder)
+    there = read_manifest(folder)
     _require_same(folder, there, wanted)
     return there.complete and all(is_whole(folder, there, name) for name in names)
 
@@ -80,11 +79,11 @@ class Writer:
         self._stack.__exit__(*error)
 
     def _begin(self) -> Manifest:
-        if (self._folder / manifest_.NAME).is_file():
-            there = manifest_.read(self._folder)
+        if (self._folder / MANIFEST_NAME).is_file():
+            there = read_manifest(self._folder)
             _require_same(self._folder, there, self._wanted)
             return there
-        manifest_.write(self._folder, self._wanted)
+        write_manifest(self._folder, self._wanted)
         return self._wanted
 
     def missing(self, names: Iterable[str]) -> list[str]:
@@ -122,7 +121,7 @@ class Writer:
     def _save(self, manifest: Manifest) -> None:
         if manifest != self._manifest:
             self._hold.require()
-            manifest_.write(self._folder, manifest)
+            write_manifest(self._folder, manifest)
             self._manifest = manifest
 
 
@@ -130,9 +129,9 @@ def _require_ours(folder: Path) -> None:
     """A data set may go to a new folder, or to one in which a data set was begun."""
     if folder.exists() and not folder.is_dir():
         raise RequestError(f"--out: {folder} is invalid: expected a folder")
-    if not folder.is_dir() or (folder / manifest_.NAME).is_file():
+    if not folder.is_dir() or (folder / MANIFEST_NAME).is_file():
         return
-    foreign = files.foreign(folder, {manifest_.NAME, *_SIDE})
+    foreign = files.foreign(folder, {MANIFEST_NAME, *_SIDE})
     if foreign:
         raise RequestError(f"--out: {folder} cannot be used: it holds other files ({foreign[0]})")
 

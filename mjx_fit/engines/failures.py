@@ -17,7 +17,7 @@ from mjx_fit.engines.native.engine import NativeEngine
 from mjx_fit.engines.plausible import reason
 from mjx_fit.types import Attempt, Rollout
 from mjx_fit.utils import files
-from mjx_fit.utils.filesystem import inside
+from mjx_fit.utils.filesystem import path_inside
 from mjx_fit.utils.numerics import KEY_IMPL
 
 _PLAIN = ("peg_type", "hole_type", "hole_pos_world", "estimate_world", "policy")
@@ -52,7 +52,7 @@ def report(
     """
     broken = np.flatnonzero(~rollouts.truth.valid)
     for place, i in enumerate(broken):
-        path = inside(folder.parent, folder.name) / f"broken-{ids[i]:08d}.npz"
+        path = path_inside(folder.parent, folder.name) / f"broken-{ids[i]:08d}.npz"
         arrays = {
             "qpos": rollouts.truth.end_qpos[i],
             "qvel": rollouts.truth.end_qvel[i],

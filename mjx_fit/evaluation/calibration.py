@@ -8,8 +8,9 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from mjx_fit.config.schema import Config
-from mjx_fit.data import manifest, reader
+from mjx_fit.data import reader
 from mjx_fit.data.episode import Episode
+from mjx_fit.data.manifest import read_manifest
 from mjx_fit.engines.select import resolve
 from mjx_fit.evaluation import held_out, result_file, scores
 from mjx_fit.evaluation.results import Result
@@ -47,7 +48,7 @@ def calibrate(config: Config, out: Path, run: Path, data: Path, seed: int) -> Re
     config = sensor.adapt(config)
     baseline = load_baseline(run)
     sensors = {"full": sensor} | ({"frame_by_frame": baseline} if baseline else {})
-    asked_for = manifest.read(data).request
+    asked_for = read_manifest(data).request
     require_world(asked_for, config)
     episodes = reader.load(data)
     actions = _actions_read(episodes, config)

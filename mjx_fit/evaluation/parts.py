@@ -14,7 +14,7 @@ from mjx_fit.engines.threads import even_batch
 from mjx_fit.evaluation.result_file import Header
 from mjx_fit.utils import bounded_json, files, locks, provenance
 from mjx_fit.utils.errors import RequestError
-from mjx_fit.utils.filesystem import inside
+from mjx_fit.utils.filesystem import path_inside
 
 Rows = list[dict[str, Any]]
 ASKED = "request.json"
@@ -70,7 +70,7 @@ def in_parts(
     _require_own(folder, own)
     rows: Rows = []
     for number, part in enumerate(parts):
-        path = inside(folder, f"part-{number:05d}.json")
+        path = path_inside(folder, f"part-{number:05d}.json")
         made = _read(path)
         if made is None:
             made = work(part)  # first: a request that it refuses leaves nothing behind
@@ -93,7 +93,7 @@ def finish(out: Path) -> None:
 
 
 def _folder(out: Path) -> Path:
-    return inside(out.parent, out.with_suffix(".parts").name)
+    return path_inside(out.parent, out.with_suffix(".parts").name)
 
 
 def _read(path: Path) -> Any:
@@ -105,7 +105,7 @@ def _read(path: Path) -> Any:
 
 
 def _require_own(folder: Path, asked: dict[str, Any]) -> None:
-    path = inside(folder, ASKED)
+    path = path_inside(folder, ASKED)
     if path.is_file():
         there = _read(path)
         if there != asked:

@@ -14,7 +14,7 @@ from mjx_fit.evaluation.results import Result
 from mjx_fit.evaluation.statistics import Row
 from mjx_fit.utils import files, locks, provenance
 from mjx_fit.utils.errors import RequestError, require
-from mjx_fit.utils.filesystem import inside
+from mjx_fit.utils.filesystem import path_inside
 from mjx_fit.utils.randomness import require_seed
 
 Header = dict[str, Any]
@@ -97,7 +97,7 @@ def write(out: Path, here: Header, summary: list[Row], rows: list[dict[str, Any]
 
 def broken(out: Path) -> Path:
     """Where the broken worlds of a result file are kept."""
-    return inside(out.parent, out.with_suffix(".broken").name)
+    return path_inside(out.parent, out.with_suffix(".broken").name)
 
 
 def rounded(values: Float[np.ndarray, " n"]) -> list[float | None]:

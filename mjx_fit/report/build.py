@@ -11,7 +11,7 @@ from mjx_fit.report.page import GENERATOR, page
 from mjx_fit.report.sections import Section
 from mjx_fit.utils import files, locks
 from mjx_fit.utils.errors import RequestError
-from mjx_fit.utils.filesystem import inside
+from mjx_fit.utils.filesystem import path_inside
 
 UNFINISHED = (
     f"<!doctype html>\n<html lang=en>\n{GENERATOR}\n<title>Not finished</title>\n"
@@ -60,7 +60,7 @@ def build(inputs: list[Path], out: Path) -> Path:
 
 
 def _write(made: list[Section], out: Path) -> None:
-    index, figures = out / "index.html", inside(out, "figures")
+    index, figures = out / "index.html", path_inside(out, "figures")
     if not index.exists():  # by which a report that is stopped from here on is known as ours
         files.write_text(index, UNFINISHED)
     for section in made:

@@ -5,7 +5,7 @@ from html import escape
 from itertools import groupby
 
 from mjx_fit.evaluation.statistics import Row
-from mjx_fit.report import narrative as story_
+from mjx_fit.report import narrative
 from mjx_fit.report.figures.style import Picture
 from mjx_fit.report.narrative import Story
 from mjx_fit.report.sections import Section
@@ -110,16 +110,19 @@ def _video(section: Section) -> str:
 
 
 def _told(story: Story) -> str:
-    head = "".join(f"<th>{name}</th>" for name in story_.COLUMNS)
+    head = "".join(f"<th>{name}</th>" for name in narrative.COLUMNS)
+    width = len(narrative.COLUMNS)
     bodies = [
-        f'<tbody><tr><th class="metric" colspan="{len(story_.COLUMNS)}">{escape(heading)}</th></tr></tbody>'
+        f'<tbody><tr><th class="metric" colspan="{width}">{escape(heading)}</th></tr></tbody>'
         + "<tbody>"
         + "".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
         + "</tbody>"
         for heading, rows in story.pegs
     ]
     table = f'<div class="table"><table><thead><tr>{head}</tr></thead>{"".join(bodies)}</table></div>'
-    return f"<details><summary>{escape(story.title)}</summary><p>{escape(story_.RULE)}</p>{table}</details>"
+    return (
+        f"<details><summary>{escape(story.title)}</summary><p>{escape(narrative.RULE)}</p>{table}</details>"
+    )
 
 
 def _table(rows: Sequence[Row], paper: Mapping[tuple[str, str, str], float]) -> str:

@@ -11,9 +11,9 @@ import yaml
 from pydantic import TypeAdapter
 
 from mjx_fit.config.schema import config_from_tree
-from mjx_fit.data import manifest as manifest_
 from mjx_fit.data import reader
 from mjx_fit.data.episode import happened
+from mjx_fit.data.manifest import read_manifest
 from mjx_fit.evaluation.results import Result
 from mjx_fit.evaluation.statistics import Row
 from mjx_fit.report import descriptions, narrative, paper_values
@@ -127,7 +127,7 @@ def of_dataset(slug: str, folder: Path) -> Section:
     Raises:
         RequestError: There is no valid interaction in it.
     """
-    manifest, episodes = manifest_.read(folder), reader.load(folder)
+    manifest, episodes = read_manifest(folder), reader.load(folder)
     keep = happened(episodes)
     data = jax.tree.map(lambda leaf: leaf[keep], episodes.rollout)
     asked = config_from_tree(manifest.request["config"])
@@ -158,7 +158,7 @@ def of_dataset(slug: str, folder: Path) -> Section:
 
 def _data_facts(folder: Path) -> tuple[tuple[str, str], ...]:
     """How a data set was made, and what came of it, in words."""
-    manifest, told = manifest_.read(folder), reader.describe(folder)
+    manifest, told = read_manifest(folder), reader.describe(folder)
     request = manifest.request
     index, of = manifest.part
     rates = ", ".join(

@@ -4,6 +4,8 @@ The simulator stores clean wrenches; noise is drawn when a trace is read, so tha
 time and an evaluation once per attempt.
 """
 
+from typing import NamedTuple
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -106,17 +108,28 @@ def peak_force(felt: Felt) -> Float[np.ndarray, "n"]:
     return np.where(real[..., None], np.linalg.norm(wrench[..., :3], axis=-1), 0).max((1, 2))
 
 
-def read(
+class Window(NamedTuple):
+    """Consecutive actions of an attempt, in a fixed number of rows.
+
+    Attributes:
+        rows: L, static; rows beyond the window are padding: zeros, masked out.
+        start: First action.
+        count: Actions to read; those after the attempt's end are padding. None: all.
+    """
+
+    rows: int
+    start: int | Int[Array, ""] = 0
+    count: int | Int[Array, ""] | None = None
+
+
+def read_window(
     felt: Felt,
     key: Key[Array, ""],
     wrist: WristConfig,
     scene: SceneConfig,
-    *,
-    rows: int,
-    start: int | Int[Array, ""] = 0,
-    count: int | Int[Array, ""] | None = None,
+    window: Window,
 ) -> Reading:
-    """Read ``count`` actions of one attempt, from ``start`` on, into ``rows`` rows; vmap for a batch.
+    """Read a window of one attempt; vmap for a batch.
 
     Noise of the tare is drawn once per reading.
 
@@ -125,26 +138,23 @@ def read(
         key: Source of the noise.
         wrist: Noise of the force/torque sensor.
         scene: Gives the height of the plate and the length of the peg.
-        rows: L, static: rows beyond the window are padding, zeros and masked out.
-        start: First action.
-        count: Actions to read; those beyond the attempt's end are padding. None: all there are.
+        window: The actions to read.
 
     Raises:
         RequestError: The attempt cannot be read (``mjx_fit.sensors.traces``).
     """
     require_readable(felt, scene.n_types, batch=0)
-    offsets = jnp.arange(rows)
-    mask = start + offsets < felt.length
-    if count is not None:
-        mask &= offsets < count
+    offsets = jnp.arange(window.rows)
+    mask = window.start + offsets < felt.length
+    if window.count is not None:
+        mask &= offsets < window.count
     # A gather with clipped indices: a dynamic slice near the end would shift the whole window instead.
     last = felt.trace.action_world.shape[0] - 1
-    window = jax.tree.map(lambda rows_: rows_[jnp.minimum(start + offsets, last)], felt.trace)
-    window = jax.tree.map(
-        lambda x: jnp.where(mask.reshape(-1, *[1] * (x.ndim - 1)), x, jnp.zeros_like(x)), window
+    trace = jax.tree.map(lambda x: x[jnp.minimum(window.start + offsets, last)], felt.trace)
+    trace = jax.tree.map(
+        lambda x: jnp.where(mask.reshape(-1, *[1] * (x.ndim - 1)), x, jnp.zeros_like(x)), trace
     )
-
-    clean = window.wrench_sensor
+    clean = trace.wrench_sensor
     sample_key, tare_key = jax.random.split(key)
     tare = measured_tare(felt.tare_sensor, tare_key, wrist)
     noisy = measured(clean, tare, sample_key, wrist)
@@ -153,12 +163,12 @@ def read(
     return Reading(
         wrench_sensor=wrench,
         pressure_tip=centre_of_pressure(wrench.mean(axis=1), scene.peg_length_m),
-        tip_pos_estimate=jnp.where(mask[:, None], window.tip_pos_world - origin, 0),
-        tip_quat_world=window.tip_quat_world,
-        tip_linvel_world=window.tip_linvel_world,
-        tip_angvel_world=window.tip_angvel_world,
+        tip_pos_estimate=jnp.where(mask[:, None], trace.tip_pos_world - origin, 0),
+        tip_quat_world=trace.tip_quat_world,
+        tip_linvel_world=trace.tip_linvel_world,
+        tip_angvel_world=trace.tip_angvel_world,
         contact=(mask & in_contact(wrench, wrist)).astype(clean.dtype),
-        action_world=window.action_world,
+        action_world=trace.action_world,
         mask=mask,
         peg_type=felt.peg_type,
     )

@@ -165,8 +165,8 @@ def require_poses(log: SensorLog, robot: Robot) -> None:
     if wrong.any():
         i = int(wrong.argmax())
         raise RequestError(
-            f"log: tip_quat_world: a quaternion of length {size[i]:.4g} at {log.pose_time_s[i]:.3f} s is not "
-            f"allowed: its length must be 1 within {MOST_OFF_UNIT:.0%}"
+            f"log: tip_quat_world: a quaternion of length {size[i]:.4g} at {log.pose_time_s[i]:.3f} s cannot "
+            f"be used: its length must be 1 within {MOST_OFF_UNIT:.0%}"
         )
     low, high = robot.estimate_reach_m
     distance = np.linalg.norm(log.tip_pos_world[:, :2], axis=1)

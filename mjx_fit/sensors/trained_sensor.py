@@ -40,7 +40,7 @@ class TrainedSensor:
         if trained.scene.shapes != config.scene.shapes:
             there, here = (", ".join(one.scene.names) for one in (trained, config))
             raise RequestError(
-                f"--run: not allowed with this scene.shapes ({here}): it was trained on others ({there})"
+                f"--run: not usable with this scene.shapes ({here}): it was trained on others ({there})"
             )
         for section in ("sensor", "train"):
             asked, there = getattr(config, section), getattr(trained, section)

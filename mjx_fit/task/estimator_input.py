@@ -44,7 +44,7 @@ def require_beliefs(beliefs: Belief, n: int, n_types: int) -> None:
     for name, shape in (("pos_mean_world", (2,)), ("pos_cov", (2, 2)), ("type_logp", (n_types,))):
         given = np.shape(getattr(beliefs, name))
         if given != (n, *shape):
-            _refuse(f"belief: {name}", f"shape {given}", f"it must be {(n, *shape)}")
+            _refuse(f"belief: {name}", f"shape {given}", f"expected {(n, *shape)}")
     mean, cov, logp = (np.asarray(leaf, np.float64) for leaf in jax.tree.leaves(beliefs))
     with np.errstate(all="ignore"):
         a, b, c, d = cov[:, 0, 0], cov[:, 0, 1], cov[:, 1, 0], cov[:, 1, 1]
@@ -52,8 +52,8 @@ def require_beliefs(beliefs: Belief, n: int, n_types: int) -> None:
         is_covariance = np.isfinite(cov).all((1, 2)) & (a > 0) & (d > 0) & (a * d - b * c > 0) & symmetric
         adds_up = abs(np.exp(logp).sum(1) - 1) <= _SUM_TOLERANCE
     for name, leaf, good, allowed in (
-        ("pos_mean_world", mean, np.isfinite(mean).all(1), "it must be finite"),
-        ("pos_cov", cov, is_covariance, "it must be finite, symmetric and positive definite"),
+        ("pos_mean_world", mean, np.isfinite(mean).all(1), "expected finite"),
+        ("pos_cov", cov, is_covariance, "expected finite, symmetric and positive definite"),
         ("type_logp", logp, adds_up, "the exponentials must add up to 1"),
     ):
         if not good.all():
@@ -84,4 +84,4 @@ def require_places(detections: Any, reach: tuple[float, float]) -> Float[np.ndar
 
 
 def _refuse(name: str, value: str, allowed: str) -> None:
-    raise RequestError(f"{name}: {value} cannot be used: {allowed}")
+    raise RequestError(f"{name}: {value} is invalid: {allowed}")

@@ -121,6 +121,6 @@ def require_world(request: dict[str, Any], config: Config) -> None:
     differences = [words for words in config_differences(there, config) if words.split(".")[0] in WORLD]
     if differences:
         raise RequestError(
-            f"--data: not allowed with this configuration: {differences[0]}; give the --config and --set "
+            f"--data: not usable with this configuration: {differences[0]}; give the --config and --set "
             "that the data were collected with"
         )

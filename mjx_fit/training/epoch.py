@@ -51,11 +51,11 @@ def run_epoch(
         run = _from_host
     else:
         run = _members_on_device if key.ndim else _on_device
-    state, training, validation = run(recipe, state, data, *sides, key, val_key)
+    state, training, validation = run(recipe, state, data, sides, key, val_key)
     return state, _mean(training, sides[0]), _mean(validation, sides[1])
 
 
-def _epoch(recipe, state, data, train_ids, val_ids, key, val_key):
+def _epoch(recipe, state, data, sides, key, val_key):
     pass_key, dropout_key = jax.random.split(key)
     config = recipe.config
 
@@ -69,9 +69,9 @@ def _epoch(recipe, state, data, train_ids, val_ids, key, val_key):
         sample = sample_windows(data, ids, val_window_key, config)
         return state, validation_step(recipe, state, sample, weight)
 
-    ids, weight, window_key = in_order(train_ids, pass_key, config.train.batch_size)
+    ids, weight, window_key = in_order(sides[0], pass_key, config.train.batch_size)
     state, training = jax.lax.scan(train_batch, state, (ids, weight, jnp.arange(len(ids))))
-    *val_batches, val_window_key = in_order(val_ids, val_key, config.train.batch_size)
+    *val_batches, val_window_key = in_order(sides[1], val_key, config.train.batch_size)
     _, validation = jax.lax.scan(validate_batch, state, tuple(val_batches))
     return state, training, validation
 
@@ -80,21 +80,21 @@ _on_device = partial(jax.jit, static_argnums=0, donate_argnums=1)(_epoch)
 
 
 @partial(jax.jit, static_argnums=0, donate_argnums=1)
-def _members_on_device(recipe, states, data, train_ids, val_ids, keys, val_key):
+def _members_on_device(recipe, states, data, sides, keys, val_key):
     def member(state, key):
-        return _epoch(recipe, state, data, train_ids, val_ids, key, val_key)
+        return _epoch(recipe, state, data, sides, key, val_key)
 
     return jax.vmap(member)(states, keys)
 
 
-def _from_host(recipe, state, data, train_ids, val_ids, key, val_key):
+def _from_host(recipe, state, data, sides, key, val_key):
     pass_key, dropout_key = jax.random.split(key)
     training, validation = [], []
-    for step, (sample, weight) in enumerate(batches(data, train_ids, pass_key, recipe.config)):
+    for step, (sample, weight) in enumerate(batches(data, sides[0], pass_key, recipe.config)):
         dropout = jax.random.fold_in(dropout_key, step)
         state, sums = train_step_jit(recipe, state, sample, weight, dropout)
         training.append(sums)
-    for sample, weight in batches(data, val_ids, val_key, recipe.config):
+    for sample, weight in batches(data, sides[1], val_key, recipe.config):
         validation.append(validation_step_jit(recipe, state, sample, weight))
     return state, _stacked(training), _stacked(validation)
 

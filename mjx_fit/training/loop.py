@@ -7,8 +7,10 @@ curve as one that was not.
 import math
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -25,6 +27,7 @@ from mjx_fit.training import checkpoint, run_files, run_folder, start
 from mjx_fit.training.compatibility import first_hole
 from mjx_fit.training.epoch import run_epoch
 from mjx_fit.training.loss import Loss
+from mjx_fit.training.run_folder import Lineage, Run
 from mjx_fit.training.saver import Saver
 from mjx_fit.training.split import usable_sides
 from mjx_fit.training.step import Recipe, TrainState, optimizer
@@ -42,31 +45,21 @@ SCALE_WINDOWS = 512
 def train(
     data: Episode,
     config: Config,
-    out: Path,
-    seed: int,
+    run: Run,
     *,
-    members: int = 1,
-    inside: str = "",
-    init: Path | None = None,
     on_epoch: Callable[[dict], None] | None = None,
     checkpoint_every_s: float = 30.0,
 ) -> bool:
-    """Train a sensor, or continue its training; ``checkpoint.load_sensor(out)`` loads the best one.
+    """Train a sensor, or resume its training; ``checkpoint.load_sensor(run.out)`` loads the best one.
 
     An ensemble is trained at once, vmapped: one split of the data, and for each member its own weights,
-    windows and noise. Each is a run of its own in ``out/member-M``. Member 0 is what is trained alone, but
-    that early stopping waits for all of them.
+    windows and noise. Member 0 is what is trained alone, but early stopping waits for all members.
 
     Args:
         data: Episodes, stacked along one leading axis.
-        config: Everything; with a constant learning rate, ``train.epochs`` may be more than when the folder
-            was begun, and ``train.patience``, too: then it comes to what it would have come to with as many
-            from the start.
-        out: Folder of the run.
-        seed: Root of weights, split, windows, noise.
-        members: Of an ensemble.
-        inside: Folder inside that of the run, or inside those of its members, where this training goes.
-        init: Folder of another run, whose best sensor this one starts from.
+        config: Everything; with a constant learning rate, ``train.epochs`` and ``train.patience`` may be more
+            than when the folder was begun: the result is that of as many from the start.
+        run: Where, from which seed, how many sensors, and what they start from.
         on_epoch: Called with the metrics of each epoch (of the first member) once they are stored.
         checkpoint_every_s: Least time between two checkpoints, s; the last epoch always gets one.
 
@@ -78,48 +71,30 @@ def train(
         WorkError: The loss is no longer finite.
     """
     numerics.require()
-    out = Path(out)
-    require_seed(seed)
-    episodes = usable_sides(data, config, seed)
-    sides = _examples(data, config, episodes[0]), _examples(data, config, episodes[1])
-    data_id = provenance.fingerprint(data)
-    folders = run_folder.members(out, members, inside)
-    starts = start.read(init, config, members, inside)
-    start.require_unseen(starts, data, data_id, config, seed)
-    origins = start.origins(starts)
-    for folder, origin in zip(folders, origins, strict=True):
-        run_folder.check(folder, config, seed, data_id, origin)
-    epochs_done, arrays = checkpoint.load_last(out / inside)
-    saver = Saver(out / inside, folders, checkpoint_every_s, config.train.patience)
-    if arrays is not None:
-        saver.resume(epochs_done, arrays)
-        if len(saver.best_nll) != members:
-            raise RequestError(
-                f"--members: {members} cannot be used: {out} was begun with {len(saver.best_nll)} of them"
-            )
-    if epochs_done >= config.train.epochs or saver.is_stale(epochs_done):
+    require_seed(run.seed)
+    split = usable_sides(data, config, run.seed)
+    sides = _examples(data, config, split[0]), _examples(data, config, split[1])
+    begun = _open(data, config, run, checkpoint_every_s)
+    saver, folders = begun.saver, begun.folders
+    if begun.epochs_done >= config.train.epochs or saver.is_stale(begun.epochs_done):
         return False
     for folder in folders:
         run_folder.require_same_arithmetic(folder)
-    init_keys, epoch_roots, val_key = _keys(seed, members)
-    recipe, state = _begin(data, sides[0], config, init_keys, starts)
-    placed_data = placed(data)
-    if members > 1 and isinstance(placed_data.episode, np.ndarray):
-        raise RequestError(f"--members: {members} cannot be used: the data do not fit beside them; train one")
-    about = first_hole(data), np.asarray(data.sequence), episodes
-    for folder, origin in zip(folders, origins, strict=True):
-        run_folder.write(folder, config, seed, data_id, *about, origin)
-        run_files.keep_metrics(folder, epochs_done)
-    if arrays is not None:
-        state = checkpoint.from_arrays(state, arrays)
-    with Progress(_title(config, episodes), config.train.epochs, epochs_done, COMPILING) as show:
-        for epoch in range(epochs_done, config.train.epochs):
+    init_keys, epoch_roots, val_key = _keys(run.seed, run.members)
+    recipe, state = _begin(data, sides[0], config, init_keys, begun.starts)
+    placed_data = _placed(data, run.members)
+    for folder, lineage in zip(folders, begun.lineages, strict=True):
+        run_folder.write(folder, config, lineage, first_hole(data), np.asarray(data.sequence), split)
+        run_files.keep_metrics(folder, begun.epochs_done)
+    if begun.arrays is not None:
+        state = checkpoint.from_arrays(state, begun.arrays)
+    with Progress(_title(config, split), config.train.epochs, begun.epochs_done, COMPILING) as show:
+        for epoch in range(begun.epochs_done, config.train.epochs):
             began = time.monotonic()
             key = jax.vmap(partial(jax.random.fold_in, data=epoch))(epoch_roots)
-            state, *losses = run_epoch(
-                recipe, state, placed_data, sides, key if members > 1 else key[0], val_key
-            )
-            rows = _metrics(epoch, members, *losses, seconds=time.monotonic() - began)
+            own_key = key if run.members > 1 else key[0]
+            state, *losses = run_epoch(recipe, state, placed_data, sides, own_key, val_key)
+            rows = _metrics(epoch, run.members, *losses, seconds=time.monotonic() - began)
             for folder, row in zip(folders, rows, strict=True):
                 run_files.append_metrics(folder, row)
             val_nll = np.array([row["val_nll"] for row in rows])
@@ -130,6 +105,55 @@ def train(
             if is_last:
                 break
     return True
+
+
+@dataclass(frozen=True)
+class _Begun:
+    """A run as its folders have it.
+
+    Attributes:
+        folders: Of the members.
+        starts: What each starts from; None: new weights.
+        lineages: What the sensor of each is made from.
+        saver: Keeps checkpoints.
+        epochs_done: Epochs that are stored.
+        arrays: The state after them; None: nothing is stored.
+    """
+
+    folders: list[Path]
+    starts: list[start.Start | None]
+    lineages: list[Lineage]
+    saver: Saver
+    epochs_done: int
+    arrays: dict[str, Any] | None
+
+
+def _open(data: Episode, config: Config, run: Run, checkpoint_every_s: float) -> _Begun:
+    """Make sure that the folders are new or hold this very run, and read how far it has come."""
+    data_id = provenance.fingerprint(data)
+    folders = run.folders()
+    starts = start.read(run.init, config, run.members, run.inside)
+    start.require_unseen(starts, data, data_id, config, run.seed)
+    lineages = [Lineage(run.seed, data_id, origin) for origin in start.origins(starts)]
+    for folder, lineage in zip(folders, lineages, strict=True):
+        run_folder.check(folder, config, lineage)
+    epochs_done, arrays = checkpoint.load_last(run.out / run.inside)
+    saver = Saver(run.out / run.inside, folders, checkpoint_every_s, config.train.patience)
+    if arrays is not None:
+        saver.resume(epochs_done, arrays)
+        if len(saver.best_nll) != run.members:
+            raise RequestError(
+                f"--members: {run.members} cannot be used: {run.out} was begun with {len(saver.best_nll)}"
+            )
+    return _Begun(folders, starts, lineages, saver, epochs_done, arrays)
+
+
+def _placed(data: Episode, members: int) -> Episode:
+    """The data on the device, or on the host where they do not fit."""
+    there = placed(data)
+    if members > 1 and isinstance(there.episode, np.ndarray):
+        raise RequestError(f"--members: {members} cannot be used: the data do not fit beside them; train one")
+    return there
 
 
 def _examples(data: Episode, config: Config, episodes: Int[np.ndarray, "n"]) -> Int[np.ndarray, "m *length"]:

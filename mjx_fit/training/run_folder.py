@@ -8,7 +8,7 @@ import json
 import sys
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import wraps
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
@@ -22,8 +22,7 @@ from mjx_fit.training import run_files
 from mjx_fit.training.run_files import CONFIG, METRICS, RUN
 from mjx_fit.utils import files, locks, provenance
 from mjx_fit.utils.errors import RequestError, require
-from mjx_fit.utils.filesystem import inside as inside_
-from mjx_fit.utils.filesystem import refuse_link
+from mjx_fit.utils.filesystem import path_inside, refuse_link
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -31,6 +30,48 @@ R = TypeVar("R")
 MAX_MEMBERS = 100
 _ENTRIES = (CONFIG, RUN, METRICS, "checkpoints", "checkpoints/best", "checkpoints/last")
 """What is written to in the folder: none may be a link."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """A training run.
+
+    Attributes:
+        out: Its folder.
+        seed: Root of weights, split, windows and noise.
+        members: Number of sensors, an ensemble if more than one; each has a folder ``member-M`` of its own.
+        init: Folder of another run, whose best sensor this one starts from; None: new weights.
+        inside: Folder inside that of the run, or inside those of its members, where this training goes.
+    """
+
+    out: Path
+    seed: int
+    members: int = 1
+    init: Path | None = None
+    inside: str = ""
+
+    def folders(self) -> list[Path]:
+        """The folder of each member.
+
+        Raises:
+            RequestError: As ``members``.
+        """
+        return members(self.out, self.members, self.inside)
+
+
+@dataclass(frozen=True)
+class Lineage:
+    """What a sensor was made from.
+
+    Attributes:
+        seed: Root seed.
+        data: Fingerprint of the data.
+        origin: Of the sensor that the training starts from, if it is a trained one.
+    """
+
+    seed: int
+    data: str
+    origin: dict[str, Any] | None = None
 
 
 def identity(config: Config) -> Config:
@@ -67,18 +108,18 @@ def members(out: Path, count: int, inside: str = "") -> list[Path]:
         raise RequestError(
             f"--out: {out} cannot be used: it holds other files ({foreign[0]}); choose a new folder"
         )
-    return [_below(inside_(out, name), inside) for name in names]
+    return [_below(path_inside(out, name), inside) for name in names]
 
 
 def _below(out: Path, inside: str) -> Path:
-    return inside_(out, inside) if inside else out
+    return path_inside(out, inside) if inside else out
 
 
 def held(train: Callable[P, R]) -> Callable[P, R]:
     """Hold the folder of a run, and those in it that are trained into, while a function trains there.
 
     Args:
-        train: Has parameters ``out``, ``members`` and, where it may be another than the run's, ``inside``.
+        train: Has a parameter ``run``.
 
     Returns:
         The same function. It raises a RequestError where another process trains in one of the folders, and a
@@ -88,10 +129,8 @@ def held(train: Callable[P, R]) -> Callable[P, R]:
 
     @wraps(train)
     def trains(*args: P.args, **kwargs: P.kwargs) -> R:
-        bound = signature.bind(*args, **kwargs)
-        bound.apply_defaults()
-        out, count = Path(bound.arguments["out"]), bound.arguments["members"]
-        folders = [out, *members(out, count, bound.arguments.get("inside", ""))]
+        run = signature.bind(*args, **kwargs).arguments["run"]
+        folders = [run.out, *run.folders()]
         with ExitStack() as stack:
             for folder in dict.fromkeys(folders):
                 # What is finished may be read-only.
@@ -101,15 +140,13 @@ def held(train: Callable[P, R]) -> Callable[P, R]:
     return trains
 
 
-def check(out: Path, config: Config, seed: int, data: str, origin: dict[str, Any] | None = None) -> None:
+def check(out: Path, config: Config, lineage: Lineage) -> None:
     """Make sure that the folder is new or holds this very run; write nothing.
 
     Args:
         out: The folder.
         config: The configuration.
-        seed: Root seed.
-        data: Fingerprint of the data.
-        origin: Of the sensor that the training starts from, if it is a trained one.
+        lineage: What its sensor is made from.
 
     Raises:
         RequestError: It is not a folder, or it holds another run or other files.
@@ -124,10 +161,10 @@ def check(out: Path, config: Config, seed: int, data: str, origin: dict[str, Any
     there = run_files.read(out, needed=("seed", "data"))
     differences = [
         f"{name} is {there[name]} there and {here} here"
-        for name, here in (("seed", seed), ("data", data))
+        for name, here in (("seed", lineage.seed), ("data", lineage.data))
         if there[name] != here
     ]
-    _require_origin(out, there.get("init"), origin)
+    _require_origin(out, there.get("init"), lineage.origin)
     before = read_stored_config(out / CONFIG)
     differences += config_differences(*map(identity, (before, config)))
     _require_end(out, before, config, differences)
@@ -162,30 +199,26 @@ def require_same_arithmetic(out: Path) -> None:
 def write(
     out: Path,
     config: Config,
-    seed: int,
-    data: str,
+    lineage: Lineage,
     first_hole: dict[str, Any],
     sequences: Int[np.ndarray, "episodes"],
     sides: tuple[Int[np.ndarray, "n"], Int[np.ndarray, "m"]],
-    origin: dict[str, Any] | None = None,
 ) -> None:
     """Write down what the run is; ``run.json`` last, and only once.
 
     Args:
         out: The folder.
         config: The configuration.
-        seed: Root seed.
-        data: Fingerprint of the data.
+        lineage: What its sensor is made from.
         first_hole: Of the data, by which others at the same holes are known.
         sequences: Which sequence, that is which hole, each episode belongs to.
         sides: Indices of the training and of the validation episodes.
-        origin: Of the sensor that the training starts from, if it is a trained one.
     """
     files.write_text(out / CONFIG, config_to_yaml(config))
     if not (out / RUN).is_file():
         run = {
-            "seed": seed,
-            "data": data,
+            "seed": lineage.seed,
+            "data": lineage.data,
             "first_hole": first_hole,
             **{
                 side: {"interactions": len(ids), "holes": len(np.unique(np.asarray(sequences)[ids]))}
@@ -193,7 +226,7 @@ def write(
             },
             "versions": provenance.versions(),
             "device": provenance.device(),
-            **({} if origin is None else {"init": origin}),
+            **({} if lineage.origin is None else {"init": lineage.origin}),
         }
         files.write_text(out / RUN, json.dumps(run, indent=2) + "\n")
 

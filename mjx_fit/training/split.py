@@ -26,8 +26,8 @@ def usable_sides(
     """
     if config.train.min_window > config.train.max_window:
         raise RequestError(
-            f"config: train.min_window: {config.train.min_window} cannot be used: "
-            f"it must be at most train.max_window, {config.train.max_window}"
+            f"config: train.min_window: {config.train.min_window} is invalid: "
+            f"expected at most train.max_window, {config.train.max_window}"
         )
     keep = usable(data)
     sides = split(np.asarray(data.sequence), config.train.validation_fraction, seed)

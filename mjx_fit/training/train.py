@@ -7,29 +7,26 @@ from pathlib import Path
 import numpy as np
 
 from mjx_fit.config.schema import Config
-from mjx_fit.data import manifest, reader
+from mjx_fit.data import reader
 from mjx_fit.data.episode import Episode
+from mjx_fit.data.manifest import read_manifest
 from mjx_fit.training import run_folder
 from mjx_fit.training.checkpoint import FRAME_BY_FRAME
 from mjx_fit.training.compatibility import require_world
 from mjx_fit.training.loop import train
+from mjx_fit.training.run_folder import Run
 from mjx_fit.training.split import require_chains, require_symmetric
 from mjx_fit.types import ACTION_BYTES
 from mjx_fit.utils import memory
 
 
-def train_from(
-    folder: Path, config: Config, out: Path, seed: int, members: int = 1, init: Path | None = None
-) -> bool:
+def train_from(folder: Path, config: Config, run: Run) -> bool:
     """Train both on a stored data set, or go on with what was begun.
 
     Args:
         folder: Of the data set.
         config: Everything.
-        out: Folder of the run.
-        seed: Root seed.
-        members: Of an ensemble.
-        init: Folder of another run, whose sensors these ones start from.
+        run: Where, from which seed, how many sensors, and what they start from.
 
     Returns:
         Whether anything was left to do.
@@ -39,22 +36,20 @@ def train_from(
             ``train.mirror`` the shapes; and
             as ``mjx_fit.training.loop.train``.
     """
-    there = manifest.read(folder)
+    there = read_manifest(folder)
     request = there.request
     require_world(request, config)
     require_chains(request, config)
     require_symmetric(config)
     _require_memory(sum(shard.episodes for shard in there.shards), request["steps"], config)
-    return train_with_baseline(reader.load(folder), config, out, seed, members, init)
+    return train_with_baseline(reader.load(folder), config, run)
 
 
 @run_folder.held
-def train_with_baseline(
-    data: Episode, config: Config, out: Path, seed: int, members: int = 1, init: Path | None = None
-) -> bool:
+def train_with_baseline(data: Episode, config: Config, run: Run) -> bool:
     """Train the sensor, then the frame-by-frame one on the same episodes, or go on with what was begun.
 
-    ``checkpoint.load_sensor(out / FRAME_BY_FRAME)`` loads the second; each member of an ensemble has its own.
+    ``checkpoint.load_sensor(run.out / FRAME_BY_FRAME)`` loads the second; each member has its own.
     With ``train.baseline_share: 0``, or where the sensor itself is of that kind, it is left out.
 
     Returns:
@@ -64,10 +59,9 @@ def train_with_baseline(
         RequestError: As ``mjx_fit.training.loop.train``.
     """
     _say_what_is_left_out(data)
-    trained = train(data, config, out, seed, members=members, init=init)
+    trained = train(data, config, run)
     if config.train.baseline_share and config.sensor.reference != "final":
-        share = _of_baseline(config)
-        trained |= train(data, share, out, seed, members=members, inside=FRAME_BY_FRAME, init=init)
+        trained |= train(data, _of_baseline(config), replace(run, inside=FRAME_BY_FRAME))
     return trained
 
 

@@ -51,7 +51,7 @@ def open_entry(path: Path, flags: int) -> int:
         raise
 
 
-def inside(folder: Path, name: str) -> Path:
+def path_inside(folder: Path, name: str) -> Path:
     """An entry of a folder that is written to, which is no symbolic link.
 
     Raises:

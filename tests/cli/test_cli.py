@@ -14,7 +14,7 @@ from synthetic import PAPER_SENSOR
 from mjx_fit.cli import main
 from mjx_fit.config.files import read_config
 from mjx_fit.config.schema import Config, config_to_yaml
-from mjx_fit.data import manifest
+from mjx_fit.data.manifest import read_manifest, write_manifest
 from mjx_fit.evaluation import results
 from mjx_fit.training import checkpoint
 from mjx_fit.utils import interrupts, resources
@@ -245,12 +245,12 @@ def test_data_check_names_what_is_damaged(data, tmp_path, capsys):
 
 def test_data_check_says_how_to_go_on(data, tmp_path, capsys):
     folder = shutil.copytree(data, tmp_path / "data")
-    manifest.write(folder, replace(manifest.read(folder), complete=False))
+    write_manifest(folder, replace(read_manifest(folder), complete=False))
     assert main.main(["data", "check", str(folder)]) == 0
     said, command = capsys.readouterr().out.splitlines()
     assert "not complete: 1 of 1 shards, all whole" in said
     assert main.main(command.partition(" and its")[0].split()[1:]) == 0
-    assert manifest.read(folder).complete
+    assert read_manifest(folder).complete
 
 
 def test_parts_are_collected_merged_and_exported(tmp_path, capsys, refused):
@@ -360,7 +360,7 @@ def test_sequences_start_from_what_the_runs_sensor_believes(trained, tmp_path, c
     command = ["collect", "--out", str(out), "--episodes", "8", "--sequence", "2", "--steps", "6", "--run"]
     options = ["--policy", "spiral", "--engine", "native", "--set", "task.attempt_actions=6"]
     assert main.main([*command, str(run), *options]) == 0
-    asked = manifest.read(out).request
+    asked = read_manifest(out).request
     assert asked["sensor"] == checkpoint.fingerprint_of(checkpoint.load_sensor(run)[0])
     assert main.main([*command, str(run), *options]) == 0
     capsys.readouterr()

@@ -3,8 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from mjx_fit.cli import demo as demo_
-from mjx_fit.cli.demo import Size, demo
+from mjx_fit.cli.demo import Size, run_demo
 from mjx_fit.config.files import read_config
 from mjx_fit.evaluation import results
 from mjx_fit.utils import resources
@@ -27,28 +26,28 @@ def video(monkeypatch):
         Path(words[words.index("--out") + 1]).write_bytes(b"\0\0\0\x20ftypisom")
         return 0
 
-    monkeypatch.setattr(demo_.children, "run", pretend)
+    monkeypatch.setattr("mjx_fit.cli.demo.children.run", pretend)
     return asked
 
 
 def test_demo_plays_with_the_weights_that_come_with_it(tmp_path, capsys, video):
     out = tmp_path / "demo"
     small = ["task.attempt_actions=6", "task.max_attempts=2", "task.n_holes=2"]
-    demo(read_config(None, small), out, Size(assemblies=2), train=False)
+    run_demo(read_config(None, small), out, Size(assemblies=2), train=False)
     assert "full" in capsys.readouterr().out
     assert {path.name for path in out.iterdir()} == {"assembly.json", "assembly.mp4", "figures", "index.html"}
     page = (out / "index.html").read_text()
     assert page.index("<video") < page.index("<figure")
     assert "The hardest assembly of 2 under full" in page
     assert len(video) == 1
-    demo(read_config(None, small), out, Size(assemblies=2), train=False)
+    run_demo(read_config(None, small), out, Size(assemblies=2), train=False)
     assert len(video) == 1
 
 
 def test_without_a_video_the_demo_has_everything_else(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(demo_.children, "run", lambda words: 2)
+    monkeypatch.setattr("mjx_fit.cli.demo.children.run", lambda words: 2)
     small = ["task.attempt_actions=6", "task.max_attempts=1", "task.n_holes=1"]
-    demo(read_config(None, small), tmp_path / "demo", Size(assemblies=1), train=False)
+    run_demo(read_config(None, small), tmp_path / "demo", Size(assemblies=1), train=False)
     assert "no video, then" in capsys.readouterr().out
     assert "<video" not in (tmp_path / "demo" / "index.html").read_text()
 
@@ -56,7 +55,7 @@ def test_without_a_video_the_demo_has_everything_else(tmp_path, capsys, monkeypa
 def test_demo_makes_every_stage_and_a_repeat_changes_nothing(tmp_path, capsys, video):
     out = tmp_path / "demo"
     size = Size(episodes=8, steps=6, assemblies=2)
-    demo(read_config(None, TINY), out, size, train=True)
+    run_demo(read_config(None, TINY), out, size, train=True)
     told = capsys.readouterr().out
     assert "95 % interval" in told
     assert "validation NLL" in told
@@ -66,7 +65,7 @@ def test_demo_makes_every_stage_and_a_repeat_changes_nothing(tmp_path, capsys, v
     assert methods == {"failure_only", "full", "oracle"}
     stages = ("data/manifest.json", "train/metrics.jsonl", "assembly.json", "assembly.mp4")
     stamps = [(out / name).stat().st_mtime_ns for name in stages]
-    demo(read_config(None, TINY), out, size, train=True)
+    run_demo(read_config(None, TINY), out, size, train=True)
     assert stamps == [(out / name).stat().st_mtime_ns for name in stages]
     assert (out / "index.html").read_text() == page
 
@@ -77,6 +76,6 @@ def test_demo_learns(tmp_path, video):
     """At its real size, data and training alone: the updated belief beats the prior on held-out episodes."""
     out = tmp_path / "demo"
     settings = read_config(resources.folder("configs") / "quick.yaml")
-    demo(settings, out, Size(assemblies=1), train=True)
+    run_demo(settings, out, Size(assemblies=1), train=True)
     rows = [json.loads(line) for line in (out / "train" / "metrics.jsonl").read_text().splitlines()]
     assert min(row["val_nll"] for row in rows) < rows[0]["prior_nll"] - 0.5

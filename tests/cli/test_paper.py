@@ -5,8 +5,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from mjx_fit.cli import paper as paper_
-from mjx_fit.cli.paper import RESULTS, SIZES, Size, paper, size_of
+from mjx_fit.cli import paper
+from mjx_fit.cli.paper import RESULTS, SIZES, Size, run_paper, size_of
 from mjx_fit.config.files import read_config
 from mjx_fit.evaluation import request, results
 from mjx_fit.utils import resources
@@ -48,19 +48,19 @@ def asked(monkeypatch):
         "assembly",
         "build",
     ):
-        instead(paper_, name)
+        instead(paper, name)
     trained = SimpleNamespace(network=None, config=None, fingerprint="the sensor's")
-    for place in (paper_, request):
+    for place in (paper, request):
         monkeypatch.setattr(place, "load_trained_sensor", lambda run: trained)
     monkeypatch.setattr(request, "load_baseline", lambda run: "its baseline")
-    monkeypatch.setattr(paper_, "filter_update", lambda config, sensor: "its update")
-    monkeypatch.setattr(paper_, "_actions_per_s", lambda config, engine: 1000.0)
+    monkeypatch.setattr(paper, "filter_update", lambda config, sensor: "its update")
+    monkeypatch.setattr(paper, "_actions_per_s", lambda config, engine: 1000.0)
     return calls
 
 
 def test_what_each_stage_is_asked(tmp_path, asked):
     out = tmp_path / "paper"
-    paper(read_config(None, TINY), out, SIZE, 10)
+    run_paper(read_config(None, TINY), out, SIZE, 10)
     names = ["collect", "collect", "train_from", "calibrate", "collect", "calibrate"]
     names += [name.split("_")[0] for name in RESULTS[2:]]
     assert [name for name, _ in asked] == [*names, "build"]
@@ -86,7 +86,7 @@ def test_what_each_stage_is_asked(tmp_path, asked):
     assert measured["assembly_full"].methods == "full"
     assert measured["assembly_full"].trials == SIZE.many
     assert measured["assembly"].methods == measured["assembly_covariance"].methods
-    assert stages[-1].inputs[-1] == stages[2].out == out / "run"
+    assert stages[-1].inputs[-1] == stages[2].run.out == out / "run"
 
 
 @pytest.mark.slow
@@ -100,11 +100,11 @@ def test_every_stage_is_done_once_and_a_kill_goes_on(tmp_path, monkeypatch, caps
     with monkeypatch.context() as patch:
         patch.setattr("mjx_fit.cli.paper.insertion", killed)
         with pytest.raises(KilledError):
-            paper(settings, out, SIZE, 0)
+            run_paper(settings, out, SIZE, 0)
     assert not (out / "insertion.json").exists()
     done = {path: path.stat().st_mtime_ns for path in [*out.glob("*.json"), *(out / "data").iterdir()]}
     assert len(done) > 5
-    paper(settings, out, SIZE, 0)
+    run_paper(settings, out, SIZE, 0)
     assert {path: path.stat().st_mtime_ns for path in done} == done
     told = capsys.readouterr().out
     assert "minutes" in told
@@ -125,9 +125,9 @@ def test_sizes_have_names_and_presets_that_can_be_compared(tmp_path):
         for count in (size.episodes / size.sequence, size.own / 5):
             assert count == int(count)
     with pytest.raises(RequestError, match="expected above 0"):
-        paper(read_config(None, [*TINY, "train.baseline_share=0"]), tmp_path / "p", SIZE, 0)
+        run_paper(read_config(None, [*TINY, "train.baseline_share=0"]), tmp_path / "p", SIZE, 0)
     (tmp_path / "mine.json").write_text("{}")
     with pytest.raises(RequestError, match="it holds other files"):
-        paper(read_config(None, TINY), tmp_path, SIZE, 0)
+        run_paper(read_config(None, TINY), tmp_path, SIZE, 0)
     with pytest.raises(RequestError, match="--size: 'huge' is invalid: choose from quick, cpu, full"):
         size_of("huge")

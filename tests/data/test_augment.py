@@ -14,7 +14,7 @@ from mjx_fit.config.sections.world import WristConfig
 from mjx_fit.control import policies
 from mjx_fit.data.augment import mirror_belief, mirror_place, mirror_reading
 from mjx_fit.engines.native.engine import NativeEngine
-from mjx_fit.sensors.preprocess import centre_of_pressure, peak_force, read, touched
+from mjx_fit.sensors.preprocess import Window, centre_of_pressure, peak_force, read_window, touched
 from mjx_fit.types import Attempt, Belief, Reading
 
 SILENT = WristConfig(force_noise_n=0.0, torque_xy_noise_nm=0.0, torque_z_noise_nm=0.0)
@@ -55,7 +55,7 @@ def test_the_mirrored_reading_is_that_of_the_mirrored_world():
         done = NativeEngine(config, threads=2, policy=circle(side)).run(attempts(side), ACTIONS)
         assert touched(done.felt, config.wrist)[:, 1:].any(1).all()
         readings.append(
-            jax.vmap(lambda one, key: read(one, key, SILENT, config.scene, rows=ACTIONS))(
+            jax.vmap(lambda one, key: read_window(one, key, SILENT, config.scene, Window(ACTIONS)))(
                 jax.tree.map(jnp.asarray, done.felt), jax.random.split(jax.random.key(1), 9)
             )
         )

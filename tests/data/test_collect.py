@@ -14,7 +14,8 @@ from synthetic import with_truth
 from mjx_fit.config.files import read_config
 from mjx_fit.config.schema import Config
 from mjx_fit.control.policies import SPIRAL
-from mjx_fit.data import hdf5, manifest, reader
+from mjx_fit.data import hdf5, reader
+from mjx_fit.data.manifest import read_manifest, write_manifest
 from mjx_fit.data.merge import merge
 from mjx_fit.data.plan import Plan
 from mjx_fit.data.schedule import pair_of, policy_of
@@ -237,8 +238,8 @@ def test_how_a_sensor_is_built_and_trained_makes_no_other_data(folder, collect):
 
 def test_what_other_versions_began_is_not_continued(collect, tmp_path):
     out = collect(tmp_path / "old")
-    there = manifest.read(out)
-    manifest.write(out, replace(there, versions=there.versions | {"jax": "0.1"}))
+    there = read_manifest(out)
+    write_manifest(out, replace(there, versions=there.versions | {"jax": "0.1"}))
     collect(out)  # complete: there is nothing to do
     (out / "shard-00000005.h5").unlink()
     with pytest.raises(RequestError, match=r"begun with jax 0\.1, and here is"):

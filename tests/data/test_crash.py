@@ -13,7 +13,8 @@ import pytest
 from collecting import command, files_of, run
 from faults import NO_ROOM, Faults, Killed
 
-from mjx_fit.data import hdf5, manifest, reader
+from mjx_fit.data import hdf5, reader
+from mjx_fit.data.manifest import read_manifest
 from mjx_fit.data.merge import merge
 from mjx_fit.utils import locks
 from mjx_fit.utils.errors import RequestError, WorkError
@@ -36,7 +37,7 @@ def folder(collect, tmp_path_factory):
 @pytest.fixture
 def recall(folder, collect, monkeypatch):
     """Collects what is in the folder, but recalls its episodes instead of simulating them again."""
-    told = manifest.read(folder)
+    told = read_manifest(folder)
     shards = reader.read_shards(folder, told.shards, told.request)
     parts = {int(part.episode[0]): part for part in shards}
 
@@ -124,7 +125,7 @@ def test_a_folder_that_is_taken_away_is_noticed(collect, tmp_path, monkeypatch):
     with pytest.raises(WorkError, match="was removed or replaced"):
         collect(out)
     assert reader.damages(out) == {}
-    assert manifest.read(out).request["seed"] == 6
+    assert read_manifest(out).request["seed"] == 6
 
 
 def test_killed_for_real(collect, tmp_path):

@@ -11,8 +11,9 @@ import pytest
 from collecting import Collector
 
 from mjx_fit.config.schema import Config
-from mjx_fit.data import hdf5, manifest, reader
+from mjx_fit.data import hdf5, reader
 from mjx_fit.data.export import export
+from mjx_fit.data.manifest import read_manifest, write_manifest
 from mjx_fit.data.windows import split
 from mjx_fit.utils.errors import RequestError
 
@@ -93,7 +94,7 @@ def test_a_single_sequence_is_for_training(native, tmp_path):
 @pytest.mark.parametrize("name", ["set.npz", "set.hdf5"])
 def test_unfinished_and_damaged_sets_are_refused_and_leave_nothing(name, folder, tmp_path):
     part = shutil.copytree(folder, tmp_path / "part")
-    manifest.write(part, replace(manifest.read(part), complete=False))
+    write_manifest(part, replace(read_manifest(part), complete=False))
     with pytest.raises(RequestError, match="it is not complete"):
         export(part, tmp_path / name)
     damaged = shutil.copytree(folder, tmp_path / "damaged")

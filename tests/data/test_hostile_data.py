@@ -15,8 +15,8 @@ import pytest
 from places import EXPERIMENTS
 
 from mjx_fit.cli import main
-from mjx_fit.data import manifest as manifest_
-from mjx_fit.data import reader
+from mjx_fit.data import manifest, reader
+from mjx_fit.data.manifest import manifest_text, parse_manifest
 from mjx_fit.data.merge import merge
 from mjx_fit.utils.errors import RequestError
 
@@ -136,7 +136,7 @@ def place(tree: Any, path: tuple) -> Any:
 def signed(tree: dict[str, Any]) -> str:
     """A manifest's text with a digest that fits."""
     tree = {key: value for key, value in tree.items() if key != "sha256"}
-    return json.dumps(tree | {"sha256": manifest_._digest(tree)}, indent=1) + "\n"
+    return json.dumps(tree | {"sha256": manifest._digest(tree)}, indent=1) + "\n"
 
 
 DELETED = object()
@@ -189,7 +189,7 @@ def test_a_manifest_that_is_none_is_one_line(where, tmp_path, capsys):
             place(tree, path[:-1])[path[-1]] = value
         (folder / "manifest.json").write_text(signed(tree))
         with pytest.raises(ValueError):  # noqa: PT011  (FormatError is among them)
-            manifest_.parse(signed(tree))
+            parse_manifest(signed(tree))
         assert said(capsys, "data", "check", folder)[0] in (1, 2), (path, value)
         commands = readers(folder, tmp_path / "out")
         for name in ("info", "train") if value != "../../profile" else commands:
@@ -230,10 +230,10 @@ def test_json_that_is_hostile_is_one_line(text, tmp_path, capsys):
 
 def test_what_is_right_is_read_byte_for_byte(tmp_path):
     for text in (
-        manifest_.render(hostile.manifest()),
+        manifest_text(hostile.manifest()),
         (EXPERIMENTS / "data" / "sample" / "manifest.json").read_text(),
     ):
-        assert manifest_.render(manifest_.parse(text)) == text
+        assert manifest_text(parse_manifest(text)) == text
 
 
 def test_merging_writes_nowhere_else(tmp_path):

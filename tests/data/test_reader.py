@@ -10,8 +10,8 @@ from collecting import files_of
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjx_fit.data import manifest
-from mjx_fit.data import reader as store
+from mjx_fit.data import reader
+from mjx_fit.data.manifest import manifest_text, parse_manifest
 from mjx_fit.utils.errors import RequestError
 
 
@@ -51,7 +51,7 @@ def replace_by_foreign(rng, path, _):
 
 def test_two_hundred_damages_are_all_found_and_what_is_healthy_stays_readable(folder, tmp_path):
     rng = random.Random(0)
-    whole = store.load(folder)
+    whole = reader.load(folder)
     names = sorted(path.name for path in folder.glob("*.h5"))
     kinds = (flip, truncate, delete, swap, replace_by_foreign)
     for i in range(200):
@@ -61,11 +61,11 @@ def test_two_hundred_damages_are_all_found_and_what_is_healthy_stays_readable(fo
         name, other = rng.sample(names, 2)
         kind(rng, out / name, out / other)
         hurt = {name, other} if kind is swap else {name}
-        found = store.damages(out)
+        found = reader.damages(out)
         assert set(found) == hurt, kind
         with pytest.raises(RequestError, match="damaged or missing"):
-            store.load(out)
-        healthy = store.load(out, without=found)
+            reader.load(out)
+        healthy = reader.load(out, without=found)
         rows = healthy.episode
         assert len(rows) == 20 - 5 * len(hurt)
         expected = jax.tree.map(lambda leaf, rows=rows: leaf[rows], whole)
@@ -80,7 +80,7 @@ def test_what_is_damaged_is_named_and_made_anew_and_nothing_else(kind, folder, c
     shutil.copytree(folder, out)
     names = ["shard-00000005.h5", "shard-00000015.h5"]
     kind(random.Random(1), *(out / name for name in names))
-    said = store.damages(out)
+    said = reader.damages(out)
     words = {
         truncate: "bytes instead of",
         delete: "missing",
@@ -97,7 +97,7 @@ def test_a_shard_too_many_is_named(folder, tmp_path):
     out = tmp_path / "more"
     shutil.copytree(folder, out)
     shutil.copy(out / "shard-00000005.h5", out / "shard-00000099.h5")
-    assert store.damages(out) == {"shard-00000099.h5": "foreign: the manifest does not name it; remove it"}
+    assert reader.damages(out) == {"shard-00000099.h5": "foreign: the manifest does not name it; remove it"}
 
 
 @given(place=st.integers(0, 10**6), bits=st.integers(1, 255))
@@ -105,29 +105,29 @@ def test_any_changed_byte_of_the_manifest_is_noticed(text, place, bits):
     content = bytearray(text.encode())
     content[place % len(content)] ^= bits
     with pytest.raises(ValueError):  # noqa: PT011  (UnicodeDecodeError and FormatError are among them)
-        manifest.parse(content.decode())
+        parse_manifest(content.decode())
 
 
 def test_a_shortened_manifest_is_noticed(text):
     for length in range(0, len(text), 97):
         with pytest.raises(ValueError):  # noqa: PT011
-            manifest.parse(text[:length])
-    assert manifest.render(manifest.parse(text)) == text
+            parse_manifest(text[:length])
+    assert manifest_text(parse_manifest(text)) == text
 
 
 def test_missing_or_damaged_data_is_one_line(folder, tmp_path):
     with pytest.raises(RequestError, match="there is no such folder"):
-        store.load(tmp_path / "nowhere")
-    for reader in (store.load, store.damages):
+        reader.load(tmp_path / "nowhere")
+    for read in (reader.load, reader.damages):
         with pytest.raises(RequestError, match="it is no data set"):
-            reader(tmp_path)
+            read(tmp_path)
     shutil.copy(folder / "shard-00000005.h5", tmp_path)
-    assert "missing" in store.damages(tmp_path)["manifest.json"]
+    assert "missing" in reader.damages(tmp_path)["manifest.json"]
     (tmp_path / "manifest.json").write_text("{")
     with pytest.raises(RequestError, match=r"manifest\.json is damaged"):
-        store.load(tmp_path)
-    assert "damaged" in store.damages(tmp_path)["manifest.json"]
+        reader.load(tmp_path)
+    assert "damaged" in reader.damages(tmp_path)["manifest.json"]
     (tmp_path / "manifest.json").write_text('{"format": 1}')
-    for reader in (store.load, store.damages):
+    for read in (reader.load, reader.damages):
         with pytest.raises(RequestError, match="its format is 1, not 2"):
-            reader(tmp_path)
+            read(tmp_path)

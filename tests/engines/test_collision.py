@@ -37,7 +37,8 @@ def ours():
         fixed = (np.zeros((1, 3)), PEG[None], PLATE_CENTRE, PLATE)
         peg_centre, peg, plate_centre, plate = (jnp.asarray(x, jnp.float32)[..., None] for x in fixed)
         where = pos[:, None], frame[:, :, None]
-        return collision.deepest_points(peg_centre, peg, plate_centre, plate, *where, count)
+        boxes = collision.Boxes(peg_centre, peg), collision.Boxes(plate_centre, plate)
+        return collision.deepest_points(*boxes, *where, count)
 
     return jax.jit(one, static_argnums=2)
 

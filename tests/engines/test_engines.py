@@ -19,7 +19,7 @@ from mjx_fit.engines import attempt_rules, failures, select
 from mjx_fit.engines.mjx.engine import MjxEngine
 from mjx_fit.engines.native.engine import NativeEngine
 from mjx_fit.scene.build import simulation_scene
-from mjx_fit.sensors import preprocess
+from mjx_fit.sensors.preprocess import Window, read_window
 from mjx_fit.types import Attempt
 from mjx_fit.utils.errors import RequestError
 
@@ -295,7 +295,7 @@ def test_noise_of_a_reading_depends_on_its_key_alone(rollouts):
 
     def noise(rollouts, rows):
         def one(rollout, key):
-            reading = preprocess.read(rollout.felt, key, CONFIG.wrist, CONFIG.scene, rows=4)
+            reading = read_window(rollout.felt, key, CONFIG.wrist, CONFIG.scene, Window(4))
             clean = rollout.felt.trace.wrench_sensor - rollout.felt.tare_sensor
             return jnp.where(reading.mask[:, None, None], reading.wrench_sensor - clean, 0)
 

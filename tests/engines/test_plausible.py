@@ -20,6 +20,7 @@ from mjx_fit.engines import failures, plausible
 from mjx_fit.engines.native.engine import NativeEngine
 from mjx_fit.scene.robot import PANDA
 from mjx_fit.training import train
+from mjx_fit.training.run_folder import Run
 
 CONFIG = Config()
 SCENE = CONFIG.scene
@@ -159,7 +160,7 @@ def test_a_data_set_counts_them_and_training_leaves_them_out(tmp_path, monkeypat
     assert happened(data).sum() == 6
     assert "6 invalid" in capsys.readouterr().err
     monkeypatch.setattr(train, "train", lambda *args, **kwargs: False)
-    train.train_with_baseline(data, CONFIG, tmp_path / "run", 0)
+    train.train_with_baseline(data, CONFIG, Run(tmp_path / "run", 0))
     assert capsys.readouterr().err == "mjx-fit: 6 of 12 interactions are not valid: left out\n"
-    train.train_with_baseline(make_episodes(), CONFIG, tmp_path / "run", 0)
+    train.train_with_baseline(make_episodes(), CONFIG, Run(tmp_path / "run", 0))
     assert capsys.readouterr().err == ""

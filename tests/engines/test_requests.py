@@ -18,8 +18,8 @@ from mjx_fit.engines import requests
 from mjx_fit.engines.mjx.engine import MjxEngine
 from mjx_fit.engines.native.engine import NativeEngine
 from mjx_fit.filters.updates import initial_belief
-from mjx_fit.sensors import preprocess
 from mjx_fit.sensors.contact_sensor import ContactSensor
+from mjx_fit.sensors.preprocess import Window, read_window
 from mjx_fit.task.estimator import after_failures, filter_update, frame_update, readings
 from mjx_fit.task.estimator_input import require_update
 from mjx_fit.utils.errors import RequestError
@@ -253,7 +253,7 @@ def test_keys_of_noise_are_keys_one_for_each(sensor):
 
 def test_one_trace_is_read_as_it_is_or_refused():
     one = jax.tree.map(lambda leaf: leaf[1], sound())
-    preprocess.read(one, KEYS[0], CONFIG.wrist, CONFIG.scene, rows=3)
+    read_window(one, KEYS[0], CONFIG.wrist, CONFIG.scene, Window(3))
     for what, wrong in (
         (r"shape \(3, 12, 6\)", traced(one, wrench_sensor=one.trace.wrench_sensor[:, :12])),
         (
@@ -262,7 +262,7 @@ def test_one_trace_is_read_as_it_is_or_refused():
         ),
     ):
         with pytest.raises(RequestError, match=what):
-            preprocess.read(wrong, KEYS[0], CONFIG.wrist, CONFIG.scene, rows=3)
+            read_window(wrong, KEYS[0], CONFIG.wrist, CONFIG.scene, Window(3))
 
 
 def test_a_sensor_refuses_readings_that_are_none(sensor):

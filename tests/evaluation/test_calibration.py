@@ -15,24 +15,23 @@ from synthetic import PAPER_SENSOR, make_episodes, with_truth, with_unit_quatern
 
 from mjx_fit.config.schema import Config
 from mjx_fit.config.sections.learning import SensorConfig
-from mjx_fit.evaluation import held_out
-from mjx_fit.evaluation import scores as calibration
+from mjx_fit.evaluation import held_out, scores
 from mjx_fit.sensors.contact_sensor import ContactSensor
-from mjx_fit.sensors.preprocess import read
+from mjx_fit.sensors.preprocess import Window, read_window
 from mjx_fit.types import Observation
 from mjx_fit.utils.errors import RequestError
 from mjx_fit.utils.randomness import root_key
 
 
 @given(
-    scores=st.lists(st.integers(0, 5), min_size=2, max_size=12),
+    given_scores=st.lists(st.integers(0, 5), min_size=2, max_size=12),
     seed=st.integers(0, 1000),
 )
-def test_auroc_is_the_share_of_pairs_in_the_right_order(scores, seed):
-    score = np.array(scores, float)
+def test_auroc_is_the_share_of_pairs_in_the_right_order(given_scores, seed):
+    score = np.array(given_scores, float)
     positive = np.random.default_rng(seed).uniform(size=len(score)) < 0.5
     pairs = [(a > b) + 0.5 * (a == b) for a in score[positive] for b in score[~positive]]
-    got = calibration.auroc(score, positive)
+    got = scores.auroc(score, positive)
     assert np.isnan(got) if not pairs else got == pytest.approx(np.mean(pairs))
 
 
@@ -40,12 +39,12 @@ def test_an_honest_covariance_has_its_coverage_and_a_nees_of_one():
     rng = np.random.default_rng(0)
     cov = np.array([[4.0, 1.5], [1.5, 1.0]]) * 1e-6
     error = rng.multivariate_normal([0, 0], cov, 20_000)
-    squared = calibration.squared_mahalanobis(error, np.broadcast_to(cov, (len(error), 2, 2)))
+    squared = scores.squared_mahalanobis(error, np.broadcast_to(cov, (len(error), 2, 2)))
     assert squared.mean() / 2 == pytest.approx(1, abs=0.02)
     for level in (0.5, 0.9):
-        assert calibration.inside(squared, level).mean() == pytest.approx(level, abs=0.01)
-    sure = calibration.squared_mahalanobis(error, np.broadcast_to(cov / 4, (len(error), 2, 2)))
-    assert calibration.inside(sure, 0.9).mean() < 0.5
+        assert scores.inside(squared, level).mean() == pytest.approx(level, abs=0.01)
+    sure = scores.squared_mahalanobis(error, np.broadcast_to(cov / 4, (len(error), 2, 2)))
+    assert scores.inside(sure, 0.9).mean() < 0.5
     density = multivariate_normal(cov=cov.tolist()).logpdf(error[:50])
     constant = -np.log(2 * np.pi) - 0.5 * np.log(np.linalg.det(cov))
     np.testing.assert_allclose(constant - 0.5 * squared[:50], density, rtol=1e-6)
@@ -54,30 +53,30 @@ def test_an_honest_covariance_has_its_coverage_and_a_nees_of_one():
 def test_thresholds_are_the_ones_of_two_degrees_of_freedom():
     for level, threshold in ((0.5, 1.386), (0.9, 4.605)):
         around = threshold + np.array([-1e-3, 1e-3])
-        assert calibration.inside(around, level).tolist() == [True, False]
+        assert scores.inside(around, level).tolist() == [True, False]
 
 
 def test_reliability_of_honest_and_of_boasting_probabilities():
     rng = np.random.default_rng(1)
     probability = rng.uniform(size=50_000)
     happened = rng.uniform(size=50_000) < probability
-    mean, frequency, n = calibration.reliability(probability, happened)
+    mean, frequency, n = scores.reliability(probability, happened)
     assert n.sum() == 50_000
     np.testing.assert_allclose(frequency, mean, atol=0.02)
     boast = np.clip(1.6 * (probability - 0.5) + 0.5, 0, 1)
-    mean, frequency, _ = calibration.reliability(boast, happened)
+    mean, frequency, _ = scores.reliability(boast, happened)
     assert mean[-1] - frequency[-1] > 0.05
-    mean, _, n = calibration.reliability(np.array([0.0, 1.0, 1.0]), np.array([False, True, False]))
+    mean, _, n = scores.reliability(np.array([0.0, 1.0, 1.0]), np.array([False, True, False]))
     assert (mean.tolist(), n.tolist()) == ([0, 1], [1, 2])
 
 
 def test_brier_and_balanced_accuracy_of_small_cases():
     probability = np.array([[1.0, 0, 0], [0, 1.0, 0], [1 / 3, 1 / 3, 1 / 3]])
-    np.testing.assert_allclose(calibration.brier(probability, np.array([0, 0, 2])), [0, 2, 2 / 3])
+    np.testing.assert_allclose(scores.brier(probability, np.array([0, 0, 2])), [0, 2, 2 / 3])
     positive = np.array([True, True, False, False, False, False])
     predicted = np.array([True, False, False, False, False, True])
-    assert calibration.balanced_accuracy(predicted, positive) == pytest.approx((0.5 + 0.75) / 2)
-    assert np.isnan(calibration.balanced_accuracy(predicted, np.ones(6, bool)))
+    assert scores.balanced_accuracy(predicted, positive) == pytest.approx((0.5 + 0.75) / 2)
+    assert np.isnan(scores.balanced_accuracy(predicted, np.ones(6, bool)))
 
 
 def test_an_observation_is_of_the_first_actions_with_the_noise_of_the_episode():
@@ -94,7 +93,9 @@ def test_an_observation_is_of_the_first_actions_with_the_noise_of_the_episode():
     def alone(i, actions):
         one = jax.tree.map(lambda leaf: leaf[i], data)
         key = jax.random.fold_in(root, one.episode)
-        return say(sensor, read(one.rollout.felt, key, config.wrist, config.scene, rows=actions)).innovation
+        return say(
+            sensor, read_window(one.rollout.felt, key, config.wrist, config.scene, Window(actions))
+        ).innovation
 
     for actions in (5, 16):
         seen = held_out.observe(sensor, data, ids, actions, config, seed=5)

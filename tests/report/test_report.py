@@ -20,7 +20,7 @@ from mjx_fit.data.plan import Plan
 from mjx_fit.data.writer import Writer, new_manifest, new_shard
 from mjx_fit.evaluation import results
 from mjx_fit.evaluation.results import Result, summarise_assembly, summarise_attempt
-from mjx_fit.report import build as build_
+from mjx_fit.report import build as building
 from mjx_fit.report import descriptions
 from mjx_fit.report.build import build
 from mjx_fit.task.methods import ASSEMBLY, INSERTION, POSITION
@@ -221,7 +221,7 @@ def small(tmp_path_factory):
     """A section of one picture, drawn once."""
     path = tmp_path_factory.mktemp("small") / "assembly.json"
     results.write(path, assembly({"full": 0.4}, 2))
-    section = build_._find(path)[path][1]("assembly")
+    section = building._find(path)[path][1]("assembly")
     return path, replace(section, pictures=section.pictures[:1])
 
 
@@ -229,7 +229,7 @@ def small(tmp_path_factory):
 def report(small, monkeypatch):
     """Makes a report of it, and says what is in the folder."""
     path, section = small
-    monkeypatch.setattr(build_, "_find", lambda _: {path: ("assembly", lambda slug: section)})
+    monkeypatch.setattr(building, "_find", lambda _: {path: ("assembly", lambda slug: section)})
 
     def make(out: Path) -> dict[str, bytes]:
         build([path], out)
@@ -263,7 +263,7 @@ def test_a_report_that_is_stopped_is_continued(report, tmp_path: Path, monkeypat
 
 
 def test_an_unfinished_page_says_so(report, tmp_path: Path, monkeypatch):
-    monkeypatch.setattr(build_, "page", lambda made: 1 / 0)
+    monkeypatch.setattr(building, "page", lambda made: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         report(tmp_path / "out")
     assert "was not finished: give its command again" in (tmp_path / "out" / "index.html").read_text()

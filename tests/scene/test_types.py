@@ -24,7 +24,7 @@ from mjx_fit.engines.native.engine import NativeEngine
 from mjx_fit.evaluation import attempt, position, results
 from mjx_fit.evaluation.request import Request
 from mjx_fit.filters.outcome_model import constant_matrix, success_probability
-from mjx_fit.scene import scenarios as trials_
+from mjx_fit.scene import scenarios
 from mjx_fit.scene.build import pair_index, simulation_scene
 from mjx_fit.task import assembly, methods
 from mjx_fit.task.assembly_state import Table
@@ -145,7 +145,7 @@ def test_a_scene_of_twelve_shapes_has_a_model_for_each_pair_and_runs():
 @pytest.mark.parametrize("n", TYPES)
 def test_an_assembly_of_so_many_types_ends(n):
     config = config_of(n, n_holes=3, max_attempts=2)
-    drawn = trials_.draw_trials(config, 0, np.arange(3))
+    drawn = scenarios.draw_trials(config, 0, np.arange(3))
     table = Table(config, methods.ASSEMBLY[:1] + methods.ASSEMBLY[3:], drawn, 0)
     update = assembly.update_of_rows(config, (*methods.ASSEMBLY[:1], *methods.ASSEMBLY[3:]), 3, None)
     for _ in assembly.rounds(table, FakeEngine(), update):
@@ -176,7 +176,7 @@ class Loose(FakeEngine):
 
 def test_a_peg_in_a_hole_of_another_type_is_used_up_and_neither_success_nor_help():
     config = config_of(2, n_holes=4)
-    drawn = trials_.draw_trials(config, 0, np.arange(5))
+    drawn = scenarios.draw_trials(config, 0, np.arange(5))
     chosen = methods.ASSEMBLY[:1]
     table = Table(config, chosen, drawn, 0)
     for round_ in assembly.rounds(table, Loose(), assembly.update_of_rows(config, chosen, 5, None)):

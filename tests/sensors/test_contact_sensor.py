@@ -23,7 +23,7 @@ from mjx_fit.sensors.contact_sensor import (
 )
 from mjx_fit.sensors.encoder import TraceEncoder
 from mjx_fit.sensors.heads import PositionNoise
-from mjx_fit.sensors.preprocess import read
+from mjx_fit.sensors.preprocess import Window, read_window
 from mjx_fit.types import Observation, Reading
 from mjx_fit.utils.errors import RequestError
 
@@ -36,7 +36,9 @@ ROWS = 12
 def make_reading(episodes: int = 6, rows: int = ROWS, seed: int = 0) -> Reading:
     data = make_rollouts(episodes, actions=ROWS, seed=seed, min_length=3).felt
     keys = jax.random.split(jax.random.key(seed), episodes)
-    return jax.vmap(lambda one, key: read(one, key, WristConfig(), SceneConfig(), rows=rows))(data, keys)
+    return jax.vmap(lambda one, key: read_window(one, key, WristConfig(), SceneConfig(), Window(rows)))(
+        data, keys
+    )
 
 
 def make_sensor(config: SensorConfig = SMALL) -> ContactSensor:

@@ -14,7 +14,7 @@ from synthetic import with_truth
 from mjx_fit.config.schema import Config
 from mjx_fit.filters.outcome_model import constant_matrix, success_probability
 from mjx_fit.filters.updates import initial_belief
-from mjx_fit.scene import scenarios as trials_
+from mjx_fit.scene import scenarios
 from mjx_fit.task import assembly, estimator, greedy, methods
 from mjx_fit.task.assembly_state import Table
 from mjx_fit.types import Attempt, Observation
@@ -59,18 +59,18 @@ def test_ties_go_to_the_least_tried_then_the_first():
 
 
 def test_trials_are_fair():
-    trials = trials_.draw_trials(CONFIG, 3, np.arange(8))
+    trials = scenarios.draw_trials(CONFIG, 3, np.arange(8))
     assert np.array_equal(np.sort(trials.peg_type, 1), np.sort(trials.hole_type, 1))
     error = np.abs(trials.estimate_world - trials.hole_pos_world)
     assert 0.01 < error.max() <= 0.02 + 1e-6
-    fewer = trials_.draw_trials(CONFIG, 3, np.arange(5))
+    fewer = scenarios.draw_trials(CONFIG, 3, np.arange(5))
     assert np.array_equal(fewer.hole_type, trials.hole_type[:5])
     assert np.array_equal(fewer.hole_pos_world, trials.hole_pos_world[:5])
     assert np.array_equal(fewer.estimate_world, trials.estimate_world[:5])
 
 
 def play(names, n_trials=6, seed=0, config=CONFIG, update=None):
-    trials = trials_.draw_trials(config, seed, np.arange(n_trials))
+    trials = scenarios.draw_trials(config, seed, np.arange(n_trials))
     engine = FakeEngine()
     table = Table(config, methods.chosen(names, methods.ASSEMBLY), trials, seed)
     for _ in assembly.rounds(table, engine, update or estimator.filter_update(config, None)):
@@ -230,7 +230,7 @@ def test_each_method_learns_what_it_may_and_no_more(hard):
     mean of that and of H(mismatch | c) under the sensor's own 1 / (1 + e).
     """
     n = 6
-    trials = trials_.draw_trials(CONFIG, 0, np.arange(n))
+    trials = scenarios.draw_trials(CONFIG, 0, np.arange(n))
     before = initial_belief(jnp.asarray(trials.estimate_world[:, 0]), 0.01, 3)
     done = FakeEngine().run(dataclasses.replace(_attempts(trials), peg_type=np.zeros(n, int)), 2)
     done = with_truth(done, inserted=np.arange(n) >= 3, valid=np.ones(n, bool))
@@ -253,7 +253,7 @@ def test_each_method_learns_what_it_may_and_no_more(hard):
 
 def test_success_and_broken_worlds_leave_beliefs_alone():
     config = CONFIG
-    trials = trials_.draw_trials(config, 0, np.arange(3))
+    trials = scenarios.draw_trials(config, 0, np.arange(3))
     beliefs = initial_belief(jnp.asarray(trials.estimate_world[:, 0]), 0.01, 3)
     rollout = FakeEngine().run(dataclasses.replace(_attempts(trials), peg_type=np.zeros(3, int)), 2)
     rollout = with_truth(
@@ -330,7 +330,7 @@ def test_a_human_finds_an_empty_hole_where_another_peg_sits_in_the_right_one():
             return with_truth(done, inserted=np.full(len(done.felt.length), number == 1))
 
     for seed in range(6):
-        trials = trials_.draw_trials(CONFIG, seed, np.arange(3))
+        trials = scenarios.draw_trials(CONFIG, seed, np.arange(3))
         table = Table(CONFIG, methods.chosen("failure_only", methods.ASSEMBLY), trials, seed)
         seen = list(assembly.rounds(table, Loose(), estimator.filter_update(CONFIG, None)))
         for before, after in ((one.before.filled.sum(1), one.after.filled.sum(1)) for one in seen):
@@ -349,7 +349,7 @@ class Breaking(FakeEngine):
 
 def test_a_broken_world_counts_as_an_attempt_and_teaches_nothing():
     """No method, not even one that a failure tells the truth; and beliefs are distributions all the way."""
-    trials, sensor = trials_.draw_trials(CONFIG, 0, np.arange(6)), cast(Any, StubSensor())
+    trials, sensor = scenarios.draw_trials(CONFIG, 0, np.arange(6)), cast(Any, StubSensor())
     update = assembly.update_of_rows(CONFIG, methods.ASSEMBLY, 6, sensor)
     seen = list(assembly.rounds(Table(CONFIG, methods.ASSEMBLY, trials, 0), Breaking(), update))
     first, second, *_ = seen
@@ -377,7 +377,7 @@ def test_no_draw_of_an_assembly_comes_twice():
 
 def test_among_equals_the_tries_of_the_peg_in_hand_count_and_not_those_of_earlier_pegs():
     """A try in a broken world leaves a hole as good as it was, and only the tries tell it from its equals."""
-    trials = trials_.draw_trials(CONFIG, 0, np.arange(6))
+    trials = scenarios.draw_trials(CONFIG, 0, np.arange(6))
     table = Table(CONFIG, methods.chosen("failure_only", methods.ASSEMBLY), trials, 0)
     seen = list(assembly.rounds(table, Breaking(), estimator.filter_update(CONFIG, None)))
     for row in range(6):

@@ -9,8 +9,10 @@ import pytest
 from mjx_fit.config.files import read_config
 from mjx_fit.config.schema import Config
 from mjx_fit.config.sections.shape import SHAPES, Shape
-from mjx_fit.data import manifest, reader
+from mjx_fit.data import reader
+from mjx_fit.data.manifest import read_manifest
 from mjx_fit.training import compatibility
+from mjx_fit.training.run_folder import Run
 from mjx_fit.training.sensor_loader import TrainedSensor
 from mjx_fit.training.train import train_from
 from mjx_fit.utils import provenance
@@ -54,9 +56,9 @@ def test_data_of_another_world_are_refused(folder, tmp_path):
     for key, value in (("scene.clearance_m", 0.002), ("control.kp_position", 500.0)):
         config = read_config(None, [f"{key}={value}"])
         with pytest.raises(RequestError, match=rf"--data: .*{key} is .* there and {value} here"):
-            train_from(folder, config, tmp_path / "run", seed=0)
+            train_from(folder, config, Run(tmp_path / "run", seed=0))
     assert not (tmp_path / "run").exists()
-    compatibility.require_world(manifest.read(folder).request, read_config(None, ["wrist.force_noise_n=0.2"]))
+    compatibility.require_world(read_manifest(folder).request, read_config(None, ["wrist.force_noise_n=0.2"]))
 
 
 def test_data_of_other_shapes_are_refused(collect, tmp_path):
@@ -64,7 +66,7 @@ def test_data_of_other_shapes_are_refused(collect, tmp_path):
     bar = Shape("bar", SHAPES[0].rectangles)
     config = replace(Config(), scene=replace(Config().scene, shapes=(bar, *SHAPES[1:])))
     with pytest.raises(RequestError, match=r"--data: .*scene.shapes is .*cross.* there and .*bar.* here"):
-        train_from(folder, config, tmp_path / "run", seed=0)
+        train_from(folder, config, Run(tmp_path / "run", seed=0))
     assert not (tmp_path / "run").exists()
 
 

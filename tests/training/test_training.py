@@ -27,6 +27,7 @@ from mjx_fit.training import run_files
 from mjx_fit.training.checkpoint import LAST, from_arrays, load_sensor, to_arrays
 from mjx_fit.training.loop import train
 from mjx_fit.training.loss import filter_loss
+from mjx_fit.training.run_folder import Run
 from mjx_fit.training.saver import Saver
 from mjx_fit.training.split import require_chains
 from mjx_fit.training.step import TrainState, optimizer
@@ -85,7 +86,7 @@ def files(out: Path) -> dict:
 @pytest.fixture(scope="module")
 def run(tmp_path_factory) -> Path:
     out = tmp_path_factory.mktemp("training") / "run"
-    train(DATA, CONFIG, out, 0)
+    train(DATA, CONFIG, Run(out, 0))
     return out
 
 
@@ -122,7 +123,7 @@ def test_the_best_sensor_comes_back_with_its_scaling(run):
 
 def test_a_finished_run_repeated_changes_nothing(run):
     before = files(run)
-    train(DATA, CONFIG, run, 0)
+    train(DATA, CONFIG, Run(run, 0))
     assert files(run) == before
 
 
@@ -134,12 +135,12 @@ def test_a_killed_run_continued_gives_the_same_curve(run, tmp_path, kill_after):
 
     out = tmp_path / "run"
     with pytest.raises(KilledError):
-        train(DATA, CONFIG, out, 0, on_epoch=kill, checkpoint_every_s=0.0)
+        train(DATA, CONFIG, Run(out, 0), on_epoch=kill, checkpoint_every_s=0.0)
     # A kill may fall between the metrics and the checkpoint, and in the middle of a line.
     with (out / "metrics.jsonl").open("a") as file:
         file.write('{"epoch": 99, "total"')
     seen = []
-    train(DATA, CONFIG, out, 0, on_epoch=lambda row: seen.append(row["epoch"]))
+    train(DATA, CONFIG, Run(out, 0), on_epoch=lambda row: seen.append(row["epoch"]))
     assert seen == list(range(kill_after + 1, EPOCHS))
     assert metrics(out) == metrics(run)
     for (_, one), (_, other) in zip(
@@ -152,7 +153,7 @@ def test_a_run_killed_before_its_first_checkpoint_begins_again(run, tmp_path):
     out = tmp_path / "run"
     shutil.copytree(run, out)
     shutil.rmtree(out / "checkpoints")
-    train(DATA, CONFIG, out, 0)
+    train(DATA, CONFIG, Run(out, 0))
     assert metrics(out) == metrics(run)
 
 
@@ -160,7 +161,7 @@ def test_more_epochs_continue_the_run(run, tmp_path):
     out = tmp_path / "run"
     shutil.copytree(run, out)
     longer = replace(CONFIG, train=replace(CONFIG.train, epochs=EPOCHS + 2))
-    train(DATA, longer, out, 0)
+    train(DATA, longer, Run(out, 0))
     assert metrics(out)[:EPOCHS] == metrics(run)
     assert len(metrics(out)) == EPOCHS + 2
     assert read_config(out / "config.yaml") == longer
@@ -169,10 +170,10 @@ def test_more_epochs_continue_the_run(run, tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"seed": 1}, "seed is 0 there and 1 here"),
-        ({"data": make_episodes(EPISODES, actions=12, min_length=6, seed=1)}, "data is"),
+        (lambda out: {"run": Run(out, 1)}, "seed is 0 there and 1 here"),
+        (lambda _: {"data": make_episodes(EPISODES, actions=12, min_length=6, seed=1)}, "data is"),
         (
-            {"config": replace(CONFIG, train=replace(CONFIG.train, batch_size=4))},
+            lambda _: {"config": replace(CONFIG, train=replace(CONFIG.train, batch_size=4))},
             r"train\.batch_size is 32 there and 4 here",
         ),
     ],
@@ -180,7 +181,7 @@ def test_more_epochs_continue_the_run(run, tmp_path):
 def test_another_run_in_the_same_folder_is_refused(run, change, message):
     before = files(run)
     with pytest.raises(RequestError, match=message) as caught:
-        train(**({"data": DATA, "config": CONFIG, "out": run, "seed": 0} | change))
+        train(**({"data": DATA, "config": CONFIG, "run": Run(run, 0)} | change(run)))
     assert "\n" not in str(caught.value)
     assert files(run) == before
 
@@ -188,16 +189,16 @@ def test_another_run_in_the_same_folder_is_refused(run, change, message):
 def test_a_folder_with_other_files_is_refused(tmp_path):
     (tmp_path / "thesis.tex").write_text("")
     with pytest.raises(RequestError, match=r"thesis\.tex"):
-        train(DATA, CONFIG, tmp_path, 0)
+        train(DATA, CONFIG, Run(tmp_path, 0))
 
 
 def test_too_little_data_and_impossible_windows_are_refused(tmp_path):
     with pytest.raises(RequestError, match="--data"):
-        train(jax.tree.map(lambda x: x[:1], DATA), CONFIG, tmp_path / "a", 0)
+        train(jax.tree.map(lambda x: x[:1], DATA), CONFIG, Run(tmp_path / "a", 0))
     with pytest.raises(RequestError, match="at least one of each"):
-        train(changed(valid=np.zeros(EPISODES, bool)), CONFIG, tmp_path / "b", 0)
+        train(changed(valid=np.zeros(EPISODES, bool)), CONFIG, Run(tmp_path / "b", 0))
     with pytest.raises(RequestError, match=r"train\.min_window: 9"):
-        train(DATA, replace(CONFIG, train=replace(CONFIG.train, min_window=9)), tmp_path / "c", 0)
+        train(DATA, replace(CONFIG, train=replace(CONFIG.train, min_window=9)), Run(tmp_path / "c", 0))
     assert not list(tmp_path.iterdir())
 
 
@@ -224,7 +225,7 @@ def test_a_diverged_training_says_so(tmp_path, monkeypatch):
     monkeypatch.setattr(optax, "adamw", lambda _, **rest: adamw(1e30, **rest))
     wild = replace(CONFIG, train=replace(CONFIG.train, learning_rate=1.0))
     with pytest.raises(WorkError, match=r"epoch \d is not finite"):
-        train(DATA, wild, tmp_path / "run", 0)
+        train(DATA, wild, Run(tmp_path / "run", 0))
 
 
 @pytest.mark.parametrize(
@@ -240,7 +241,7 @@ def test_a_diverged_training_says_so(tmp_path, monkeypatch):
 )
 def test_data_that_no_sensor_can_read_are_refused(tmp_path, change, message):
     with pytest.raises(RequestError, match=message) as caught:
-        train(changed(**change), CONFIG, tmp_path / "run", 0)
+        train(changed(**change), CONFIG, Run(tmp_path / "run", 0))
     assert "\n" not in str(caught.value)
     assert not (tmp_path / "run").exists()
 
@@ -249,7 +250,7 @@ def test_a_broken_episode_that_is_not_used_does_no_harm(run, tmp_path):
     short = np.asarray(DATA.rollout.felt.length) < 7
     length = np.where(short, 3, DATA.rollout.felt.length)
     place = np.where(short[:, None], np.nan, DATA.rollout.truth.hole_pos_world)
-    train(changed(length=length, hole_pos_world=place), one_epoch(CONFIG), tmp_path / "run", 0)
+    train(changed(length=length, hole_pos_world=place), one_epoch(CONFIG), Run(tmp_path / "run", 0))
     assert metrics(tmp_path / "run")[0]["val_nll"] < 100
 
 
@@ -260,7 +261,7 @@ def one_epoch(config: Config) -> Config:
 def test_data_too_large_for_the_device_give_the_same_curve(run, tmp_path, monkeypatch):
     monkeypatch.setattr("mjx_fit.training.loop.placed", lambda data: placed(data, free_bytes=0))
     few = replace(CONFIG, train=replace(CONFIG.train, epochs=3))
-    train(DATA, few, tmp_path / "run", 0)
+    train(DATA, few, Run(tmp_path / "run", 0))
     for here, there in zip(metrics(tmp_path / "run"), metrics(run), strict=False):
         assert here == pytest.approx(there, rel=1e-4, abs=1e-5)
 
@@ -268,21 +269,21 @@ def test_data_too_large_for_the_device_give_the_same_curve(run, tmp_path, monkey
 def test_training_stops_early_and_stays_stopped(tmp_path):
     still = replace(CONFIG, train=replace(CONFIG.train, learning_rate=1e-12, patience=3, epochs=30))
     out = tmp_path / "run"
-    train(DATA, still, out, 0)
+    train(DATA, still, Run(out, 0))
     rows = metrics(out)
     best = min(rows, key=lambda row: row["val_nll"])["epoch"]
     assert len(rows) == best + 1 + 3 < 30
     before = files(out)
-    train(DATA, still, out, 0)
+    train(DATA, still, Run(out, 0))
     assert files(out) == before
 
 
 def test_a_cosine_schedule_ends_with_its_epochs(tmp_path):
     out = tmp_path / "run"
     waved = replace(CONFIG, train=replace(CONFIG.train, schedule="cosine", epochs=2))
-    train(DATA, waved, out, 0)
+    train(DATA, waved, Run(out, 0))
     with pytest.raises(RequestError, match=r"train\.epochs is 2 there and 3 here"):
-        train(DATA, replace(waved, train=replace(waved.train, epochs=3)), out, 0)
+        train(DATA, replace(waved, train=replace(waved.train, epochs=3)), Run(out, 0))
     rate = optimizer(waved, 10)
     params = {"w": jnp.ones(())}
     state = rate.init(params)
@@ -298,7 +299,7 @@ def test_a_cosine_schedule_ends_with_its_epochs(tmp_path):
 def test_the_baseline_is_trained_beside_and_knows_no_prior(tmp_path):
     out = tmp_path / "run"
     config = replace(CONFIG, train=replace(CONFIG.train, epochs=8, baseline_share=0.5))
-    train_with_baseline(DATA, config, out, 0)
+    train_with_baseline(DATA, config, Run(out, 0))
     rows = metrics(out / FRAME_BY_FRAME)
     assert len(rows) == 4
     assert all(row["type_nll"] == row["match_nll"] == 0 for row in rows)
@@ -315,10 +316,10 @@ def test_the_baseline_is_trained_beside_and_knows_no_prior(tmp_path):
     shift = read(sensor, moved) - read(sensor, sample.reading)
     np.testing.assert_allclose(shift, np.tile([0.01, 0.02], (8, 1)), atol=1e-5)
     before = files(out)
-    train_with_baseline(DATA, config, out, 0)
+    train_with_baseline(DATA, config, Run(out, 0))
     assert files(out) == before
     alone = replace(config, train=replace(config.train, epochs=1, baseline_share=0.0))
-    train_with_baseline(DATA, alone, tmp_path / "b", 0)
+    train_with_baseline(DATA, alone, Run(tmp_path / "b", 0))
     assert not (tmp_path / "b" / FRAME_BY_FRAME).exists()
 
 
@@ -330,7 +331,7 @@ def test_a_corrupt_checkpoint_is_refused_in_a_line(run, tmp_path, place):
         if path.is_file() and path.stat().st_size > 100:
             path.write_bytes(path.read_bytes()[:50])
     longer = replace(CONFIG, train=replace(CONFIG.train, epochs=EPOCHS + 1))
-    use = (lambda: load_sensor(out)) if place == "best" else (lambda: train(DATA, longer, out, 0))
+    use = (lambda: load_sensor(out)) if place == "best" else (lambda: train(DATA, longer, Run(out, 0)))
     with pytest.raises(RequestError, match=r"checkpoint: .* cannot be read") as caught:
         use()
     assert "\n" not in str(caught.value)
@@ -351,11 +352,11 @@ def test_training_through_sequences(tmp_path, monkeypatch):
     data = replace(data, rollout=with_truth(with_trace(data.rollout, wrench_sensor=wrench), valid=valid))
     whole = replace(CONFIG.train, sequence=3, min_window=8, epochs=EPOCHS // 2, mirror=True)
     config = replace(CONFIG, train=whole)
-    train(data, config, tmp_path / "run", 0)
+    train(data, config, Run(tmp_path / "run", 0))
     rows = metrics(tmp_path / "run")
     assert rows[-1]["val_nll"] < rows[0]["val_nll"] - 0.5
     monkeypatch.setattr("mjx_fit.training.loop.placed", lambda data: placed(data, free_bytes=0))
-    train(data, config, tmp_path / "host", 0)
+    train(data, config, Run(tmp_path / "host", 0))
     for one, other in zip(rows, metrics(tmp_path / "host"), strict=True):
         assert one == pytest.approx(other, rel=1e-4, abs=1e-4)
     asked = {"steps": 8, "config": config_to_tree(Config())}
@@ -379,8 +380,8 @@ def test_members_of_an_ensemble_train_at_once_as_they_would_alone(run, tmp_path)
 
     out = tmp_path / "ensemble"
     with pytest.raises(KilledError):
-        train(DATA, few, out, 0, members=3, on_epoch=kill, checkpoint_every_s=0.0)
-    train(DATA, few, out, 0, members=3)
+        train(DATA, few, Run(out, 0, members=3), on_epoch=kill, checkpoint_every_s=0.0)
+    train(DATA, few, Run(out, 0, members=3))
     curves = [metrics(out / f"member-{member}") for member in range(3)]
     for here, there in zip(curves[0], metrics(run), strict=False):
         assert here == pytest.approx(there, rel=1e-3, abs=1e-3)
@@ -394,12 +395,12 @@ def test_members_of_an_ensemble_train_at_once_as_they_would_alone(run, tmp_path)
         kernels.append(np.asarray(nnx.state(sensor)["trace_encoder"]["token"]["kernel"][...]))
     assert not any(np.allclose(kernels[a], kernels[b]) for a, b in ((0, 1), (0, 2), (1, 2)))
     whole = tmp_path / "whole"
-    train(DATA, few, whole, 0, members=3)
+    train(DATA, few, Run(whole, 0, members=3))
     assert [metrics(whole / f"member-{member}") for member in range(3)] == curves
     with pytest.raises(RequestError, match="it holds other files"):
-        train(DATA, few, run, 0, members=2)
+        train(DATA, few, Run(run, 0, members=2))
     with pytest.raises(RequestError, match="--members: 0 is out of range"):
-        train(DATA, few, tmp_path / "none", 0, members=0)
+        train(DATA, few, Run(tmp_path / "none", 0, members=0))
 
 
 @pytest.mark.parametrize(("best_nll", "is_worse"), [(0.7, False), (1.4, True)])
@@ -440,14 +441,14 @@ def test_a_folder_that_is_taken_away_ends_the_training(tmp_path, replaced):
             out.mkdir()
 
     with pytest.raises(WorkError, match="run was removed or replaced while this command was writing to it"):
-        train(DATA, CONFIG, out, 0, on_epoch=taken_away)
+        train(DATA, CONFIG, Run(out, 0), on_epoch=taken_away)
     assert not out.exists() or not list(out.iterdir())
 
 
 def test_a_training_without_room_goes_on_when_there_is_some(tmp_path, monkeypatch):
     """At any moment of its own writing: no temporary file stays, and the curve is that of one that had it."""
     short = replace(CONFIG, train=replace(CONFIG.train, epochs=2))
-    train(DATA, short, tmp_path / "whole", 0)
+    train(DATA, short, Run(tmp_path / "whole", 0))
     moment = 0
     while True:
         out = tmp_path / f"run{moment}"
@@ -456,14 +457,14 @@ def test_a_training_without_room_goes_on_when_there_is_some(tmp_path, monkeypatc
             if moment % 2:
                 patch.setattr(os, "posix_fallocate", lambda *_: None)
             try:
-                train(DATA, short, out, 0)
+                train(DATA, short, Run(out, 0))
             except OSError as error:
                 named = str(error.filename)
         if not faults.failed:
             break
         assert named.startswith(str(out))
         assert not [path for path in out.rglob("*") if path.suffix in (".tmp", ".lock")]
-        train(DATA, short, out, 0)
+        train(DATA, short, Run(out, 0))
         assert metrics(out) == metrics(tmp_path / "whole")
         moment += 6
     assert moment > 20

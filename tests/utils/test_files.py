@@ -223,7 +223,7 @@ def linked(folder: Path, name: str, target: Path) -> Path:
         ("frame_by_frame", lambda out: run_folder.members(out, 1, "frame_by_frame")),
         ("member-0/frame_by_frame", lambda out: run_folder.members(out, 2, "frame_by_frame")),
         *[
-            (name, lambda out: run_folder.check(out, Config(), 0, ""))
+            (name, lambda out: run_folder.check(out, Config(), run_folder.Lineage(0, "")))
             for name in ("config.yaml", "run.json", "metrics.jsonl", "checkpoints", "checkpoints/last")
         ],
     ],

@@ -14,7 +14,7 @@ from collecting import files_of
 
 from mjx_fit.cli import main
 from mjx_fit.config.schema import Config
-from mjx_fit.data import manifest
+from mjx_fit.data.manifest import read_manifest, write_manifest
 from mjx_fit.engines.select import make_engine
 from mjx_fit.evaluation import parts
 from mjx_fit.task.estimator import filter_update
@@ -160,8 +160,8 @@ def other(request, monkeypatch):
 
 def test_a_set_of_two_arithmetics_is_not_completed(collect, tmp_path, other):
     out = collect(tmp_path / "set")
-    there = manifest.read(out)
-    manifest.write(out, replace(there, versions=other(there.versions)))
+    there = read_manifest(out)
+    write_manifest(out, replace(there, versions=other(there.versions)))
     collect(out)  # complete: nothing is made
     min(out.glob("*.h5")).unlink()
     with pytest.raises(RequestError, match="cannot be completed here: it was begun with XLA_FLAGS"):
@@ -170,8 +170,8 @@ def test_a_set_of_two_arithmetics_is_not_completed(collect, tmp_path, other):
 
 def test_nor_are_its_parts_merged(collect, tmp_path, capsys):
     folders = [collect(tmp_path / f"part{i}", shard_index=i, num_shards=2) for i in range(2)]
-    there = manifest.read(folders[1])
-    manifest.write(folders[1], replace(there, versions=there.versions | {"NPY_DISABLE_CPU_FEATURES": "X"}))
+    there = read_manifest(folders[1])
+    write_manifest(folders[1], replace(there, versions=there.versions | {"NPY_DISABLE_CPU_FEATURES": "X"}))
     capsys.readouterr()
     for order in (folders, folders[::-1]):
         assert main.main(["data", "merge", *map(str, order), "--out", str(tmp_path / "whole")]) == 2

@@ -25,8 +25,7 @@ from mjx_fit.training.sensor_loader import TrainedSensor
 from mjx_fit.utils import files
 from mjx_fit.utils.errors import RequestError, WorkError
 from mjx_fit.utils.type_colours import TYPE_RGB
-from mjx_fit.viz import gl
-from mjx_fit.viz import video as render
+from mjx_fit.viz import gl, video
 from mjx_fit.viz.panel import Panel
 from mjx_fit.viz.scene_model import RADIUS_90, Puppet, mixed
 from mjx_fit.viz.timeline import moments
@@ -250,17 +249,17 @@ def test_a_world_that_broke_is_shown_as_far_as_it_went():
 def test_values_that_make_no_video(played, tmp_path):
     for values, word in (((tmp_path / "a.avi", 20, 8.0), "--out"), ((tmp_path / "a.mp4", 0, 8.0), "--fps")):
         with pytest.raises(RequestError, match=word):
-            render.render(played, *values)
+            video.render(played, *values)
     with pytest.raises(RequestError, match="for a GIF: expected at most 50"):
-        render.render(played, tmp_path / "a.gif", 60, 8.0)
+        video.render(played, tmp_path / "a.gif", 60, 8.0)
     (tmp_path / "b.gif").mkdir()
     with pytest.raises(RequestError, match="it is a folder"):
-        render.render(played, tmp_path / "b.gif", 20, 8.0)
+        video.render(played, tmp_path / "b.gif", 20, 8.0)
     (tmp_path / "b.gif").rmdir()
     with pytest.raises(RequestError, match=r"a GIF of \d+ frames"):
-        render.render(played, tmp_path / "a.gif", 50, 0.1)
+        video.render(played, tmp_path / "a.gif", 50, 0.1)
     with pytest.raises(RequestError, match="--speed"):
-        render.render(played, tmp_path / "a.gif", 20, 0.0)
+        video.render(played, tmp_path / "a.gif", 20, 0.0)
     assert not list(tmp_path.iterdir())
 
 
@@ -299,12 +298,12 @@ def test_a_video_from_command_to_file(tmp_path, drawing):
     )
     assert done.returncode == 0, done.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["one.gif"]
-    with Image.open(out) as video:
-        assert video.size == render.SIZE_PX
+    with Image.open(out) as image:
+        assert image.size == video.SIZE_PX
         frames = []
-        for index in range(getattr(video, "n_frames", 1)):
-            video.seek(index)
-            frames.append(np.asarray(video.convert("RGB"), float))
+        for index in range(getattr(image, "n_frames", 1)):
+            image.seek(index)
+            frames.append(np.asarray(image.convert("RGB"), float))
     assert len(frames) >= 4
     robot, panel = np.split(np.array([frame.mean(2) for frame in (frames[0], frames[-1])]), [800], axis=2)
     assert robot.std() > 20
@@ -315,13 +314,13 @@ def test_a_video_from_command_to_file(tmp_path, drawing):
 def test_an_mp4_holds_every_frame_and_a_failed_encoder_leaves_the_old_file(tmp_path):
     noise = np.random.default_rng(0).integers(0, 255, (9, 48, 64, 3), np.uint8)
     path = tmp_path / "a.mp4"
-    render._write_mp4(iter(noise), path, 10, (64, 48))
+    video._write_mp4(iter(noise), path, 10, (64, 48))
     assert imageio_ffmpeg.count_frames_and_secs(str(path))[0] == 9
     before = path.read_bytes()
     with pytest.raises(
         WorkError, match=r"^render: the video could not be encoded whole: is there room for it\?$"
     ):
-        files.replace_with(path, lambda hidden: render._write_mp4(iter(noise), hidden / "no", 10, (64, 48)))
+        files.replace_with(path, lambda hidden: video._write_mp4(iter(noise), hidden / "no", 10, (64, 48)))
     assert path.read_bytes() == before
     assert [each.name for each in tmp_path.iterdir()] == ["a.mp4"]
 

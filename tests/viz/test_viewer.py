@@ -11,7 +11,7 @@ from fakes import PathEngine
 
 from mjx_fit.evaluation import playback
 from mjx_fit.utils.errors import RequestError
-from mjx_fit.viz import viewer as view
+from mjx_fit.viz import viewer
 from mjx_fit.viz.mujoco_window import Window
 from mjx_fit.viz.panel import Panel
 from mjx_fit.viz.scene_model import Puppet
@@ -50,9 +50,9 @@ def screens(monkeypatch):
     opened = []
 
     def opens(pictures=10_000):
-        monkeypatch.setattr(view, "_has_display", lambda: True)
+        monkeypatch.setattr(viewer, "_has_display", lambda: True)
         monkeypatch.setattr(
-            view, "_open_window", lambda puppet: opened.append(Screen(puppet, pictures)) or opened[-1]
+            viewer, "_open_window", lambda puppet: opened.append(Screen(puppet, pictures)) or opened[-1]
         )
         return opened
 
@@ -62,7 +62,7 @@ def screens(monkeypatch):
 def test_every_attempt_is_shown_in_order_until_it_is_closed(screens):
     steps = whole().steps
     opened = screens()
-    view.view(play(), None, 100.0, False, 8080)
+    viewer.view(play(), None, 100.0, False, 8080)
     (screen,) = opened
     order = [step for step, _, _ in screen.shown]
     assert order == sorted(order)
@@ -76,7 +76,7 @@ def test_every_attempt_is_shown_in_order_until_it_is_closed(screens):
 
 def test_one_attempt_is_shown_alone_and_what_comes_later_is_not_played(screens):
     opened, played = screens(), []
-    view.view((played.append(so_far) or so_far for so_far in play(2)), 2, 100.0, False, 8080)
+    viewer.view((played.append(so_far) or so_far for so_far in play(2)), 2, 100.0, False, 8080)
     assert {step for step, _, _ in opened[0].shown} == {1}
     assert len(played) == 2
 
@@ -89,7 +89,7 @@ def test_it_is_looked_at_once_the_playing_is_over(screens):
         yield from play(2)
         looked.append(opened[0].idle)
 
-    view.view(playing(), 2, 100.0, False, 8080)
+    viewer.view(playing(), 2, 100.0, False, 8080)
     assert looked == [1]  # asked once, after the last picture
     assert opened[0].idle == 6
 
@@ -100,27 +100,27 @@ def test_it_is_looked_at_once_the_playing_is_over(screens):
 def test_no_browser_is_one_line_that_says_what_to_install(monkeypatch, browser, why):
     monkeypatch.setitem(sys.modules, "viser", None)
     monkeypatch.delitem(sys.modules, "mjx_fit.viz.viser_page", raising=False)
-    monkeypatch.setattr(view, "_has_display", lambda: False)
+    monkeypatch.setattr(viewer, "_has_display", lambda: False)
     with pytest.raises(RequestError, match=rf"view: {why} viser, .*pip install 'mjx-fit\[view\]'$"):
-        view.view(play(), None, 1.0, browser, 8080)
+        viewer.view(play(), None, 1.0, browser, 8080)
 
 
 def test_a_closed_screen_ends_the_show(screens):
     opened = screens(pictures=3)
-    view.view(play(), None, 100.0, False, 8080)
+    viewer.view(play(), None, 100.0, False, 8080)
     assert len(opened[0].shown) == 3
 
 
 def test_an_attempt_that_there_is_not_is_refused(screens):
     screens()
     with pytest.raises(RequestError, match="--attempt: 99 is out of range"):
-        view.view(play(), 99, 100.0, False, 8080)
+        viewer.view(play(), 99, 100.0, False, 8080)
 
 
 @pytest.mark.parametrize(("speed", "port", "word"), [(0.0, 8080, "--speed: 0.0"), (1.0, 0, "--port: 0")])
 def test_values_that_show_nothing(speed, port, word):
     with pytest.raises(RequestError, match=f"{word} is out of range"):
-        view.view(play(), None, speed, True, port)
+        viewer.view(play(), None, speed, True, port)
 
 
 class Viewer:

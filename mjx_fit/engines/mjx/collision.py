@@ -63,11 +63,21 @@ class _Overlap(NamedTuple):
     normal: Float[Array, "3 k b"]
 
 
+class Boxes(NamedTuple):
+    """The boxes of a body.
+
+    Attributes:
+        centre: In the body's frame, m.
+        half: Half sizes, m.
+    """
+
+    centre: Float[Array, "n 3 b"]
+    half: Float[Array, "n 3 b"]
+
+
 def deepest_points(
-    peg_centre: Float[Array, "p 3 b"],
-    peg_half: Float[Array, "p 3 b"],
-    plate_centre: Float[Array, "q 3 b"],
-    plate_half: Float[Array, "q 3 b"],
+    peg: Boxes,
+    plate: Boxes,
     peg_pos_plate: Float[Array, "3 b"],
     peg_frame_plate: Float[Array, "3 3 b"],
     count: int,
@@ -75,23 +85,21 @@ def deepest_points(
     """The deepest contact points of a peg and a plate.
 
     Args:
-        peg_centre: Centres of the peg's boxes, in the peg's frame, m.
-        peg_half: Their half sizes, m.
-        plate_centre: Centres of the plate's boxes, in the plate's frame, m.
-        plate_half: Their half sizes, m.
+        peg: Its boxes.
+        plate: Its boxes.
         peg_pos_plate: Where the peg's frame is in the plate's, m.
         peg_frame_plate: The peg's axes in the plate's frame, as columns.
         count: Number of points.
     """
-    centre = peg_pos_plate + total(peg_frame_plate * peg_centre[:, None], 2)
-    shape = (len(peg_centre), *plate_centre.shape)
+    centre = peg_pos_plate + total(peg_frame_plate * peg.centre[:, None], 2)
+    shape = (len(peg.centre), *plate.centre.shape)
 
-    def of_pairs(peg, plate):
-        both = jnp.broadcast_to(peg[:, None], shape), jnp.broadcast_to(plate[None], shape)
+    def of_pairs(of_peg, of_plate):
+        both = jnp.broadcast_to(of_peg[:, None], shape), jnp.broadcast_to(of_plate[None], shape)
         return [jnp.moveaxis(x.reshape(-1, *shape[2:]), 1, 0) for x in both]
 
-    peg_at, plate_at = of_pairs(centre, plate_centre)
-    peg_size, plate_size = of_pairs(peg_half, plate_half)
+    peg_at, plate_at = of_pairs(centre, plate.centre)
+    peg_size, plate_size = of_pairs(peg.half, plate.half)
     along = _overlaps(peg_at - plate_at, peg_size, plate_size, peg_frame_plate)
     boxes = jnp.concatenate([peg_at, plate_at, peg_size, plate_size])
     nearest = largest(_least(along), boxes, MOST_PAIRS)

@@ -44,10 +44,8 @@ def collide(model: mjx.Model, data: mjx.Data) -> mjx.Data:
     peg_body, plate_body = (int(model.geom_bodyid[geoms[0]]) for geoms in (peg, plate))
     contact = data._impl.contact
     points = worlds_last(partial(collision.deepest_points, count=len(contact.dist)))(
-        model.geom_pos[peg],
-        model.geom_size[peg],
-        model.geom_pos[plate],
-        model.geom_size[plate],
+        collision.Boxes(model.geom_pos[peg], model.geom_size[peg]),
+        collision.Boxes(model.geom_pos[plate], model.geom_size[plate]),
         data.xpos[peg_body] - data.xpos[plate_body],
         data.xmat[peg_body],
     )
