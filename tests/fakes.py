@@ -26,6 +26,7 @@ class FakeEngine:
     """
 
     name = "fake"
+    policy_name = None
 
     def __init__(self):
         self.seen, self.starts = [], []
@@ -59,7 +60,7 @@ class Peeking:
     """An engine that keeps the truth of its latest batch, for a sensor by decree."""
 
     def __init__(self, engine):
-        self.name, self._engine = engine.name, engine
+        self.name, self.policy_name, self._engine = engine.name, engine.policy_name, engine
 
     def run(self, attempts, actions=None, active=None, horizon=None):
         done = self._engine.run(attempts, actions, active, horizon)

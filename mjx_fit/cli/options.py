@@ -1,15 +1,24 @@
-"""Pieces that the commands' arguments are put together from."""
+"""Options that several commands share: how they are declared, and how they are read back."""
 
 import argparse
 from collections.abc import Callable
-from typing import NoReturn
+from pathlib import Path
+from typing import TYPE_CHECKING, NoReturn
 
 from mjx_fit.cli.path_argument import path
+from mjx_fit.config.files import read_config
+from mjx_fit.config.schema import Config
 from mjx_fit.utils.errors import RequestError, shortened
+
+if TYPE_CHECKING:
+    from mjx_fit.control.policies import Policy
+
+RUN = "folder of a training run (default: the weights that ship with the package)"
+POLICY_FILE = "FILE.py:NAME, a mjx_fit.Policy or a function of PolicyInput"
 
 
 class Parser(argparse.ArgumentParser):
-    """argparse, but with a refusal in one line, and no abbreviations: --trial and --trials are two things."""
+    """argparse with one-line errors and without abbreviations: --trial and --trials are two options."""
 
     def __init__(self, *args, **kwargs):
         super().__init__(*args, **kwargs, allow_abbrev=False)
@@ -24,9 +33,17 @@ def add_command(
     run: Callable[[argparse.Namespace], None],
     text: str,
     *,
-    resumes: bool,
+    resumes: bool = False,
 ) -> argparse.ArgumentParser:
-    """Add a command, with what it calls, a sentence about it, and whether it keeps what a stop interrupts."""
+    """Add a command.
+
+    Args:
+        parsers: Where it belongs.
+        name: Its name.
+        run: Runs it.
+        text: A sentence about it, without capital and full stop.
+        resumes: Whether it keeps its finished work when it is stopped.
+    """
     parser = parsers.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".")
     parser.set_defaults(command=run, computes=False, draws=False, resumes=resumes, threads=None)
     return parser
@@ -56,7 +73,7 @@ def with_config(parser: argparse.ArgumentParser) -> None:
         default=[],
         metavar="FILE",
         help="YAML with what differs from the defaults (demo, paper, bench: from their preset); repeatable, "
-        "later ones win",
+        "later files win",
     )
     parser.add_argument(
         "--set",
@@ -65,3 +82,36 @@ def with_config(parser: argparse.ArgumentParser) -> None:
         metavar="PATH=VALUE",
         help="e.g. scene.clearance_m=0.002; repeatable",
     )
+
+
+def config_of(args: argparse.Namespace, preset: str | None = None) -> Config:
+    """Read the configuration that a command line asks for, on top of a preset.
+
+    Raises:
+        RequestError: A file cannot be read, or a key, a value or the seed is invalid.
+    """
+    from mjx_fit.utils import resources
+    from mjx_fit.utils.randomness import require_seed
+
+    if hasattr(args, "seed"):  # before sensors and data are read
+        require_seed(args.seed)
+    preset_file = [] if preset is None else [resources.folder("configs") / f"{preset}.yaml"]
+    return read_config([*preset_file, *args.config], args.set)
+
+
+def run_of(args: argparse.Namespace) -> Path:
+    """Return the folder of the training run: that of ``--run``, or the weights that ship."""
+    from mjx_fit.utils import resources
+
+    return args.run or resources.folder("weights")
+
+
+def policy_of(args: argparse.Namespace) -> "Policy | None":
+    """Load the policy of ``--policy FILE.py:NAME``; None: the library's own.
+
+    Raises:
+        RequestError: The file holds no such policy.
+    """
+    from mjx_fit.control.policy_file import is_policy_file, load_policy
+
+    return load_policy(args.policy) if args.policy and is_policy_file(args.policy) else None

@@ -18,6 +18,8 @@ from mjx_fit.types import Array, Attempt, pytree, static
 
 NAMES = ("spiral", "random")
 SPIRAL, RANDOM = range(len(NAMES))
+OWN = len(NAMES)
+"""Index of an engine's own policy, which is none of ``NAMES``."""
 
 State = Any
 """Whatever a policy carries from action to action: a pytree of arrays, the same in shape and type always."""
@@ -96,10 +98,12 @@ class Policy(NamedTuple):
         init: From the start and the attempt's key, the state before the first action.
         act: From the state and what is seen, the state after the action, and the command: the desired change
             of the tip's position in the world frame (3,), m.
+        name: What data sets and results call it; they refuse a policy without one.
     """
 
     init: Callable[[PolicyStart, Key[Array, ""]], State]
     act: Callable[[State, PolicyInput], tuple[State, Float[Array, "3"]]]
+    name: str = ""
 
 
 def start_of(attempt: Attempt) -> PolicyStart:
@@ -128,7 +132,7 @@ def by_name(*members: Policy) -> Policy:
     return Policy(init, act)
 
 
-def stateless(command: Callable[[PolicyInput], Float[Array, "3"]]) -> Policy:
+def stateless(command: Callable[[PolicyInput], Float[Array, "3"]], name: str = "") -> Policy:
     """A policy without a state: its command follows from what it sees.
 
     Example:
@@ -136,7 +140,7 @@ def stateless(command: Callable[[PolicyInput], Float[Array, "3"]]) -> Policy:
         >>> press = mf.stateless_policy(lambda seen: jnp.array([0.0, 0.0, -0.004]))
         >>> engine = mf.make_engine("native", policy=press)
     """
-    return Policy(lambda start, key: (), lambda state, seen: ((), command(seen)))
+    return Policy(lambda start, key: (), lambda state, seen: ((), command(seen)), name)
 
 
 def spiral(config: SpiralConfig) -> Policy:

@@ -17,7 +17,6 @@ from mjx_fit.engines.interface import Engine
 from mjx_fit.task.estimator import Update
 from mjx_fit.types import ACTION_BYTES, SUBSTEPS
 from mjx_fit.utils import memory
-from mjx_fit.utils.errors import RequestError
 from mjx_fit.utils.filesystem import path_inside
 from mjx_fit.utils.progress import COMPILING, Progress
 
@@ -41,14 +40,12 @@ def collect(config: Config, out: Path, plan: Plan, engine: Engine, update: Updat
     Raises:
         RequestError: A value is invalid, or the folder holds something else, or is in use.
     """
-    check(plan)
-    if plan.policy != "spiral":
+    check(plan, engine)
+    if plan.policy in ("random", "mixed"):
         require_room(config, "random.reach_m", config.random.reach_m)
         limits.require_random_upright(config.scene, config.control, config.random)
     _require_memory(config, plan)
     request, shards = plan.request(config), plan.shards()
-    if request["engine"] != engine.name:
-        raise RequestError(f"--engine: {plan.engine} does not match the engine {engine.name}")
     wanted = new_manifest(request, (plan.shard_index, plan.num_shards))
     if is_finished(out, wanted, shards):
         return

@@ -106,7 +106,8 @@ def _write_robomimic(folder: Path, manifest: Manifest, path: Path) -> None:
             ]
             for row in np.flatnonzero(kept):
                 episode = jax.tree.map(lambda leaf, row=row: leaf[row], shard)
-                total += _add_demonstration(root, episode, config)
+                policy = (*NAMES, manifest.request["policy"])[int(episode.policy)]
+                total += _add_demonstration(root, episode, policy, config)
             progress(done)
         root.attrs["total"] = total
         for side, ids in _sides(np.array(sequences), config.train.validation_fraction).items():
@@ -121,7 +122,7 @@ def _sides(sequences: Int[np.ndarray, "n"], fraction: float) -> dict[str, Int[np
     return dict(zip(("train", "valid"), split(sequences, fraction, _SEED), strict=True))
 
 
-def _add_demonstration(root: h5py.Group, episode: Episode, config: Config) -> int:
+def _add_demonstration(root: h5py.Group, episode: Episode, policy: str, config: Config) -> int:
     names, plate_top = config.scene.names, plate_top_m(config.scene)
     rollout = episode.rollout
     n = int(rollout.felt.length)
@@ -129,7 +130,7 @@ def _add_demonstration(root: h5py.Group, episode: Episode, config: Config) -> in
     demo.attrs["num_samples"] = n
     demo.attrs["peg_type"] = names[int(rollout.felt.peg_type)]
     demo.attrs["hole_type"] = names[int(rollout.truth.hole_type)]
-    demo.attrs["inserted"], demo.attrs["policy"] = bool(rollout.truth.inserted), NAMES[int(episode.policy)]
+    demo.attrs["inserted"], demo.attrs["policy"] = bool(rollout.truth.inserted), policy
     demo.attrs["hole_pos_world"] = rollout.truth.hole_pos_world
     demo.attrs["estimate_world"] = rollout.felt.estimate_world
     demo.attrs["tare_sensor"] = rollout.felt.tare_sensor

@@ -3,7 +3,7 @@
 import jax
 import numpy as np
 
-from mjx_fit.control.policies import NAMES
+from mjx_fit.control.policies import OWN
 from mjx_fit.data.episode import Episode, happened
 
 LARGEST = 1e12
@@ -31,7 +31,7 @@ def require(episodes: Episode, first_episode: int, sequence: int, n_types: int) 
     ):
         _require(name, values, values == right, ids, "expected the ids of the manifest")
     for name, values, end in (
-        ("policy", episodes.policy, len(NAMES)),
+        ("policy", episodes.policy, OWN + 1),
         ("peg_type", data.felt.peg_type, n_types),
         ("hole_type", data.truth.hole_type, n_types),
         ("length", data.felt.length, data.felt.trace.action_world.shape[1] + 1),

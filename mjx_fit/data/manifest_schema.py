@@ -9,7 +9,7 @@ from pydantic import ConfigDict, Field, TypeAdapter
 from typing_extensions import TypedDict
 
 from mjx_fit.config.sections.world import MOST_TYPES
-from mjx_fit.control.policies import NAMES
+from mjx_fit.control.policy_file import NAME
 from mjx_fit.utils import bounded_json
 
 MAX_EPISODES, MAX_ACTIONS, MAX_BATCH, MAX_SEQUENCE = 10**7, 1000, 65536, 30
@@ -44,7 +44,7 @@ class _Request(TypedDict):
 
     episodes: _Episodes
     steps: Annotated[int, Field(ge=1, le=MAX_ACTIONS)]
-    policy: Literal[(*NAMES, "mixed")]  # pyright: ignore[reportInvalidTypeForm]
+    policy: Annotated[str, Field(pattern=rf"^{NAME.pattern}$", max_length=60)]
     seed: Annotated[int, Field(ge=0, lt=2**32)]
     batch: Annotated[int, Field(ge=1, le=MAX_BATCH)]
     sequence: Annotated[int, Field(ge=1, le=MAX_SEQUENCE)]

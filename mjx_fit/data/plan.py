@@ -9,6 +9,7 @@ from mjx_fit.config.sections.learning import FIRST_SENSOR, FIRST_TRAIN
 from mjx_fit.data.manifest import Manifest
 from mjx_fit.data.manifest_schema import MAX_ACTIONS, MAX_BATCH, MAX_EPISODES, MAX_SEQUENCE
 from mjx_fit.data.schedule import POLICIES
+from mjx_fit.engines.interface import Engine, stored_policy_name
 from mjx_fit.engines.select import resolve
 from mjx_fit.engines.threads import even_batch
 from mjx_fit.utils.errors import RequestError, require, shown
@@ -30,7 +31,7 @@ class Plan:
     Attributes:
         episodes: Number of rollouts, a multiple of ``sequence``.
         actions: Most actions in one. A spiral is as long as an attempt, ``task.attempt_actions``, or cut off.
-        policy: ``spiral``, ``random``, or ``mixed``: both in turn.
+        policy: ``spiral``, ``random``, or ``mixed``: both in turn; or the name of the engine's own policy.
         engine: ``auto``, ``mjx`` or ``native``.
         seed: Root seed.
         batch: Most rollouts in one shard. Their sequences are simulated at once.
@@ -102,14 +103,18 @@ def plan_of(manifest: Manifest) -> Plan:
     return Plan(actions=asked.pop(STORED_ACTIONS), **asked, shard_index=index, num_shards=of)
 
 
-def check(plan: Plan) -> None:
+def check(plan: Plan, engine: Engine) -> None:
+    """Check that what a plan asks for can be collected by an engine.
+
+    Raises:
+        RequestError: A value is out of range, or the engine has another name or policy than the plan says.
+    """
+    if resolve(plan.engine) != engine.name:
+        raise RequestError(f"--engine: {plan.engine} does not match the engine {engine.name}")
+    _require_policy(plan.policy, stored_policy_name(engine))
     require_seed(plan.seed)
     require("--episodes", plan.episodes, 1, MAX_EPISODES)
     require("--actions", plan.actions, 1, MAX_ACTIONS)
-    if plan.policy not in POLICIES:
-        raise RequestError(
-            f"--policy: {shown(plan.policy)} is invalid: expected one of {', '.join(POLICIES)}"
-        )
     require("--batch", plan.batch, 1, MAX_BATCH)
     require("--sequence", plan.sequence, 1, MAX_SEQUENCE)
     require("--num-shards", plan.num_shards, 1, MAX_EPISODES)
@@ -126,3 +131,11 @@ def check(plan: Plan) -> None:
             f"--num-shards: {plan.num_shards} is invalid: expected at most {batches}, the number of "
             "batches; a smaller --batch makes more"
         )
+
+
+def _require_policy(name: str, own: str | None) -> None:
+    """Refuse data that would say of one policy that they are of another."""
+    if own is None and name not in POLICIES:
+        raise RequestError(f"--policy: {shown(name)} is invalid: expected one of {', '.join(POLICIES)}")
+    if own is not None and (name != own or own in POLICIES):
+        raise RequestError(f"--policy: {shown(name)} does not match the engine's own policy, {shown(own)}")

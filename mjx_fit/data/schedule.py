@@ -39,11 +39,15 @@ def pair_of(
 def policy_of(
     policy: str, sequences: Int[np.ndarray, "n"], number: int, n_types: int
 ) -> Int[np.ndarray, "n"]:
-    """Index of the policy of each sequence's attempt; ``mixed`` takes turns, in all pairs alike."""
+    """Index of the policy of each sequence's attempt; ``mixed`` takes turns, in all pairs alike.
+
+    Any other name is that of an engine's own policy.
+    """
     if policy == "mixed":
         turn = sequences // 2
         return (turn + _shifts(turn, n_types) + number) % len(policies.NAMES)
-    return np.full(len(sequences), policies.NAMES.index(policy))
+    names = policies.NAMES
+    return np.full(len(sequences), names.index(policy) if policy in names else policies.OWN)
 
 
 def _shifts(turn: Int[np.ndarray, "n"], n_types: int) -> Int[np.ndarray, "n"]:

@@ -128,7 +128,7 @@ class _EachPolicy:
     """
 
     def __init__(self, engine: Engine, config: Config, batch: _Batch, dumps: Path):
-        self.name, self._engine = engine.name, engine
+        self.name, self.policy_name, self._engine = engine.name, engine.policy_name, engine
         self._config, self._batch, self._dumps = config, batch, dumps
         self.broken = 0
 

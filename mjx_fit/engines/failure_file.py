@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from mjx_fit.config.schema import config_from_yaml
-from mjx_fit.control.policies import NAMES
+from mjx_fit.control.policies import OWN
 from mjx_fit.utils.errors import RequestError
 
 LARGEST = 1 << 20
@@ -81,7 +81,7 @@ def _require_values(arrays: dict[str, np.ndarray]) -> None:
         if value.dtype.kind == "f" and not np.isfinite(value).all():
             raise ValueError(f"{name}: expected finite numbers")
     n_types = config_from_yaml(str(arrays["config"])).scene.n_types
-    ends = {"peg_type": n_types, "hole_type": n_types, "policy": len(NAMES), "horizon": MAX_HORIZON + 1}
+    ends = {"peg_type": n_types, "hole_type": n_types, "policy": OWN + 1, "horizon": MAX_HORIZON + 1}
     for name, end in (*ends.items(), ("step", int(arrays["horizon"]))):
         if not 0 <= int(arrays[name]) < end:
             raise ValueError(f"{name}: {int(arrays[name])} is invalid: expected 0 to {end - 1}")

@@ -4,6 +4,7 @@
 """
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import jax
@@ -11,12 +12,14 @@ import numpy as np
 from jaxtyping import Bool, Int
 
 from mjx_fit.config.schema import Config, config_from_yaml, config_to_yaml
+from mjx_fit.control.policies import OWN, Policy
 from mjx_fit.engines import failure_file
 from mjx_fit.engines.interface import Engine
 from mjx_fit.engines.native.engine import NativeEngine
 from mjx_fit.engines.plausible import reason
 from mjx_fit.types import Attempt, Rollout
 from mjx_fit.utils import files
+from mjx_fit.utils.errors import RequestError
 from mjx_fit.utils.filesystem import path_inside
 from mjx_fit.utils.numerics import KEY_IMPL
 
@@ -78,24 +81,34 @@ def kept_in(folder: Path) -> int:
     return sum(1 for _ in folder.glob("broken-*.npz"))
 
 
-def replay(path: Path) -> Rollout:
+def replay(path: Path, policy: Policy | None = None) -> Rollout:
     """Does the action that broke a world again, in the C engine, from the state before it.
 
     Args:
         path: A file that ``report`` wrote.
+        policy: The engine's own policy, where it had one: the file does not hold it.
 
     Returns:
         A batch of one interaction with that action's row filled.
 
     Raises:
-        RequestError: It is no such file.
+        RequestError: It is no such file, or its policy is missing.
     """
     kept = failure_file.read(path)
+    if int(kept["policy"]) == OWN and policy is None:
+        raise RequestError(f"replay: {path} comes from an engine with a policy of its own: give that policy")
     config = config_from_yaml(str(kept["config"]))
     key = jax.random.wrap_key_data(jax.numpy.asarray(kept["key"])[None], impl=KEY_IMPL)
     attempt = Attempt(key=key, **{name: kept[name][None] for name in _PLAIN})
     step, horizon = int(kept["step"]), int(kept["horizon"])
-    return NativeEngine(config, 1).act(attempt, kept["qpos"][None], kept["qvel"][None], step, horizon)
+    return NativeEngine(config, 1, policy).act(attempt, kept["qpos"][None], kept["qvel"][None], step, horizon)
+
+
+def as_run(attempts: Attempt, engine: Engine) -> Attempt:
+    """The attempts with the policy that the engine follows, for those who keep them."""
+    if engine.policy_name is None:
+        return attempts
+    return replace(attempts, policy=jax.numpy.full_like(attempts.policy, OWN))
 
 
 class Reporting:
@@ -108,7 +121,7 @@ class Reporting:
     """
 
     def __init__(self, engine: Engine, config: Config, folder: Path):
-        self.name = engine.name
+        self.name, self.policy_name = engine.name, engine.policy_name
         self._engine, self._config, self._folder = engine, config, folder
         self._seen = 0
 
@@ -123,7 +136,7 @@ class Reporting:
         actions = self._config.task.attempt_actions if actions is None else actions
         rollouts = self._engine.run(attempts, actions, active, horizon)
         ids = self._seen + np.arange(len(rollouts.felt.length))
-        report(rollouts, attempts, ids, horizon or actions, self._config, self._folder)
+        report(rollouts, as_run(attempts, self._engine), ids, horizon or actions, self._config, self._folder)
         self._seen += len(ids)
         return rollouts
 

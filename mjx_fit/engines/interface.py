@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from mjx_fit.types import Attempt, Rollout
+from mjx_fit.utils.errors import RequestError
 
 
 class Engine(Protocol):
@@ -13,9 +14,13 @@ class Engine(Protocol):
 
     Attributes:
         name: ``mjx`` or ``native``.
+        policy_name: Name of its own policy; None: it follows the policy that each attempt names.
     """
 
     name: str
+
+    @property
+    def policy_name(self) -> str | None: ...
 
     def run(
         self,
@@ -40,3 +45,14 @@ class Engine(Protocol):
             RequestError: The batch cannot be run (``mjx_fit.engines.requests``).
         """
         ...
+
+
+def stored_policy_name(engine: Engine) -> str | None:
+    """The name of the engine's own policy, as data sets and results store it; None where it has none.
+
+    Raises:
+        RequestError: The policy has no name.
+    """
+    if engine.policy_name == "":
+        raise RequestError("engine: its policy has no name: give it one, as in Policy(init, act, 'probe')")
+    return engine.policy_name

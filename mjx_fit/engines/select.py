@@ -4,6 +4,7 @@ import jax
 
 from mjx_fit.config.schema import Config
 from mjx_fit.control.policies import Policy
+from mjx_fit.control.policy_file import require_policy
 from mjx_fit.engines.interface import Engine
 from mjx_fit.utils import granted_cpus
 from mjx_fit.utils.errors import RequestError, shown
@@ -33,7 +34,7 @@ def make_engine(name: str = "auto", config: Config | None = None, policy: Policy
         policy: Gives the commands; None: the policy that each attempt names.
 
     Raises:
-        RequestError: There is no such engine.
+        RequestError: There is no such engine, or the policy is none.
 
     Example:
         >>> import jax, mjx_fit as mf
@@ -42,6 +43,8 @@ def make_engine(name: str = "auto", config: Config | None = None, policy: Policy
         >>> rollouts.felt.length.tolist()
         [2, 2, 2, 2]
     """
+    if policy is not None:
+        require_policy(policy)
     # Here, since to resolve a name neither engine is needed.
     from mjx_fit.engines.mjx.engine import MjxEngine
     from mjx_fit.engines.native.engine import NativeEngine

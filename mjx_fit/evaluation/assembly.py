@@ -39,6 +39,7 @@ def assembly(request: Request) -> Result:
     asked = {
         "methods": [method.name for method in picked],
         "trials": request.trials,
+        **request.asked_policy(),
         "sensor": sensor.fingerprint if sensor else None,
         "differs_from_training": sensor.differences(request.config) if sensor else [],
     }

@@ -6,8 +6,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Int
 
+from mjx_fit.control.policies import NAMES
 from mjx_fit.data.schedule import draw_places, mismatched_pairs
-from mjx_fit.engines.failures import report
+from mjx_fit.engines.failures import as_run, report
+from mjx_fit.engines.interface import Engine
 from mjx_fit.engines.threads import even_batch
 from mjx_fit.evaluation import result_file, results
 from mjx_fit.evaluation.request import Request
@@ -33,7 +35,7 @@ def attempt(request: Request) -> Result:
     """
     n_types = request.config.scene.n_types
     result_file.require_trials(request.trials, n_types + (n_types > 1))  # of each shape, and mismatched ones
-    asked = {"trials": request.trials}
+    asked = {"trials": request.trials, **request.asked_policy()}
     here = result_file.header("attempt", request.config, request.seed, request.engine.name, asked)
     return result_file.once(request.out, here, lambda: _attempt(request, here))
 
@@ -51,10 +53,17 @@ def _attempt(request: Request, here: result_file.Header) -> Result:
             hole_pos, estimate, wiggle, _ = draw_places(root, jnp.asarray(ids), config)
             attempts = spirals_at(peg_type[ids % n], hole_type[ids % n], hole_pos, estimate, wiggle)
             rollouts = engine.run(attempts, actions, ids < n)
-            report(rollouts, attempts, ids, actions, config, dumps)
+            report(rollouts, as_run(attempts, engine), ids, actions, config, dumps)
             rows += _attempt_rows(rollouts, ids[ids < n], config.scene.names)
             progress(len(rows), f"{sum(row['inserted'] for row in rows)} inserted")
-    return result_file.write(request.out, here, results.summarise_attempt(rows), rows)
+    return result_file.write(request.out, here, results.summarise_attempt(rows, _method(engine)), rows)
+
+
+def _method(engine: Engine) -> str:
+    """The method in the rows of the summary: the policy's name, without the digest of its file."""
+    name = engine.policy_name or results.ATTEMPT_METHOD
+    short = name.partition("@")[0]
+    return name if short in NAMES else short
 
 
 def _attempt_pairs(trials: int, n_types: int) -> tuple[Int[np.ndarray, "n"], Int[np.ndarray, "n"]]:

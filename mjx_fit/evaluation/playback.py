@@ -85,6 +85,8 @@ def replay(
     """
     if result.experiment != "assembly":
         raise RequestError(f"result: {result.experiment!r} is invalid: expected 'assembly'")
+    if policy := result.request.get("policy"):
+        raise RequestError(f"result: policy: {shown(policy)} cannot be used: a result does not hold it")
     if not result.trials:
         raise RequestError("result: trials: none is invalid: there is nothing to play")
     rows = {(row["method"], row["trial"]): row for row in result.trials}

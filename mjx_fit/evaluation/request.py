@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mjx_fit.config.schema import Config
-from mjx_fit.engines.interface import Engine
+from mjx_fit.engines.interface import Engine, stored_policy_name
 from mjx_fit.training.checkpoint import FRAME_BY_FRAME
 from mjx_fit.training.sensor_loader import TrainedSensor, load_baseline, load_trained_sensor
 
@@ -34,6 +34,15 @@ class Request:
     seeds: int = 1
     sensor: TrainedSensor | None = None
     baseline: TrainedSensor | None = None
+
+    def asked_policy(self) -> dict[str, str]:
+        """The engine's own policy, for the result file; empty where attempts follow the spiral.
+
+        Raises:
+            RequestError: It has no name.
+        """
+        name = stored_policy_name(self.engine)
+        return {} if name is None else {"policy": name}
 
     def with_sensors_of(self, run: Path) -> "Request":
         """The request with the sensor of a training run, and its baseline where one of the methods needs it.

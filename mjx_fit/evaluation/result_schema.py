@@ -41,6 +41,7 @@ class _Request(TypedDict):
     seeds: NotRequired[Whole]
     sensor: NotRequired[Name | dict[Name, Name] | None]
     beliefs_of: NotRequired[Name]
+    policy: NotRequired[Name]
     differs_from_training: NotRequired[list[_Long]]
 
 

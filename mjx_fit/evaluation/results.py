@@ -148,7 +148,7 @@ def pegs_inserted_wrongly(trials: list[dict[str, Any]]) -> Bool[np.ndarray, "tri
     return np.array([trial.get("inserted_wrongly", none) for trial in trials], bool)
 
 
-def summarise_attempt(trials: list[dict[str, Any]]) -> list[Row]:
+def summarise_attempt(trials: list[dict[str, Any]], method: str = ATTEMPT_METHOD) -> list[Row]:
     """Success rate of matched attempts, of mismatched ones, and of the matched attempts of each shape.
 
     ``inserted_wrongly`` is the share of mismatched attempts that put the peg in; it has the group
@@ -159,6 +159,7 @@ def summarise_attempt(trials: list[dict[str, Any]]) -> list[Row]:
 
     Args:
         trials: Rows as in ``trial_rows.AttemptTrial``.
+        method: Name of the policy.
     """
     groups: dict[str, list[bool]] = {"matched": [], "mismatched": []}
     for shape in sorted({trial["pair"][0] for trial in trials if trial["matched"]}):
@@ -169,7 +170,9 @@ def summarise_attempt(trials: list[dict[str, Any]]) -> list[Row]:
         groups["matched" if trial["matched"] else "mismatched"].append(trial["inserted"])
         if trial["matched"]:
             groups[trial["pair"][0]].append(trial["inserted"])
-    return _rates("success_rate", groups) + _rates("inserted_wrongly", _inserted_wrongly(trials))
+    return _rates(method, "success_rate", groups) + _rates(
+        method, "inserted_wrongly", _inserted_wrongly(trials)
+    )
 
 
 def _inserted_wrongly(trials: list[dict[str, Any]]) -> dict[str, list[bool]]:
@@ -183,9 +186,9 @@ def _inserted_wrongly(trials: list[dict[str, Any]]) -> dict[str, list[bool]]:
     return {group: seen for group, seen in groups.items() if any(seen)}
 
 
-def _rates(metric: str, groups: dict[str, list[bool]]) -> list[Row]:
+def _rates(method: str, metric: str, groups: dict[str, list[bool]]) -> list[Row]:
     return [
-        Row.of(ATTEMPT_METHOD, metric, group, wilson(sum(map(bool, seen)), len(seen)), len(seen))
+        Row.of(method, metric, group, wilson(sum(map(bool, seen)), len(seen)), len(seen))
         for group, seen in groups.items()
         if seen
     ]

@@ -68,6 +68,7 @@ def run(study: Study, request: Request) -> Result:
     asked = {
         "methods": [method.name for method in study.methods],
         **study.asked,
+        **request.asked_policy(),
         "sensor": {name: sensor.fingerprint for name, sensor in sensors.items()},
         "differs_from_training": differs,
     }

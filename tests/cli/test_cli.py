@@ -153,9 +153,9 @@ def test_an_interrupt_says_whether_anything_was_kept(inside, argv, goes_on, monk
 @pytest.mark.parametrize(
     ("inside", "argv", "preset"),
     [
-        ("mjx_fit.cli.demo.demo", ["demo"], "demo"),
-        ("mjx_fit.cli.demo.demo", ["demo", "--train"], "quick"),
-        ("mjx_fit.cli.paper.paper", ["paper", "--size", "cpu"], "cpu"),
+        ("mjx_fit.cli.demo.run_demo", ["demo"], "demo"),
+        ("mjx_fit.cli.demo.run_demo", ["demo", "--train"], "quick"),
+        ("mjx_fit.cli.paper.run_paper", ["paper", "--size", "cpu"], "cpu"),
     ],
 )
 def test_a_file_of_ones_own_comes_on_top_of_a_preset(inside, argv, preset, monkeypatch, tmp_path):

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from places import EARLIER_RUN
 
-from mjx_fit.cli import commands, main
+from mjx_fit.cli import main, train_command
 from mjx_fit.cli.arguments import parser
 from mjx_fit.config.files import read_config, read_stored_config
 from mjx_fit.config.schema import Config, config_differences, config_to_yaml
@@ -121,7 +121,7 @@ def test_presets_mean_what_they_meant():
 def test_other_trainings_are_named_with_files_that_exist(monkeypatch, tmp_path):
     for where in (resources.folder("configs").parent, tmp_path):
         monkeypatch.chdir(where)
-        said = commands._other_trainings()
+        said = train_command.other_trainings()
         assert "\n" not in said
         for name in ("quick.yaml", "paper.yaml"):
             path = next(word for word in said.split() if word.endswith(name))

@@ -204,7 +204,7 @@ NO_BELIEF = {
     r"pos_mean_world of row 1: \[nan, ": lambda b: dataclasses.replace(
         b, pos_mean_world=poisoned(b.pos_mean_world, place=(1, 0))
     ),
-    "pos_cov of row 1: .* must be finite, symmetric and positive definite": lambda b: dataclasses.replace(
+    "pos_cov of row 1: .* expected finite, symmetric and positive definite": lambda b: dataclasses.replace(
         b, pos_cov=at(b.pos_cov, [[1e-4, 2e-4], [2e-4, 1e-4]])
     ),
     "pos_cov of row 1: .*-0.0001": lambda b: dataclasses.replace(b, pos_cov=at(b.pos_cov, -1e-4 * np.eye(2))),

@@ -82,6 +82,7 @@ class MjxEngine:
         self.config = config
         self._world = World(config, self.scene, policy or policies.shipped(config))
         self._policies = len(policies.NAMES) if policy is None else ANY_POLICY
+        self.policy_name = None if policy is None else policy.name
         self._threads = threads if jax.default_backend() == "cpu" else 1
         static = ("actions", "horizon")
         self._jitted = jax.jit(self._rollout, static_argnames=static, compiler_options=compiler_options())

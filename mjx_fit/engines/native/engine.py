@@ -60,6 +60,7 @@ class NativeEngine:
         self.config, self.scene = config, simulation_scene(config.scene)
         self._threads, self._on_step = threads, on_step
         self._policies = len(policies.NAMES) if policy is None else ANY_POLICY
+        self.policy_name = None if policy is None else policy.name
         self._brain = Brain(self.scene, config, policy or policies.shipped(config))
 
     def run(

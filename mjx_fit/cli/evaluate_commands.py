@@ -1,0 +1,150 @@
+"""The commands ``evaluate``: experiments, each with one result file."""
+
+import argparse
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from mjx_fit.cli.options import (
+    POLICY_FILE,
+    RUN,
+    add_command,
+    config_of,
+    configurable,
+    policy_of,
+    run_of,
+    simulating,
+)
+from mjx_fit.cli.path_argument import path
+from mjx_fit.utils.errors import RequestError, shown
+
+if TYPE_CHECKING:
+    from mjx_fit.evaluation.request import Request
+    from mjx_fit.evaluation.results import Result
+
+Commands = argparse._SubParsersAction
+
+
+def add_evaluate(parsers: Commands) -> None:
+    """Add ``evaluate attempt``, ``position``, ``insertion``, ``assembly`` and ``calibration``."""
+    commands = parsers.add_parser("evaluate", help="run an experiment").add_subparsers(
+        required=True, metavar="EXPERIMENT"
+    )
+    _add_attempt(commands)
+    _add_assembly(commands)
+    _add_position(commands)
+    _add_insertion(commands)
+    _add_calibration(commands)
+
+
+def _add_attempt(commands: Commands) -> None:
+    parser = add_command(commands, "attempt", attempt, "success rate of single attempts")
+    _with_trials(parser, 100, "matched attempts for each shape, and mismatched ones in all")
+
+
+def _add_assembly(commands: Commands) -> None:
+    parser = add_command(commands, "assembly", assembly, "assemblies under several methods", resumes=True)
+    _with_methods(parser, "failure_only,failure_position,full,oracle")
+    _with_trials(parser, 100, "assemblies under each method")
+
+
+def _add_position(commands: Commands) -> None:
+    parser = add_command(
+        commands, "position", position, "attempts at one hole: position estimate", resumes=True
+    )
+    _with_methods(parser, "full,frame_by_frame,oracle")
+    _with_trials(parser, 100, "mismatched holes, and as many matched ones")
+
+
+def _add_insertion(commands: Commands) -> None:
+    parser = add_command(
+        commands, "insertion", insertion, "attempts at one hole: insertion rate", resumes=True
+    )
+    _with_methods(parser, "full,no_update,sample,frame_by_frame,oracle")
+    parser.add_argument(
+        "--seeds",
+        type=int,
+        default=5,
+        metavar="K",
+        help="seeds of the exploration noise for each draw (default 5)",
+    )
+    _with_trials(parser, 150, "draws of a hole and its detection")
+
+
+def _add_calibration(commands: Commands) -> None:
+    parser = add_command(
+        commands, "calibration", calibration, "a trained sensor on the attempts of a data set"
+    )
+    parser.add_argument("--run", type=path, metavar="RUN", help=RUN)
+    parser.add_argument(
+        "--data", type=path, required=True, metavar="DIR", help="a data set that it was not trained on"
+    )
+    parser.add_argument("--out", type=path, required=True, metavar="FILE.json")
+    parser.add_argument("--seed", type=int, default=0, metavar="S", help="root seed of the noise (default 0)")
+    configurable(parser)
+
+
+def _with_methods(parser: argparse.ArgumentParser, methods: str) -> None:
+    parser.add_argument("--run", type=path, metavar="RUN", help=RUN)
+    parser.add_argument("--methods", default=methods, metavar="A,B", help="default: %(default)s")
+
+
+def _with_trials(parser: argparse.ArgumentParser, count: int, what: str) -> None:
+    parser.add_argument("--out", type=path, required=True, metavar="FILE.json")
+    parser.add_argument("--trials", type=int, default=count, metavar="N", help=f"{what} (default {count})")
+    parser.add_argument("--policy", metavar="P", help=f"{POLICY_FILE} (default: the spiral)")
+    simulating(parser)
+    configurable(parser)
+
+
+def attempt(args: argparse.Namespace) -> None:
+    """Run ``evaluate attempt``."""
+    from mjx_fit.evaluation.attempt import attempt
+
+    _evaluate(attempt, args)
+
+
+def position(args: argparse.Namespace) -> None:
+    """Run ``evaluate position``."""
+    from mjx_fit.evaluation.position import position
+
+    _evaluate(position, args)
+
+
+def insertion(args: argparse.Namespace) -> None:
+    """Run ``evaluate insertion``."""
+    from mjx_fit.evaluation.insertion import insertion
+
+    _evaluate(insertion, args)
+
+
+def assembly(args: argparse.Namespace) -> None:
+    """Run ``evaluate assembly``."""
+    from mjx_fit.evaluation.assembly import assembly
+
+    _evaluate(assembly, args)
+
+
+def _evaluate(experiment: "Callable[[Request], Result]", args: argparse.Namespace) -> None:
+    """Run an experiment, with a sensor where it takes ``--run``, and print its summary."""
+    from mjx_fit.engines.select import make_engine
+    from mjx_fit.evaluation.request import Request
+    from mjx_fit.report.terminal import print_summary
+
+    config, policy = config_of(args), policy_of(args)
+    if policy is None and args.policy not in (None, "spiral"):
+        raise RequestError(f"--policy: {shown(args.policy)} is invalid: expected spiral or FILE.py:NAME")
+    engine = make_engine(args.engine, config, policy)
+    request = Request(config, args.out, engine, args.trials, args.seed)
+    if hasattr(args, "run"):
+        request = replace(request, methods=args.methods, seeds=getattr(args, "seeds", 1))
+        request = request.with_sensors_of(run_of(args))
+    print_summary(experiment(request))
+
+
+def calibration(args: argparse.Namespace) -> None:
+    """Run ``evaluate calibration``."""
+    from mjx_fit.evaluation.calibration import calibrate
+    from mjx_fit.report.terminal import print_summary
+
+    print_summary(calibrate(config_of(args), args.out, run_of(args), args.data, args.seed))

@@ -1,0 +1,81 @@
+"""The command ``train``."""
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+
+from mjx_fit.cli.options import add_command, config_of, configurable
+from mjx_fit.cli.path_argument import path
+from mjx_fit.config.sections.learning import MAX_EPOCHS
+from mjx_fit.utils.errors import require
+
+
+def add_train(parsers: argparse._SubParsersAction) -> None:
+    """Add ``train``."""
+    parser = add_command(
+        parsers,
+        "train",
+        train,
+        "train sensors and noise models, as the weights that ship; presets by --config",
+        resumes=True,
+    )
+    parser.add_argument("--data", type=path, required=True, metavar="DIR")
+    parser.add_argument("--out", type=path, required=True, metavar="RUN")
+    parser.add_argument(
+        "--epochs", type=int, metavar="N", help="passes over the data (default: train.epochs, 30)"
+    )
+    parser.add_argument("--seed", type=int, default=0, metavar="S", help="root seed (default 0)")
+    parser.add_argument(
+        "--members",
+        type=int,
+        default=1,
+        metavar="K",
+        help="train an ensemble of K sensors at once, into RUN/member-0, ...",
+    )
+    parser.add_argument(
+        "--init",
+        type=path,
+        metavar="RUN",
+        help="start from the sensors of another run, of the same network and shapes (default: new weights)",
+    )
+    configurable(parser)
+
+
+def train(args: argparse.Namespace) -> None:
+    """Run ``train``."""
+    from mjx_fit.data.manifest import read_manifest
+    from mjx_fit.training import run_files, run_folder
+    from mjx_fit.training.train import train_from
+
+    config = config_of(args)
+    run_folder.require_members(args.members)
+    if args.epochs is not None:
+        require("--epochs", args.epochs, 1, MAX_EPOCHS)
+        config = replace(config, train=replace(config.train, epochs=args.epochs))
+    index, of = read_manifest(args.data).part
+    if of > 1:
+        print(f"{args.data}: part {index} of {of} of a data set; data merge joins them")
+    run = run_folder.Run(args.out, args.seed, args.members, args.init)
+    was_left = train_from(args.data, config, run)
+    for folder in run.folders():
+        print(f"{folder}: {run_files.summary(folder)}")
+        ended = run_files.ended(folder, config)
+        if not was_left:
+            print(f"{folder}: nothing was left to do: {ended}")
+        elif ended.startswith("stopped early"):
+            print(f"{folder}: {ended}")
+    if not args.config:
+        print(other_trainings())
+
+
+def other_trainings() -> str:
+    """Say which training ``train`` is without a preset, and which presets there are."""
+    from mjx_fit.utils import resources
+
+    folder = resources.folder("configs")
+    folder = folder.relative_to(Path.cwd()) if folder.is_relative_to(Path.cwd()) else folder
+    return (
+        "trained with the recipe of the weights that ship; other presets, by --config: "
+        f"{folder / 'quick.yaml'} (no frame-by-frame baseline: a third less time), "
+        f"{folder / 'paper.yaml'} (the paper's sensor, 5000 epochs: for an accelerator)"
+    )

@@ -1,0 +1,132 @@
+"""Policies of a user's own: loaded from a Python file, and checked before anything is simulated."""
+
+import hashlib
+import re
+import sys
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+from types import FunctionType, ModuleType
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from mjx_fit.control.policies import Policy, PolicyInput, PolicyStart, stateless
+from mjx_fit.types import SUBSTEPS
+from mjx_fit.utils import numerics
+from mjx_fit.utils.errors import RequestError, shortened, shown
+
+NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,39}(@[0-9a-f]{12})?")
+"""What data sets and results may call a policy."""
+_FORM = re.compile(r"(?P<path>.+\.py):(?P<name>[A-Za-z_][A-Za-z0-9_]{0,39})")
+
+
+def is_policy_file(text: str) -> bool:
+    """Whether an option means a policy in a file, ``FILE.py:NAME``."""
+    return _FORM.fullmatch(text) is not None
+
+
+def load_policy(text: str) -> Policy:
+    """Load a policy from a Python file.
+
+    Args:
+        text: ``FILE.py:NAME``. NAME is a ``Policy``, or a function from ``PolicyInput`` to a command.
+
+    Returns:
+        The policy, named ``NAME@HASH`` with the first 12 digits of the file's SHA-256.
+
+    Raises:
+        RequestError: The file cannot be read or run, has no such name, or what it names is no policy.
+    """
+    form = _FORM.fullmatch(text)
+    if form is None:
+        raise RequestError(f"--policy: {shown(text)} is invalid: expected FILE.py:NAME")
+    path, name = Path(form["path"]).expanduser(), form["name"]
+    try:
+        digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError as error:
+        raise RequestError(f"--policy: {path} cannot be read: {error.strerror}") from None
+    found: Any = getattr(_module(path), name, None)
+    if found is None:
+        raise RequestError(f"--policy: {path} has no {name}")
+    if isinstance(found, Policy):
+        policy = found
+    elif isinstance(found, FunctionType):
+        policy = stateless(found)
+    else:
+        raise RequestError(
+            f"--policy: {name} of {path} is {shown(found)}: expected a Policy, or a function of PolicyInput"
+        )
+    policy = policy._replace(name=f"{name}@{digest[:12]}")
+    require_policy(policy)
+    return policy
+
+
+def require_policy(policy: Policy) -> None:
+    """Check that a policy can be traced by JAX, and gives a command and a state that keeps its form.
+
+    Raises:
+        RequestError: It does not; the message says where.
+    """
+    name = policy.name or "the policy"
+    if policy.name and NAME.fullmatch(policy.name) is None:
+        raise RequestError(f"--policy: name {shown(policy.name)} is invalid: expected letters, digits and _")
+    try:
+        seen = _seen()
+        state = jax.eval_shape(policy.init, seen.start, seen.key)
+        after, command = jax.eval_shape(policy.act, state, seen)
+    except Exception as error:  # the user's code may raise anything
+        raise RequestError(f"--policy: {name} cannot be used: {_said(error)}") from None
+    if jnp.shape(command) != (3,) or not jnp.issubdtype(command.dtype, jnp.floating):
+        found = f"{getattr(command, 'dtype', type(command).__name__)} {jnp.shape(command)}"
+        raise RequestError(f"--policy: the command of {name} is {found}: expected floats (3,), in m")
+    if _form(state) != _form(after):
+        raise RequestError(
+            f"--policy: the state of {name} changes from {_form(state)[1]} to {_form(after)[1]}: "
+            "expected the same structure, shapes and types"
+        )
+
+
+def _module(path: Path) -> ModuleType:
+    spec = spec_from_file_location(f"mjx_fit_policy_{path.stem}", path)
+    if spec is None or spec.loader is None:
+        raise RequestError(f"--policy: {path} is no Python file")
+    module = module_from_spec(spec)
+    sys.modules[spec.name] = module  # dataclasses look their module up
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:  # the user's code may raise anything
+        raise RequestError(f"--policy: {path} cannot be run: {_said(error)}") from None
+    return module
+
+
+def _said(error: Exception) -> str:
+    words = str(error).strip().partition("\n")[0]
+    return f"{type(error).__name__}: {shortened(words, 200)}" if words else type(error).__name__
+
+
+def _form(state: Any) -> tuple[Any, list[str]]:
+    leaves, structure = jax.tree.flatten(state)
+    return structure, [f"{leaf.dtype}{list(leaf.shape)}" for leaf in leaves]
+
+
+def _of(*shape: int, dtype: Any = jnp.float32) -> Any:
+    return jax.ShapeDtypeStruct(shape, dtype)
+
+
+def _seen() -> PolicyInput:
+    """The form of what a policy is given."""
+    key = jax.eval_shape(lambda: numerics.key(0))
+    return PolicyInput(
+        start=PolicyStart(_of(dtype=jnp.int32), _of(2), _of(dtype=jnp.int32)),
+        attempt_key=key,
+        key=key,
+        step=_of(dtype=jnp.int32),
+        tip_pos_world=_of(3),
+        tip_quat_world=_of(4),
+        tip_linvel_world=_of(3),
+        tip_angvel_world=_of(3),
+        wrench_sensor=_of(SUBSTEPS, 6),
+        contact=_of(dtype=jnp.bool_),
+        horizon=100,
+    )
