@@ -159,7 +159,7 @@ MANIFESTS: list[tuple[tuple, Any]] = [
     *[(("part",), value) for value in ([], [0], [1, 1], [-1, 1], [0, 0], [0, 1, 2], ["0", "1"], "01", {})],
     *[(("request", "episodes"), n) for n in ("4", 0, -6, 10**9, 6.5, None, [6])],
     *[(("request", "steps"), n) for n in ("4", 0, 10**6, 4.0, True)],
-    *[(("request", "policy"), word) for word in ("", "none", 0, None, ["random"])],
+    *[(("request", "policy"), word) for word in ("", "../x", "a b", 0, None, ["random"])],
     *[(("request", "seed"), n) for n in (-1, 2**32, "0", 0.5)],
     *[(("request", "batch"), n) for n in (0, 10**6, 3, "250")],
     *[(("request", "sequence"), n) for n in (0, 4, 31, "1")],
