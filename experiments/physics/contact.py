@@ -19,7 +19,7 @@ from mjx_fit.config.schema import Config
 from mjx_fit.data.schedule import mismatched_pairs
 from mjx_fit.engines.native.engine import NativeEngine
 from mjx_fit.report.figures import style
-from mjx_fit.types import SUBSTEPS
+from mjx_fit.types import SUBSTEPS, Rollout
 
 MATCHED, OTHERS = 102, 600
 ALLOWED_SHARE = 0.1
@@ -74,29 +74,30 @@ def main() -> None:
         "allowed_factor": ALLOWED_FACTOR,
         "solver_iterations": shared.quantiles(iterations[real].astype(float), levels),
         "mismatched_attempts": OTHERS,
-        "mismatched_inserted": int(done.inserted[MATCHED:].sum()),
-        "broken": int((~done.valid).sum()),
+        "mismatched_inserted": int(done.truth.inserted[MATCHED:].sum()),
+        "broken": int((~done.truth.valid).sum()),
         "holds": {
             "penetration": deepest["q99.9"] < ALLOWED_SHARE * config.scene.clearance_m,
             "force": bool((peak < ALLOWED_FACTOR * np.nanmax(pushed, 1)).all()),
-            "no_mismatched_insertion": not done.inserted[MATCHED:].any(),
+            "no_mismatched_insertion": not done.truth.inserted[MATCHED:].any(),
         },
     }
     shared.save("contact", results)
     shared.draw("contact", lambda: _figure(depth, peak, np.nanmax(pushed, 1), config))
 
 
-def commanded(config: Config, engine: NativeEngine, done) -> np.ndarray:
+def commanded(config: Config, engine: NativeEngine, done: Rollout) -> np.ndarray:
     """|Λp kp e| at the start of each action (n, J), N, with Λp of the posture at the attempt's end."""
     model = engine.scene.models[0]
     data = mujoco.MjData(model)
-    forces = np.full(done.trace.contact.shape, np.nan)
-    for i, qpos in enumerate(done.end_qpos):
+    actions, length = done.felt.trace.action_world, done.felt.length
+    forces = np.full(actions.shape[:2], np.nan)
+    for i, qpos in enumerate(done.truth.end_qpos):
         data.qpos[:] = qpos
         mujoco.mj_fwdPosition(model, data)
         inertia = task_space(model, data)[3][:3, :3]
-        goal = config.control.kp_position * done.trace.action_world[i, : done.length[i]]
-        forces[i, : done.length[i]] = np.linalg.norm(goal @ inertia, axis=1)
+        goal = config.control.kp_position * actions[i, : length[i]]
+        forces[i, : length[i]] = np.linalg.norm(goal @ inertia, axis=1)
     return forces
 
 

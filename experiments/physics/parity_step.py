@@ -1,43 +1,32 @@
-"""Is MJX the same simulation as C MuJoCo? Step by step, and over whole attempts.
+"""Is one step of MJX that of C MuJoCo?
 
-    python experiments/physics/parity.py step
-    python experiments/physics/parity.py attempts
+    python experiments/physics/parity_step.py
 
-``step``: one evaluation of the dynamics from the same states in both. Free states are random; states in
-contact are those of spiral and random attempts in the C engine, as they come. ``attempts``: the same 600
-attempts in both engines. Contact is chaotic, so that paths part; what is compared is distributions.
+Evaluates the dynamics once from the same states in both. Free states are random; states in contact come
+from spiral and random attempts in the C engine.
 """
 
 # pyright: reportAttributeAccessIssue=false
-import sys
-import time
 
 import jax
 import jax.numpy as jnp
 import mujoco
 import numpy as np
 import shared
-from matplotlib.figure import Figure
 from mujoco import mjx
 
 from mjx_fit.config.schema import Config
-from mjx_fit.control.policies import NAMES
-from mjx_fit.data.schedule import draw_attempts, mismatched_pairs
+from mjx_fit.data.schedule import draw_attempts
 from mjx_fit.engines.mjx.engine import compiler_options
 from mjx_fit.engines.mjx.step import accelerate, models_of, observe, stacked_models
 from mjx_fit.engines.native.engine import NativeEngine
-from mjx_fit.engines.select import make_engine
-from mjx_fit.evaluation.statistics import bootstrap_mean, bootstrap_means
-from mjx_fit.report.figures import style
 from mjx_fit.scene.build import Scene, pair_index, simulation_scene
 
 FREE = 216
-ATTEMPTS = 600
 STEPS_BETWEEN = 170
-SUCCESS_MARGIN, FORCE_MARGIN = 0.06, 0.10
 
 
-def steps() -> None:
+def main() -> None:
     """Compares smooth dynamics, accelerations and readings from free states and from states in contact."""
     config = Config()
     scene = simulation_scene(config.scene)
@@ -162,107 +151,6 @@ def _relative(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.linalg.norm(a - b, axis=1) / np.linalg.norm(b, axis=1)
 
 
-def attempts() -> None:
-    """Runs the same attempts in both engines and compares what comes of them."""
-    config = Config()
-    matched, others = np.arange(ATTEMPTS // 2) % config.scene.n_types, mismatched_pairs(config.scene.n_types)
-    others = others[np.arange(ATTEMPTS // 2) % len(others)]
-    peg, hole = np.concatenate([matched, others[:, 0]]), np.concatenate([matched, others[:, 1]])
-    asked = shared.spiral_attempts(config, "parity", peg, hole)
-    measured, seconds = {}, {}
-    for name in ("native", "mjx"):
-        began = time.perf_counter()
-        measured[name] = _measure(make_engine(name, config).run(asked, config.task.attempt_actions), config)
-        seconds[name] = time.perf_counter() - began
-    ids = np.arange(ATTEMPTS)
-    rows = {}
-    for what in measured["native"]:
-        c, x = measured["native"][what], measured["mjx"][what]
-        keep = peg == hole if what == "inserted" else np.ones(ATTEMPTS, bool)
-        difference = bootstrap_mean((x - c)[keep], ids[keep].tolist())
-        ratio = _ratio(x[keep], c[keep])
-        rows[what] = {
-            "native": c[keep].mean(),
-            "mjx": x[keep].mean(),
-            "difference": difference,
-            "ratio": ratio,
-        }
-    low, high = rows["inserted"]["difference"][1:]
-    results = {
-        "attempts_per_engine": ATTEMPTS,
-        "policy": NAMES[0],
-        "seconds_with_compilation": seconds,
-        "rows": rows,
-        "holds": {
-            "success_within_6_points": bool(low > -SUCCESS_MARGIN and high < SUCCESS_MARGIN),
-            "mean_and_median_force_within_10_percent": all(
-                rows[what]["ratio"][1] > 1 - FORCE_MARGIN and rows[what]["ratio"][2] < 1 + FORCE_MARGIN
-                for what in ("mean_force_n", "median_force_n")
-            ),
-        },
-    }
-    shared.save("parity_attempts", results)
-    shared.draw("parity_attempts", lambda: _figure(measured, rows, peg == hole))
-
-
-def _measure(done, config: Config) -> dict[str, np.ndarray]:
-    assert done.valid.all()
-    felt = shared.force(done)
-    last = done.trace.tip_pos_world[np.arange(len(felt)), done.length - 1, 2]
-    return {
-        "inserted": done.inserted.astype(float),
-        "mean_force_n": np.nanmean(felt, 1),
-        "median_force_n": np.nanmedian(felt, 1),
-        "peak_force_n": np.nanmax(felt, 1),
-        "final_depth_mm": 1e3 * (simulation_scene(config.scene).plate_top_m - last),
-        "duration_s": 0.1 * done.length,
-    }
-
-
-def _ratio(x: np.ndarray, c: np.ndarray) -> tuple[float, float, float]:
-    """Ratio of the means, MJX to C, with a bootstrap interval that draws attempts."""
-    draws = np.random.default_rng(0).integers(len(x), size=(2000, len(x)))
-    low, high = np.quantile(x[draws].mean(1) / c[draws].mean(1), (0.025, 0.975))
-    return float(x.mean() / c.mean()), float(low), float(high)
-
-
-def _figure(measured: dict, rows: dict, matched: np.ndarray) -> Figure:
-    figure = Figure(figsize=(10, 5.6))
-    axes = figure.subplots(2, 3).ravel()
-    labels = {
-        "inserted": "Success of matched attempts",
-        "mean_force_n": "Mean force [N]",
-        "median_force_n": "Median force [N]",
-        "peak_force_n": "Peak force [N]",
-        "final_depth_mm": "Final depth of the tip [mm]",
-        "duration_s": "Duration [s]",
-    }
-    for ax, (what, label) in zip(axes, labels.items(), strict=True):
-        for x, (engine, colour) in enumerate(
-            (("native", style.MATCHED_COLOUR), ("mjx", style.MISMATCHED_COLOUR))
-        ):
-            values = measured[engine][what]
-            name = {"native": "C MuJoCo", "mjx": "MJX"}[engine]
-            if what == "inserted":
-                mean, low, high = bootstrap_means(values[matched, None], np.flatnonzero(matched))
-                ax.bar(x, mean[0], yerr=style.spread(mean, low, high), color=colour, width=0.6)
-                ax.set_xticks([0, 1], ["C MuJoCo", "MJX"])
-            else:
-                ordered = np.sort(values)
-                share = np.arange(1, len(ordered) + 1) / len(ordered)
-                ax.plot(ordered, share, color=colour, label=name, linestyle="-" if x == 0 else "--")
-        value, low, high = rows[what]["difference"] if what == "inserted" else rows[what]["ratio"]
-        word = "difference" if what == "inserted" else "ratio of means"
-        ax.set(xlabel=label, title=f"{word} {value:.3f} ({low:.3f} to {high:.3f})")
-        if what != "inserted":
-            ax.set_ylabel("Share of attempts")
-    axes[1].legend(loc="lower right")
-    return figure
-
-
 if __name__ == "__main__":
-    commands = {"step": steps, "attempts": attempts}
-    if len(sys.argv) != 2 or sys.argv[1] not in commands:
-        raise SystemExit(__doc__)
     shared.begin()
-    commands[sys.argv[1]]()
+    main()
