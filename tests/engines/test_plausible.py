@@ -161,6 +161,6 @@ def test_a_data_set_counts_them_and_training_leaves_them_out(tmp_path, monkeypat
     assert "6 invalid" in capsys.readouterr().err
     monkeypatch.setattr(train, "train", lambda *args, **kwargs: False)
     train.train_with_baseline(data, CONFIG, Run(tmp_path / "run", 0))
-    assert capsys.readouterr().err == "mjx-fit: 6 of 12 interactions are not valid: left out\n"
+    assert capsys.readouterr().err == "mjx-fit: 6 of 12 interactions are invalid and left out\n"
     train.train_with_baseline(make_episodes(), CONFIG, Run(tmp_path / "run", 0))
     assert capsys.readouterr().err == ""

@@ -211,7 +211,7 @@ def test_other_dropout_and_other_settings_of_training_are_allowed(run, tmp_path)
 
 def test_what_is_no_run_is_refused_by_its_option(run, tmp_path):
     (tmp_path / "empty").mkdir()
-    for init, why in ((tmp_path / "nowhere", "no such folder"), (tmp_path / "empty", "no training run")):
+    for init, why in ((tmp_path / "nowhere", "no such folder"), (tmp_path / "empty", "not a training run")):
         with pytest.raises(RequestError, match=f"^--init: .*{why}"):
             train(OTHER_DATA, with_train(epochs=1), Run(tmp_path / "a", 1, init=init))
     assert not (tmp_path / "a").exists()
