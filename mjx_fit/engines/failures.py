@@ -1,6 +1,7 @@
-"""Worlds that were stopped, as they turned non-finite or left what is believed: reported, kept for replay.
+"""Report diverged simulations and save them for replay.
 
-``mjx_fit.engines.plausible`` says what is believed.
+A simulation counts as diverged if it turned non-finite or implausible, by the bounds of
+``mjx_fit.engines.plausible``.
 """
 
 import sys
@@ -24,7 +25,7 @@ _PLAIN = ("peg_type", "hole_type", "hole_pos_world", "estimate_world", "policy")
 """Fields of an attempt that are plain arrays."""
 
 MOST_LINES = 10
-"""Worlds of one batch that are reported by name; the others are counted."""
+"""Maximum number of worlds per batch that are reported one by one; the others are only counted."""
 
 
 def report(
@@ -35,20 +36,20 @@ def report(
     config: Config,
     folder: Path,
 ) -> int:
-    """Names the broken worlds of a batch on stderr and writes each into a file that ``replay`` reads.
+    """Report the diverged simulations of a batch on stderr and save each to a file that ``replay`` reads.
 
-    The first ``MOST_LINES`` are named with what went wrong, the others counted.
+    The first ``MOST_LINES`` are listed with the reason, the others only counted.
 
     Args:
-        rollouts: What came of a batch (n,).
-        attempts: What it was asked, with n rows or more.
+        rollouts: Rollouts of a batch (n,).
+        attempts: Attempts of the batch, with n rows or more.
         ids: Episode or trial ids of the batch.
-        horizon: Actions that the policy planned for.
+        horizon: Number of actions that the policy planned for.
         config: The configuration.
-        folder: Where the files go, ``broken-<id>.npz``; made if it is needed.
+        folder: Folder of the files ``broken-<id>.npz``; created if needed.
 
     Returns:
-        How many there are.
+        Number of diverged simulations.
     """
     broken = np.flatnonzero(~rollouts.truth.valid)
     for place, i in enumerate(broken):
@@ -66,29 +67,29 @@ def report(
         if place < MOST_LINES:
             _say(
                 f"episode {ids[i]}: {reason(rollouts, int(i), config.scene)} in action {arrays['step']}; "
-                f"it is left out, and its state before that action is in {path}"
+                f"it is left out; its state before that action is in {path}"
             )
     if len(broken) > MOST_LINES:
-        _say(f"{len(broken) - MOST_LINES} more episodes of this batch are left out likewise; see {folder}")
+        _say(f"{len(broken) - MOST_LINES} more episodes of this batch are left out, too; see {folder}")
     return len(broken)
 
 
 def kept_in(folder: Path) -> int:
-    """Number of broken worlds that ``report`` has written into a folder."""
+    """Count the diverged simulations that ``report`` has saved in a folder."""
     return sum(1 for _ in folder.glob("broken-*.npz"))
 
 
 def replay(path: Path) -> Rollout:
-    """Does the action that broke a world again, in the C engine, from the state before it.
+    """Replay the action that made a simulation diverge, in the C engine, from the state before it.
 
     Args:
-        path: A file that ``report`` wrote.
+        path: File from ``report``.
 
     Returns:
-        A batch of one interaction with that action's row filled.
+        A batch of one rollout, with only the row of that action filled.
 
     Raises:
-        RequestError: It is no such file.
+        RequestError: The file is not from ``report``.
     """
     kept = failure_file.read(path)
     config = config_from_yaml(str(kept["config"]))
@@ -99,12 +100,12 @@ def replay(path: Path) -> Rollout:
 
 
 class Reporting:
-    """An engine that reports the broken worlds of all its batches, numbered one after the other.
+    """Engine wrapper that reports the diverged simulations of all batches, numbered consecutively.
 
     Args:
-        engine: Runs the attempts.
-        config: Its configuration.
-        folder: Where the files go.
+        engine: Engine that runs the attempts.
+        config: Configuration of the engine.
+        folder: Folder of the files.
     """
 
     def __init__(self, engine: Engine, config: Config, folder: Path):
@@ -133,5 +134,5 @@ def _say(message: str) -> None:
 
 
 def _save(path: Path, arrays: dict) -> None:
-    with path.open("wb") as file:  # given a name, savez would add .npz to the temporary one
+    with path.open("wb") as file:  # with a name instead, savez would append .npz to it
         np.savez(file, **arrays)

@@ -116,7 +116,9 @@ def load_sensor(run: Path) -> tuple[ContactSensor, Config]:
     if not run.is_dir():
         raise RequestError(f"--run: {run} is invalid: there is no such folder")
     if not (run / "config.yaml").is_file():
-        raise RequestError(f"--run: {run} cannot be used: it holds no config.yaml, so it is not a training run")
+        raise RequestError(
+            f"--run: {run} cannot be used: it holds no config.yaml, so it is not a training run"
+        )
     checkpoint = load(run / BEST)
     if checkpoint is None:
         raise RequestError(f"--run: {run} cannot be used: it holds no checkpoint ({BEST}); train it first")

@@ -102,7 +102,7 @@ def require_new(run: Path, data: Episode, fingerprint: str) -> None:
     """
     for told in lineage(told_by(run)):
         if told.get("data") == fingerprint:
-            raise RequestError("--data: the data that the run was trained on cannot be used: collect new ones")
+            raise RequestError("--data: the data that the run was trained on cannot be used: collect others")
         if not shares_holes(told, data, fingerprint):
             continue
         raise RequestError(

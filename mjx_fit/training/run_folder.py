@@ -77,8 +77,8 @@ class Lineage:
 def identity(config: Config) -> Config:
     """Return the part of the configuration that identifies a run.
 
-    A run may resume with more patience. It may resume with more epochs unless its learning rate reaches zero at
-    the last epoch.
+    A run may resume with more patience. It may resume with more epochs unless its learning rate reaches zero
+    at the last epoch.
     """
     epochs = config.train.epochs if config.train.schedule == "cosine" else 1
     return replace(config, train=replace(config.train, epochs=epochs, patience=0))
