@@ -2,8 +2,8 @@
 
 A peg that enters a hole of another type fills that hole unnoticed: the robot grasps the next peg, and the
 attempts count as usual. This peg is *inserted wrongly*: neither a success nor a human intervention. The hole
-of its own type stays empty, so a later peg whose hole is taken ends in any empty hole or needs a human
-intervention, which puts it into the first empty hole.
+of its own type stays empty, so a later peg whose hole is taken ends in any empty hole or needs a human, who
+puts it into the first empty hole.
 """
 
 from dataclasses import dataclass

@@ -35,7 +35,7 @@ class Tried:
     """One simulated round with its belief update.
 
     Attributes:
-        asked: The attempts.
+        asked: Attempts of the round.
         rollouts: Rollout of each row, (R,); meaningless for an inactive row.
         beliefs: Posterior of each row, (R,); likewise.
     """

@@ -194,7 +194,7 @@ class BeliefTracker:
         belief, n = Belief(*leaves), len(tracker.filled)
         require_beliefs(belief, n, len(names))
         if not len(saved.filled) == len(saved.tries) == n:
-            raise RequestError(f"{path}: filled, tries: expected one entry for each of {n} holes")
+            raise RequestError(f"{path}: filled, tries: lengths are invalid: expected {n} entries each")
         tracker.belief = belief
         tracker.filled, tracker.tries = np.array(saved.filled), np.array(saved.tries, np.int32)
         tracker._peg = None if saved.peg is None else tracker._type_of(saved.peg)
