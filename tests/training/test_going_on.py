@@ -132,7 +132,7 @@ def test_a_cosine_run_says_why_it_does_not_go_on_and_what_does(tmp_path):
         with pytest.raises(RequestError, match=r"cosine brings the .* to zero; .*--init") as caught:
             train(DATA, waved(epochs=epochs), Run(tmp_path / "run", 0))
         assert "\n" not in str(caught.value)
-    assert "cosine; --init" in run_files.ended(tmp_path / "run", waved(epochs=1))
+    assert "cosine has ended; use --init" in run_files.ended(tmp_path / "run", waved(epochs=1))
 
 
 def test_a_run_starts_from_anothers_best_sensor(run, tmp_path):
