@@ -1,4 +1,4 @@
-"""The control law in NumPy on one C simulation, as most scripts have it. A peer, and a check on ours."""
+"""Control law in NumPy on one C simulation, as in most scripts: a baseline and a check for the library."""
 
 # MuJoCo's extension module has no stubs.
 # pyright: reportAttributeAccessIssue=false
@@ -22,7 +22,7 @@ from mjx_fit.types import Attempt
 def torque(
     model, data, goal_pos_world: Float[np.ndarray, "3"], gains: ControlConfig
 ) -> Float[np.ndarray, "7"]:
-    """The control law in float64 with MuJoCo's Jacobian and mass matrix; joint torques, N·m."""
+    """Compute joint torques (N·m) by the control law in float64, with MuJoCo's Jacobian and mass matrix."""
     jac, mass, inertia, apart = task_space(model, data)
     damping = 2 * gains.damping_ratio * np.sqrt(np.repeat([gains.kp_position, gains.kp_orientation], 3))
     task_acc = stiffness_acc(data, goal_pos_world, gains) - damping * (jac @ data.qvel)
@@ -37,7 +37,7 @@ def torque(
 def stiffness_acc(
     data, goal_pos_world: Float[np.ndarray, "3"], gains: ControlConfig
 ) -> Float[np.ndarray, "6"]:
-    """Acceleration of the tip that the law's stiffness asks for, kp e, m/s² over rad/s²."""
+    """Compute the TCP acceleration from the stiffness term, kp e: m/s² stacked on rad/s²."""
     tip = data.site("tip")
     turn = 0.5 * np.cross(tip.xmat.reshape(3, 3), STRAIGHT_DOWN, axisa=0, axisb=0, axisc=0).sum(1)
     error = np.concatenate([goal_pos_world - tip.xpos, turn])
@@ -49,7 +49,7 @@ def task_space(
 ) -> tuple[
     Float[np.ndarray, "6 7"], Float[np.ndarray, "7 7"], Float[np.ndarray, "6 6"], Float[np.ndarray, "6 6"]
 ]:
-    """The tip's Jacobian, the mass matrix M, the task-space inertia Λ, and a matrix of Λp and Λr alone."""
+    """Compute TCP Jacobian, mass matrix M, task-space inertia Λ, and block-diagonal matrix of Λp and Λr."""
     jac, mass = np.zeros((6, model.nv)), np.zeros((model.nv, model.nv))
     mujoco.mj_jacSite(model, data, jac[:3], jac[3:], model.site("tip").id)
     mujoco.mj_fullM(model, data, mass)
@@ -59,7 +59,7 @@ def task_space(
 
 
 def arm_state(model, data) -> ArmState:
-    """What our own controller needs, from one C simulation."""
+    """Return the inputs of the library's controller from one C simulation."""
     mass = np.zeros((model.nv, model.nv))
     mujoco.mj_fullM(model, data, mass)
     tip = data.site("tip")
@@ -70,7 +70,7 @@ def arm_state(model, data) -> ArmState:
 def one_world(
     config: Config, attempts: Attempt
 ) -> tuple[mujoco.MjModel, mujoco.MjData, Float[np.ndarray, "3"]]:
-    """The first of the attempts as one C simulation at its start, and a goal that presses it on the plate."""
+    """Set up the first attempt as one C simulation, with a goal that presses the peg onto the socket."""
     scene = simulation_scene(config.scene)
     first = jax.tree.map(lambda leaf: leaf[:1], attempts)
     model = scene.models[int(pair_index(first.peg_type, first.hole_type, scene.n_types)[0])]

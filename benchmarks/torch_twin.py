@@ -1,9 +1,9 @@
-"""The contact sensor and its loss in PyTorch, as one would write them there: the peer of ``train_step``.
+"""Contact sensor and loss in idiomatic PyTorch: the baseline for ``train_step``.
 
-Same layers, same sizes, same loss; the tests give both the same weights and compare.
+Layers, sizes and loss are the same; the tests copy the weights and compare the results.
 """
 
-# PyTorch comes with the extra `bench` only.
+# Only the extra `bench` installs PyTorch.
 # pyright: reportMissingImports=false
 
 from itertools import pairwise
@@ -21,11 +21,11 @@ from mjx_fit.sensors.heads import H_INIT_LOGIT, MIN_STD_CM
 from mjx_fit.types import SUBSTEPS
 
 EPSILON = 1e-6
-"""Of the layer norms: Flax's default, where PyTorch's is 1e-5."""
+"""Epsilon of the layer norms: the default of Flax; PyTorch's is 1e-5."""
 
 
 class WrenchEncoder(nn.Module):
-    """Five convolutions with kernel 2 and stride 2; an odd number of steps gets a zero in front."""
+    """Five convolutions with kernel 2 and stride 2; an odd number of steps gets a leading zero."""
 
     def __init__(self, channels: tuple[int, ...]):
         super().__init__()
@@ -67,7 +67,7 @@ class Block(nn.Module):
 
 
 class SkipMLP(nn.Module):
-    """Three layers with a skip connection over each of the first two."""
+    """Three linear layers with skip connections over the first two."""
 
     def __init__(self, width: int):
         super().__init__()
@@ -84,7 +84,7 @@ class SkipMLP(nn.Module):
 
 
 class ContactSensor(nn.Module):
-    """Encoders, heads and noise models; inputs are standardised already."""
+    """Encoders, heads and noise models, for standardised inputs."""
 
     def __init__(self, config: SensorConfig, n_types: int = 3):
         super().__init__()
@@ -104,7 +104,7 @@ class ContactSensor(nn.Module):
     def forward(
         self, wrench: Tensor, rows: Tensor, mask: Tensor, peg_type: Tensor
     ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """Innovation (cm), R (cm²), match logits, and log H."""
+        """Return the innovation (cm), R (cm²), match logits and log H."""
         x = self.token(torch.cat([self.wrench_encoder(wrench), rows], -1))
         for block in self.blocks:
             x = block(x, mask)
@@ -119,7 +119,7 @@ class ContactSensor(nn.Module):
 
 
 def filter_loss(observed: tuple[Tensor, ...], sample: dict[str, Tensor]) -> Tensor:
-    """The loss of each window; lengths in cm."""
+    """Compute the loss of each window, with lengths in cm."""
     innovation, noise, match_logits, match_model_logp = observed
     cov = sample["prior_cov"]
     gain = torch.cholesky_solve(cov, torch.linalg.cholesky(cov + noise)).mT
@@ -138,7 +138,7 @@ def filter_loss(observed: tuple[Tensor, ...], sample: dict[str, Tensor]) -> Tens
 
 
 def copy_weights(sensor: contact_sensor.ContactSensor, twin: ContactSensor) -> None:
-    """Gives the twin the weights of a sensor."""
+    """Copy the weights of a sensor to the twin."""
     encoder = sensor.trace_encoder
     for ours, theirs in zip(encoder.wrench_encoder.layers, twin.wrench_encoder.layers, strict=True):
         kernel = _tensor(ours.kernel).T  # (out, 2 in), the two steps side by side
@@ -170,7 +170,7 @@ def copy_weights(sensor: contact_sensor.ContactSensor, twin: ContactSensor) -> N
 def inputs_of(
     sensor: contact_sensor.ContactSensor, sample: Sample
 ) -> tuple[dict[str, Tensor], dict[str, Tensor]]:
-    """What the twin and its loss are given for a batch of windows."""
+    """Convert a batch of windows to the inputs of the twin and of its loss."""
     reading = sample.reading
     mask = _tensor(reading.mask)
     wrench = _standard(_tensor(reading.wrench_sensor), _tensor(sensor.wrench_scale))

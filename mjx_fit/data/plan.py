@@ -31,7 +31,7 @@ class Plan:
     Attributes:
         episodes: Number of rollouts, a multiple of ``sequence``.
         actions: Most actions in one. A spiral is as long as an attempt, ``task.attempt_actions``, or cut off.
-        policy: ``spiral``, ``random``, or ``mixed``: both in turn; or the name of the engine's own policy.
+        policy: ``spiral``, ``random``, or ``mixed``: both in turn; or the name of the engine's custom policy.
         engine: ``auto``, ``mjx`` or ``native``.
         seed: Root seed.
         batch: Most rollouts in one shard. Their sequences are simulated at once.
@@ -134,8 +134,8 @@ def check(plan: Plan, engine: Engine) -> None:
 
 
 def _require_policy(name: str, own: str | None) -> None:
-    """Refuse data that would say of one policy that they are of another."""
+    """Refuse data that would be stored under the name of another policy."""
     if own is None and name not in POLICIES:
         raise RequestError(f"--policy: {shown(name)} is invalid: expected one of {', '.join(POLICIES)}")
     if own is not None and (name != own or own in POLICIES):
-        raise RequestError(f"--policy: {shown(name)} does not match the engine's own policy, {shown(own)}")
+        raise RequestError(f"--policy: {shown(name)} does not match the engine's custom policy, {shown(own)}")

@@ -1,6 +1,6 @@
-"""The rules of an attempt: how it starts, when it is over, and what is recorded. Both engines follow them.
+"""Rules of an attempt, shared by both engines: start, end and recorded data.
 
-Functions take NumPy or JAX arrays, of one world or of many.
+The functions take NumPy or JAX arrays, for one world or many.
 """
 
 import jax
@@ -18,22 +18,25 @@ from mjx_fit.scene.parts import plate_top_m
 from mjx_fit.types import SUBSTEPS, Array, Attempt, Felt, Rollout, Trace, Truth, pytree
 
 START_HEIGHT_M = 0.002
-"""Height of the tip over the plate at which an attempt starts, at rest."""
+"""Height of the TCP above the socket at the start of an attempt, at rest, m."""
 
 BESIDE_M, BELOW_M = 0.02, 0.002
-"""Horizontal distance from the hole's centre, and distance below the hole's floor, beyond which a peg that is
-low has left the plate instead: a quarter of the smallest plate's half width, more than any contact yields."""
+"""Horizontal distance from the hole's centre, m, and distance below the hole's floor, m.
+
+A low peg beyond either one has left the socket and is not inserted. The first is a quarter of the smallest
+socket's half width, the second more than the contact compliance allows.
+"""
 
 
 @pytree
 class Tip:
-    """Pose and twist of the tip, as a row of a ``Trace`` has them.
+    """Pose and twist of the TCP, as in a row of a ``Trace``.
 
     Attributes:
-        pos_world: m.
-        quat_world: w x y z.
-        linvel_world: m/s.
-        angvel_world: rad/s.
+        pos_world: Position, m.
+        quat_world: Orientation, quaternion w x y z.
+        linvel_world: Linear velocity, m/s.
+        angvel_world: Angular velocity, rad/s.
     """
 
     pos_world: Float[Array, "*n 3"]
@@ -44,12 +47,12 @@ class Tip:
 
 @pytree
 class Verdict:
-    """Where worlds stand at the end of an action.
+    """Status of worlds at the end of an action.
 
     Attributes:
-        valid: Whether the simulation is finite and believed (``mjx_fit.engines.plausible``).
-        inserted: Whether the peg is in, in a world that is valid.
-        limited: Actions in a row, up to this one, at the end of which a joint was at its torque limit.
+        valid: Whether the simulation is finite and plausible (``mjx_fit.engines.plausible``).
+        inserted: Whether the peg is inserted and the world valid.
+        limited: Number of consecutive actions, up to this one, that ended with a joint at its torque limit.
     """
 
     valid: Bool[Array, "*n"]
@@ -58,24 +61,24 @@ class Verdict:
 
     @property
     def over(self) -> Bool[Array, "*n"]:
-        """Whether the attempt ends here: then its world is frozen, and the others of its batch go on."""
+        """Whether the attempt ends here. Its world is then frozen, and the rest of the batch continues."""
         return self.inserted | ~self.valid
 
 
 def start_qpos(chain: Chain, attempts: Attempt, scene: SceneConfig) -> Float[Array, "n joints"]:
-    """Joint angles (rad) at which attempts start: the tip over the estimate, straight down."""
+    """Compute the start posture of attempts, joint angles in rad: TCP above the estimate, straight down."""
     height = jnp.full_like(attempts.estimate_world[:, :1], plate_top_m(scene) + START_HEIGHT_M)
     return jax.vmap(inverse, (None, 0))(chain, jnp.concatenate([attempts.estimate_world, height], 1))
 
 
 def tip_of(arm: ArmState) -> Tip:
-    """The tip of one arm."""
+    """Return the pose and twist of one arm's TCP."""
     velocity = operational_space.tip_velocity(arm)
     return Tip(arm.tip_pos_world, operational_space.tip_quaternion(arm), velocity[:3], velocity[3:])
 
 
 def trace_row(tip: Tip, wrench_sensor: Float[Array, "*n 50 6"], action_world: Float[Array, "*n 3"]) -> Trace:
-    """What is recorded of an action: its wrenches and command, and the tip at its end."""
+    """Return the record of an action: wrenches, command, and the TCP state at its end."""
     return Trace(
         wrench_sensor=wrench_sensor,
         tip_pos_world=tip.pos_world,
@@ -94,15 +97,15 @@ def judge(
     limited: Int[Array, "*n"],
     config: Config,
 ) -> Verdict:
-    """Rules on worlds at the end of an action.
+    """Judge the worlds at the end of an action.
 
     Args:
-        tip: The tip at that moment.
+        tip: TCP state at the end of the action.
         hole_pos_world: True centre of the hole, m.
-        finite: Whether the state is finite, and what led to it.
-        at_limit: Whether a joint is at its torque limit at that moment.
-        limited: ``Verdict.limited`` of the action before; 0 at the start.
-        config: ``scene`` and ``task.insertion_depth_m`` are used.
+        finite: Whether the state and the torques that led to it are finite.
+        at_limit: Whether a joint is at its torque limit at the end of the action.
+        limited: ``Verdict.limited`` of the previous action; 0 at the start.
+        config: Configuration, with ``scene`` and ``task.insertion_depth_m`` in use.
     """
     limited = plausible.actions_at_limit(limited, at_limit)
     lost = plausible.is_lost(tip.pos_world, tip.quat_world, hole_pos_world, config.scene)
@@ -117,13 +120,13 @@ def is_inserted(
     scene: SceneConfig,
     depth_m: float,
 ) -> Bool[Array, "*n"]:
-    """Whether pegs are in their holes: the tip so far below the plate's top, not under the hole, nor beside.
+    """Check for insertion: the TCP is this deep in the hole, not under its floor and not next to the socket.
 
     Args:
-        tip_pos_world: Centre of the peg's lower face, m.
+        tip_pos_world: TCP, the centre of the peg's lower face, m.
         hole_pos_world: True centre of the hole, m.
-        scene: Gives the height of the plate's top.
-        depth_m: ``task.insertion_depth_m``.
+        scene: Defines the height of the socket's top and the depth of the hole.
+        depth_m: Insertion depth ``task.insertion_depth_m``, m.
     """
     x, y = (tip_pos_world[..., i] - hole_pos_world[..., i] for i in range(2))
     below = plate_top_m(scene) - tip_pos_world[..., 2]
@@ -132,7 +135,7 @@ def is_inserted(
 
 
 def nothing_done(attempts: Attempt, actions: int, joints: int) -> Rollout:
-    """Rollouts of length 0, as NumPy arrays to write into."""
+    """Allocate rollouts of length 0, as writable NumPy arrays."""
     n = len(attempts.peg_type)
 
     def zeros(*shape: int) -> np.ndarray:

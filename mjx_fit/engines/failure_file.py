@@ -1,4 +1,4 @@
-"""Reading the file of a broken world, which may come from anyone who reports one."""
+"""Read the file of a diverged simulation, which may come from an untrusted bug report."""
 
 import zipfile
 from pathlib import Path
@@ -10,7 +10,7 @@ from mjx_fit.control.policies import OWN
 from mjx_fit.utils.errors import RequestError
 
 LARGEST = 1 << 20
-"""Bytes of it, packed or not."""
+"""Maximum size of the file, packed or unpacked, bytes."""
 MAX_HORIZON = 10**6
 
 _FORM: dict[str, tuple[str, tuple[int, ...]]] = {
@@ -30,18 +30,18 @@ _FORM: dict[str, tuple[str, tuple[int, ...]]] = {
 
 
 def read(path: Path) -> dict[str, np.ndarray]:
-    """The arrays of the file, by their names.
+    """Read the arrays of the file, by name.
 
     Raises:
-        RequestError: It cannot be read, or is not as ``broken.report`` writes it.
+        RequestError: The file is unreadable, or differs from the format of ``failures.report``.
     """
     try:
         return _read(path)
     except OSError as error:
         raise RequestError(f"replay: {path} cannot be read: {error.strerror or error}") from None
-    except Exception as error:  # archives, tokens, NumPy's own: whatever they like
+    except Exception as error:  # archives, headers and NumPy raise many types
         what = " ".join(str(error).split())[:120]
-        raise RequestError(f"replay: {path} is not the file of a broken world: {what}") from None
+        raise RequestError(f"replay: {path} is not the file of a diverged simulation: {what}") from None
 
 
 def _read(path: Path) -> dict[str, np.ndarray]:
@@ -52,7 +52,7 @@ def _read(path: Path) -> dict[str, np.ndarray]:
     with zipfile.ZipFile(path) as packed:
         names = sorted(info.filename for info in packed.infolist())
         if names != sorted(f"{name}.npy" for name in _FORM):
-            raise ValueError(f"expected {', '.join(_FORM)} and nothing else")
+            raise ValueError(f"expected only {', '.join(_FORM)}")
         if sum(info.file_size for info in packed.infolist()) > LARGEST:
             raise ValueError(f"it unpacks to more than {LARGEST:,} bytes")
         for name in _FORM:
@@ -64,7 +64,7 @@ def _read(path: Path) -> dict[str, np.ndarray]:
 
 
 def _require_form(name: str, packed: zipfile.ZipFile) -> None:
-    """Before anything is allocated for it."""
+    """Check the kind and shape of an array from its header, before any allocation."""
     kind, shape = _FORM[name]
     with packed.open(f"{name}.npy") as file:
         version = np.lib.format.read_magic(file)

@@ -1,6 +1,7 @@
-"""Worlds that were stopped, as they turned non-finite or left what is believed: reported, kept for replay.
+"""Report diverged simulations and save them for replay.
 
-``mjx_fit.engines.plausible`` says what is believed.
+A simulation counts as diverged if it turned non-finite or implausible, by the bounds of
+``mjx_fit.engines.plausible``.
 """
 
 import sys
@@ -27,7 +28,7 @@ _PLAIN = ("peg_type", "hole_type", "hole_pos_world", "estimate_world", "policy")
 """Fields of an attempt that are plain arrays."""
 
 MOST_LINES = 10
-"""Worlds of one batch that are reported by name; the others are counted."""
+"""Maximum number of worlds per batch that are reported one by one; the others are only counted."""
 
 
 def report(
@@ -38,20 +39,20 @@ def report(
     config: Config,
     folder: Path,
 ) -> int:
-    """Names the broken worlds of a batch on stderr and writes each into a file that ``replay`` reads.
+    """Report the diverged simulations of a batch on stderr and save each to a file that ``replay`` reads.
 
-    The first ``MOST_LINES`` are named with what went wrong, the others counted.
+    The first ``MOST_LINES`` are listed with the reason, the others only counted.
 
     Args:
-        rollouts: What came of a batch (n,).
-        attempts: What it was asked, with n rows or more.
+        rollouts: Rollouts of a batch (n,).
+        attempts: Attempts of the batch, with n rows or more.
         ids: Episode or trial ids of the batch.
-        horizon: Actions that the policy planned for.
+        horizon: Number of actions that the policy planned for.
         config: The configuration.
-        folder: Where the files go, ``broken-<id>.npz``; made if it is needed.
+        folder: Folder of the files ``broken-<id>.npz``; created if needed.
 
     Returns:
-        How many there are.
+        Number of diverged simulations.
     """
     broken = np.flatnonzero(~rollouts.truth.valid)
     for place, i in enumerate(broken):
@@ -69,34 +70,34 @@ def report(
         if place < MOST_LINES:
             _say(
                 f"episode {ids[i]}: {reason(rollouts, int(i), config.scene)} in action {arrays['step']}; "
-                f"it is left out, and its state before that action is in {path}"
+                f"it is left out; its state before that action is in {path}"
             )
     if len(broken) > MOST_LINES:
-        _say(f"{len(broken) - MOST_LINES} more episodes of this batch are left out likewise; see {folder}")
+        _say(f"{len(broken) - MOST_LINES} more episodes of this batch are left out, too; see {folder}")
     return len(broken)
 
 
 def kept_in(folder: Path) -> int:
-    """Number of broken worlds that ``report`` has written into a folder."""
+    """Count the diverged simulations that ``report`` has saved in a folder."""
     return sum(1 for _ in folder.glob("broken-*.npz"))
 
 
 def replay(path: Path, policy: Policy | None = None) -> Rollout:
-    """Does the action that broke a world again, in the C engine, from the state before it.
+    """Replay the action that made a simulation diverge, in the C engine, from the state before it.
 
     Args:
-        path: A file that ``report`` wrote.
-        policy: The engine's own policy, where it had one: the file does not hold it.
+        path: File from ``report``.
+        policy: The custom policy of the engine, if it had one; the file does not contain it.
 
     Returns:
-        A batch of one interaction with that action's row filled.
+        A batch of one rollout, with only the row of that action filled.
 
     Raises:
-        RequestError: It is no such file, or its policy is missing.
+        RequestError: The file is not from ``report``, or its policy is missing.
     """
     kept = failure_file.read(path)
     if int(kept["policy"]) == OWN and policy is None:
-        raise RequestError(f"replay: {path} comes from an engine with a policy of its own: give that policy")
+        raise RequestError(f"replay: {path} needs the custom policy of its engine: pass it as policy")
     config = config_from_yaml(str(kept["config"]))
     key = jax.random.wrap_key_data(jax.numpy.asarray(kept["key"])[None], impl=KEY_IMPL)
     attempt = Attempt(key=key, **{name: kept[name][None] for name in _PLAIN})
@@ -105,19 +106,19 @@ def replay(path: Path, policy: Policy | None = None) -> Rollout:
 
 
 def as_run(attempts: Attempt, engine: Engine) -> Attempt:
-    """The attempts with the policy that the engine follows, for those who keep them."""
+    """Return the attempts with the index of the policy that the engine follows, to be stored."""
     if engine.policy_name is None:
         return attempts
     return replace(attempts, policy=jax.numpy.full_like(attempts.policy, OWN))
 
 
 class Reporting:
-    """An engine that reports the broken worlds of all its batches, numbered one after the other.
+    """Engine wrapper that reports the diverged simulations of all batches, numbered consecutively.
 
     Args:
-        engine: Runs the attempts.
-        config: Its configuration.
-        folder: Where the files go.
+        engine: Engine that runs the attempts.
+        config: Configuration of the engine.
+        folder: Folder of the files.
     """
 
     def __init__(self, engine: Engine, config: Config, folder: Path):
@@ -146,5 +147,5 @@ def _say(message: str) -> None:
 
 
 def _save(path: Path, arrays: dict) -> None:
-    with path.open("wb") as file:  # given a name, savez would add .npz to the temporary one
+    with path.open("wb") as file:  # with a name instead, savez would append .npz to it
         np.savez(file, **arrays)

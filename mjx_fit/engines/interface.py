@@ -1,4 +1,4 @@
-"""The interface that every engine has."""
+"""Interface of the physics engines."""
 
 from typing import Protocol
 
@@ -10,11 +10,11 @@ from mjx_fit.utils.errors import RequestError
 
 
 class Engine(Protocol):
-    """Runs a batch of attempts: the same trace from the same scene, control and policies in both engines.
+    """Physics engine that runs batches of attempts; both engines share the scene, control and policies.
 
     Attributes:
-        name: ``mjx`` or ``native``.
-        policy_name: Name of its own policy; None: it follows the policy that each attempt names.
+        name: Name of the engine, ``mjx`` or ``native``.
+        policy_name: Name of its custom policy; None: it follows the policy that each attempt names.
     """
 
     name: str
@@ -29,30 +29,30 @@ class Engine(Protocol):
         active: Bool[np.ndarray, "n"] | None = None,
         horizon: int | None = None,
     ) -> Rollout:
-        """Runs every attempt until its peg is inserted or its actions are used up.
+        """Run every attempt until its peg is inserted or its actions are used up.
 
         Args:
-            attempts: A batch (n,) of attempts. MJX compiles once for each n.
-            actions: J, the most actions in one attempt. None: ``task.attempt_actions``.
-            active: Which of them to run; of the others nothing comes back but zeros. None: all.
-            horizon: Actions that a policy is given to plan for, such as the length of a spiral; J or more.
+            attempts: Batch (n,) of attempts. MJX compiles once for each n.
+            actions: Maximum number of actions in one attempt, J. None: ``task.attempt_actions``.
+            active: Whether to run each attempt; the rollouts of the others are zero. None: all.
+            horizon: Number of actions that a policy plans for, such as the length of a spiral; J or more.
                 None: J.
 
         Returns:
-            A batch (n,) of interactions with J rows each, as NumPy arrays.
+            Batch (n,) of rollouts with J rows each, as NumPy arrays.
 
         Raises:
-            RequestError: The batch cannot be run (``mjx_fit.engines.requests``).
+            RequestError: The batch is invalid (``mjx_fit.engines.requests``).
         """
         ...
 
 
 def stored_policy_name(engine: Engine) -> str | None:
-    """The name of the engine's own policy, as data sets and results store it; None where it has none.
+    """Return the name of the custom policy, as data sets and results store it; None without one.
 
     Raises:
         RequestError: The policy has no name.
     """
     if engine.policy_name == "":
-        raise RequestError("engine: its policy has no name: give it one, as in Policy(init, act, 'probe')")
+        raise RequestError("engine: its custom policy has no name: name it, as in Policy(init, act, 'probe')")
     return engine.policy_name

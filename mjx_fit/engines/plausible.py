@@ -1,10 +1,10 @@
-"""How far an attempt may go and still be believed; beyond, its world is stopped like one that diverged.
+"""Bounds of physical plausibility; a world beyond them is stopped like a diverged simulation.
 
-The physics is a model of a peg that stands nearly upright on its plate, and of an arm that has the torque it
-needs. The bounds lie outside of what attempts with the default configuration meet. In 1,000 spirals the
-largest tilt was 0.6 degrees, the tip kept 42 mm from the plate's edge and no joint met its limit. In 700
-random attempts of 200 actions it kept 21 mm; four of them jammed at the edge of a hole, at a torque limit for
-up to 6 actions, and one tilted by 28 degrees before it came free. That can happen, and is believed.
+The physics models a peg that stands nearly upright on its socket and an arm with sufficient torque. Attempts
+with the default configuration stay within the bounds. In 1,000 spirals the largest tilt was 0.6 degrees, the
+TCP kept 42 mm from the socket's edge and no joint reached its torque limit. In 700 random attempts of 200
+actions the TCP kept 21 mm from the edge; four attempts jammed at the edge of a hole, at a torque limit for up
+to 6 actions, and one tilted by 28 degrees before it came free. Such motion is plausible and accepted.
 """
 
 import math
@@ -20,14 +20,16 @@ from mjx_fit.types import Array, Rollout
 from mjx_fit.utils.rates import ACTION_S
 
 MOST_TILT_DEG = 45.0
-"""Largest angle between the tip's orientation and straight down with its sides along the world's axes: up to
-there, MJX takes boxes to touch as they do (``mjx_fit.engines.mjx.collision``)."""
+"""Maximum rotation of the TCP frame, degrees, from straight down with its sides along the world axes.
+
+The collision model of MJX holds up to this angle (``mjx_fit.engines.mjx.collision``).
+"""
 
 BELOW_FLOOR_M = 0.002
-"""How far below the floor of the hole the tip may be: contact yields, but not by more."""
+"""Maximum depth of the TCP below the floor of the hole, m: contact compliance never reaches it."""
 
 LIMIT_ACTIONS = 20
-"""Actions in a row, at the end of each of which some joint is at its torque limit, that are too many."""
+"""Number of consecutive actions with a joint at its torque limit that makes an attempt invalid."""
 
 # Straight down is the quaternion (0, 1, 0, 0), so x is the cosine of half the angle to it.
 _LEAST_X = math.cos(math.radians(MOST_TILT_DEG) / 2)
@@ -39,31 +41,31 @@ def is_lost(
     hole_pos_world: Float[Array, "*n 2"],
     scene: SceneConfig,
 ) -> Bool[Array, "*n"]:
-    """Whether pegs are tilted too far, beside their plate or below the floor of its hole.
+    """Check whether a peg is tilted too far, outside its socket or below the floor of its hole.
 
     Args:
-        tip_pos_world: Centre of the peg's lower face, m.
-        tip_quat_world: Its orientation, with x not negative.
-        hole_pos_world: True centre of the hole and of the plate, m.
-        scene: Gives the plate's size.
+        tip_pos_world: TCP, the centre of the peg's lower face, m.
+        tip_quat_world: Orientation of the TCP, with nonnegative x.
+        hole_pos_world: True centre of the hole and of the socket, m.
+        scene: Defines the size of the socket.
     """
     tilted: Any = _is_tilted(tip_quat_world)
     return tilted | _has_left(tip_pos_world, hole_pos_world, scene)
 
 
 def at_limit(torque: Float[Array, "*n joints"], robot: Robot) -> Bool[Array, "*n"]:
-    """Whether some joint is given the largest torque (N·m) that it has."""
+    """Check whether any joint is at its torque limit (N·m)."""
     limited: Any = abs(torque) >= np.array(robot.torque_limit_nm, np.float32)
     return limited.any(-1)
 
 
 def actions_at_limit(before: Int[Array, "*n"], now: Bool[Array, "*n"]) -> Int[Array, "*n"]:
-    """Number of actions in a row that ended at a torque limit, after one more action."""
+    """Update the number of consecutive actions that ended at a torque limit."""
     return (before + 1) * now
 
 
 def reason(done: Rollout, i: int, scene: SceneConfig) -> str:
-    """Says why interaction i of a batch is not valid: a clause that "in action 3" may follow."""
+    """Explain why rollout i of a batch is invalid, as a clause to be followed by "in action 3"."""
     trace, last = done.felt.trace, int(done.felt.length[i]) - 1
     position, quaternion = (np.asarray(leaf)[i, last] for leaf in (trace.tip_pos_world, trace.tip_quat_world))
     felt = position, quaternion, trace.wrench_sensor[i, last], trace.action_world[i, last]
@@ -71,11 +73,11 @@ def reason(done: Rollout, i: int, scene: SceneConfig) -> str:
         return "the simulation turned non-finite"
     if _is_tilted(quaternion):
         angle = math.degrees(2 * math.acos(min(1.0, abs(float(quaternion[1])))))
-        return f"the peg tilted by {angle:.1f} degrees (at most {MOST_TILT_DEG:.0f} are believed)"
+        return f"the peg tilted by {angle:.1f} degrees (at most {MOST_TILT_DEG:.0f} are plausible)"
     if _has_left(position, np.asarray(done.truth.hole_pos_world)[i], scene):
-        return "the peg left the plate"
+        return "the peg left the socket"
     if last + 1 >= LIMIT_ACTIONS:
-        return f"a joint had been at its torque limit for {LIMIT_ACTIONS * ACTION_S:.1f} s"
+        return f"a joint reached {LIMIT_ACTIONS * ACTION_S:.1f} s at its torque limit"
     return "the simulation turned non-finite"
 
 

@@ -1,4 +1,4 @@
-"""A policy inside a rollout: what it is shown before each action, and what it keeps from one to the next."""
+"""Run a policy inside a rollout: its input before each action, and its memory between actions."""
 
 import jax
 import jax.numpy as jnp
@@ -11,19 +11,19 @@ from mjx_fit.sensors import preprocess
 from mjx_fit.types import SUBSTEPS, Array, Attempt, pytree
 
 _NOISE = 2**21
-"""Keeps the keys of the sensor's noise clear of those that policies derive from the same attempt's."""
+"""Offset that separates the noise keys of the F/T sensor from the keys that policies derive."""
 
 
 @pytree
 class Memory:
-    """What is kept of one attempt from action to action.
+    """Memory of one attempt between actions.
 
     Attributes:
-        state: The policy's.
-        start: What it knew from the start.
-        key: The attempt's.
-        tare_sensor: The sensor's clean reading in free space, N and N·m.
-        wrench_sensor: Clean wrenches of the action before, N and N·m.
+        state: State of the policy.
+        start: Information that the policy has from the start.
+        key: Key of the attempt.
+        tare_sensor: Clean reading of the F/T sensor in free space, N and N·m.
+        wrench_sensor: Clean wrenches of the previous action, N and N·m.
     """
 
     state: State
@@ -34,7 +34,7 @@ class Memory:
 
 
 def begin(policy: Policy, attempt: Attempt, tare_sensor: Float[Array, "6"]) -> Memory:
-    """The memory before the first action; the wrench is that of free space."""
+    """Initialise the memory before the first action, with the wrench of free space."""
     start = start_of(attempt)
     wrench = jnp.broadcast_to(tare_sensor, (SUBSTEPS, 6))
     return Memory(policy.init(start, attempt.key), start, attempt.key, tare_sensor, wrench)
@@ -43,15 +43,15 @@ def begin(policy: Policy, attempt: Attempt, tare_sensor: Float[Array, "6"]) -> M
 def act(
     policy: Policy, wrist: WristConfig, horizon: int, memory: Memory, tip: Tip, step: Int[Array, ""]
 ) -> tuple[State, Float[Array, "3"]]:
-    """The policy's new state and its command (m) for one action.
+    """Compute the policy's new state and its command (m) for one action.
 
     Args:
         policy: The policy.
-        wrist: Noise and threshold of the sensor.
-        horizon: Actions that the policy plans for.
-        memory: With the wrenches of the action before.
-        tip: The tip as the action begins.
-        step: Number j of the action.
+        wrist: Noise and contact threshold of the F/T sensor.
+        horizon: Number of actions that the policy plans for.
+        memory: Memory with the wrenches of the previous action.
+        tip: TCP state at the start of the action.
+        step: Index j of the action.
     """
     tare_key, noise_key = jax.random.split(jax.random.fold_in(memory.key, _NOISE))
     tare = preprocess.measured_tare(memory.tare_sensor, tare_key, wrist)

@@ -1,4 +1,4 @@
-"""What an engine can be asked: checked on the host, once for each batch, before anything is simulated."""
+"""Validate the requests to an engine on the host, once per batch, before the simulation."""
 
 import operator
 from dataclasses import fields
@@ -17,13 +17,13 @@ from mjx_fit.utils import memory
 from mjx_fit.utils.errors import RequestError
 
 MOST_ACTIONS = 10_000
-"""Actions in one attempt, and those that a policy plans for, at most."""
+"""Maximum number of actions in one attempt, and maximum horizon of a policy."""
 
 MOST_THREADS = 4096
 
 _KEYS = "threefry2x32"
 ANY_POLICY = 2**31
-"""What ``attempts.policy`` means to a policy of one's own is its own affair."""
+"""Bound of ``attempts.policy`` for a custom policy, which may interpret the value freely."""
 
 
 def require_attempts(
@@ -34,21 +34,21 @@ def require_attempts(
     scene: SceneConfig,
     policies: int = len(NAMES),
 ) -> tuple[int, int, Bool[np.ndarray, "n"]]:
-    """Makes sure that an engine can run these attempts.
+    """Check that an engine can run these attempts.
 
     Args:
-        attempts: A batch (n,); values count where they are active.
-        actions: Most actions in one attempt.
-        horizon: Actions that a policy plans for; None: as many.
-        active: Which of them to run; None: all.
-        scene: Says which shapes there are, and where its robot can reach.
-        policies: How many there are to choose from by ``attempts.policy``.
+        attempts: Batch (n,); only active rows need valid values.
+        actions: Maximum number of actions in one attempt.
+        horizon: Number of actions that a policy plans for; None: ``actions``.
+        active: Whether to run each attempt; None: all.
+        scene: Defines the shapes and the reach of the robot.
+        policies: Number of policies that ``attempts.policy`` indexes.
 
     Returns:
-        The actions, the horizon, and which are to be run.
+        The number of actions, the horizon, and the active rows.
 
     Raises:
-        RequestError: A field has another type, shape or value than is allowed; the message names it.
+        RequestError: A field has an invalid type, shape or value; the message names it.
     """
     n = _length(attempts)
     actions = require_count("actions", actions, 1, MOST_ACTIONS)
@@ -69,10 +69,10 @@ def require_attempts(
 
 
 def require_count(name: str, value: Any, least: int, most: int) -> int:
-    """A whole number within bounds.
+    """Return a value as a whole number after a range check.
 
     Raises:
-        RequestError: It is not one, or out of bounds.
+        RequestError: The value is no whole number, or out of range.
     """
     try:
         number = operator.index(value)
@@ -92,7 +92,7 @@ def _length(attempts: Attempt) -> int:
             _refuse(f"attempts: {field.name}", given, "expected a NumPy or JAX array")
     shape = np.shape(attempts.peg_type)
     if len(shape) != 1 or not shape[0]:
-        _refuse("attempts: peg_type", f"shape {shape}", "expected (n,) with n of 1 or more")
+        _refuse("attempts: peg_type", f"shape {shape}", "expected (n,) with n >= 1")
     return shape[0]
 
 
@@ -126,7 +126,7 @@ def _require_places(name: str, leaf: np.ndarray, active: np.ndarray, reach: tupl
 
 def _require_keys(key: Any, n: int) -> None:
     if not jnp.issubdtype(key.dtype, jax.dtypes.prng_key):
-        _refuse("attempts: key", str(key.dtype), "expected keys as jax.random.key makes them")
+        _refuse("attempts: key", str(key.dtype), "expected keys from jax.random.key")
     if key.shape != (n,):
         _refuse("attempts: key", f"shape {key.shape}", f"expected ({n},), one for each attempt")
     if str(jax.random.key_impl(key)) != _KEYS:

@@ -1,4 +1,4 @@
-"""Choosing an engine by its name."""
+"""Select an engine by name."""
 
 import jax
 
@@ -13,10 +13,10 @@ ENGINES = ("auto", "mjx", "native")
 
 
 def resolve(name: str) -> str:
-    """The engine that a name stands for: ``auto`` is MJX on an accelerator and native on a CPU.
+    """Resolve the name of an engine: ``auto`` is MJX on an accelerator and native on a CPU.
 
     Raises:
-        RequestError: There is no such engine.
+        RequestError: The engine does not exist.
     """
     if name not in ENGINES:
         raise RequestError(f"--engine: {shown(name)} is invalid: choose from {', '.join(ENGINES)}")
@@ -26,15 +26,15 @@ def resolve(name: str) -> str:
 
 
 def make_engine(name: str = "auto", config: Config | None = None, policy: Policy | None = None) -> Engine:
-    """Make an engine, compiled for the configuration's scene, with the CPUs that this process may use.
+    """Make an engine for the configuration's scene, with the CPUs that this process may use.
 
     Args:
         name: ``mjx``, ``native``, or ``auto``: MJX on an accelerator and native on a CPU.
         config: The configuration; None: the defaults.
-        policy: Gives the commands; None: the policy that each attempt names.
+        policy: Custom policy; None: the policy that each attempt names.
 
     Raises:
-        RequestError: There is no such engine, or the policy is none.
+        RequestError: The engine does not exist, or the policy cannot be used.
 
     Example:
         >>> import jax, mjx_fit as mf
@@ -45,7 +45,7 @@ def make_engine(name: str = "auto", config: Config | None = None, policy: Policy
     """
     if policy is not None:
         require_policy(policy)
-    # Here, since to resolve a name neither engine is needed.
+    # Imported here, because ``resolve`` needs neither engine.
     from mjx_fit.engines.mjx.engine import MjxEngine
     from mjx_fit.engines.native.engine import NativeEngine
 

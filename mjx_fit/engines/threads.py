@@ -1,4 +1,4 @@
-"""Host threads for batches of worlds, and the sizes of batches."""
+"""Run batches of worlds on host threads, and choose the batch sizes."""
 
 # MuJoCo's extension module has no stubs.
 # pyright: reportAttributeAccessIssue=false
@@ -16,37 +16,37 @@ T = TypeVar("T")
 
 
 def parts_of(n: int, threads: int, at_most: int) -> list[Int[np.ndarray, "m"]]:
-    """Divides ids 0 to n - 1 into parts of nearly equal size, as many as keep all threads busy.
+    """Divide the ids 0 to n - 1 into parts of nearly equal size that keep all threads busy.
 
     Args:
         n: Number of ids.
-        threads: Host threads.
-        at_most: Largest part.
+        threads: Number of host threads.
+        at_most: Maximum size of a part.
     """
     rounds = max(1, -(-n // (threads * at_most)))
     return [part for part in np.array_split(np.arange(n), threads * rounds) if len(part)]
 
 
 def on_threads(threads: int, work: Callable[[T], None], items: Iterable[T]) -> None:
-    """Does the work for every item, on so many threads at once; raises what the first to fail raised."""
+    """Process all items on a thread pool; raise the first exception."""
     pool = ThreadPoolExecutor(threads)
     try:
         for _ in pool.map(work, items):
             pass
     finally:
-        # Without waiting: after Ctrl-C nobody wants the other threads' results.
+        # Do not wait: after Ctrl-C the results of the other threads are not needed.
         pool.shutdown(wait=False, cancel_futures=True)
 
 
 def even_batch(n: int, at_most: int) -> int:
-    """Size of the batches that n attempts are run in: of one shape, with little padding in the last."""
+    """Return the batch size for n attempts: equal batches with little padding in the last one."""
     return math.ceil(n / math.ceil(n / at_most))
 
 
 def silence_mujoco() -> None:
-    """Keeps MuJoCo's warnings out of a file in the working folder: what breaks is in ``Truth.valid``.
+    """Suppress MuJoCo's log file in the working folder; ``Truth.valid`` reports diverged simulations.
 
-    A caller that has set a handler of its own keeps it.
+    A handler that the caller has set stays in place.
     """
     if mujoco.get_mju_user_warning() is None:
         mujoco.set_mju_user_warning(lambda message: None)

@@ -1,7 +1,7 @@
-"""Algorithm 1 on whole assemblies, batched over methods and trials.
+"""Run Algorithm 1 on whole assemblies, batched over methods and trials.
 
-In each round every unfinished trial makes one attempt under each method; all attempts of a round are
-simulated together. A trial's holes, pegs, detections and exploration noise are the same for all methods.
+Each round makes one attempt per unfinished trial and method and simulates all of them as one batch. The
+holes, pegs, detections and exploration noise of a trial are identical for all methods.
 """
 
 from collections.abc import Iterator
@@ -26,11 +26,11 @@ class Round:
     """One attempt of every active row.
 
     Attributes:
-        before: As the attempt began.
-        chosen: (R,), the hole that was tried.
-        rollouts: (R,), what happened; meaningless for a row that was not active.
-        learned: As it had been learned from, the peg still in hand.
-        after: As the next attempt begins.
+        before: State at the start of the attempt.
+        chosen: Hole that each row tried, (R,).
+        rollouts: Rollout of each row, (R,); meaningless for an inactive row.
+        learned: State after the belief update, with the peg still in hand.
+        after: State at the start of the next attempt.
     """
 
     before: State
@@ -41,14 +41,17 @@ class Round:
 
 
 def rounds(table: Table, engine: Engine, update: Update) -> Iterator[Round]:
-    """Plays every row of a table to its end, one attempt of each at a time; stop to iterate to stop to play.
+    """Play every row of a table to its end, one attempt per row and round; stop iterating to stop early.
 
-    An attempt whose simulation diverged counts as a failed one from which nothing was learned.
+    A diverged simulation counts as a failed attempt without a belief update.
 
     Args:
-        table: The assemblies; it holds where they stand after the latest round.
+        table: State of the assemblies, modified in place after each round.
         engine: Simulates the attempts.
-        update: The update of all rows, as ``update_of_rows`` makes it.
+        update: Belief update of all rows, from ``update_of_rows``.
+
+    Yields:
+        The states and rollouts of each round.
     """
     for tried in attempt_rounds(table.next_try, engine, update, table.attempt_actions):
         before = table.now()
@@ -61,13 +64,13 @@ def rounds(table: Table, engine: Engine, update: Update) -> Iterator[Round]:
 def update_of_rows(
     config: Config, methods: tuple[Method, ...], n_trials: int, sensor: ContactSensor | None
 ) -> Update:
-    """Makes the belief update of a table's rows, each by what its method may learn.
+    """Make the belief update of a table's rows; each row learns what its method allows.
 
     Args:
-        config: Task, wrist and scene.
-        methods: Those of the table.
-        n_trials: Its number of trials.
-        sensor: The trained sensor; None when no method reads traces.
+        config: Settings of the task, the F/T sensor and the scene.
+        methods: Methods of the table.
+        n_trials: Number of trials of the table.
+        sensor: The trained sensor; None if no method uses traces.
     """
     traits = ("learns_position", "learns_type")
     return filter_update(config, sensor, *(of_rows(methods, n_trials, attrgetter(name)) for name in traits))

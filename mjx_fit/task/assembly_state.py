@@ -1,9 +1,9 @@
-"""The state of many assemblies at once: a row is one trial under one method.
+"""State of many assemblies at once; a row is one trial under one method.
 
-A peg that goes into a hole of another type fills that hole, and the robot does not notice: the next peg is
-grasped, and the attempts count as they were made. It is *inserted wrongly*: no success, and no help by a
-human. Its own hole stays empty, so that a later peg, whose hole is taken, ends in any that is empty or with a
-human, who puts it into the first of those.
+A peg that enters a hole of another type fills that hole unnoticed: the robot grasps the next peg, and the
+attempts count as usual. This peg is *inserted wrongly*: neither a success nor a human intervention. The hole
+of its own type stays empty, so a later peg whose hole is taken ends in any empty hole or needs a human, who
+puts it into the first empty hole.
 """
 
 from dataclasses import dataclass
@@ -28,18 +28,18 @@ from mjx_fit.types import Belief, Rollout
 from mjx_fit.utils.randomness import root_key
 
 EMPTY = -1
-"""Content of a hole that is."""
+"""Content of an empty hole."""
 
 
 @dataclass(frozen=True)
 class State:
-    """Where all rows stand, R of them with n holes each.
+    """State of all R rows, n holes each.
 
     Attributes:
-        active: Which rows have pegs left.
+        active: Whether each row has pegs left.
         peg: Number of the peg in hand, from 0.
-        beliefs: About every hole, (R, n).
-        content: Type of the peg that the robot or a human put into each hole; -1 where it is empty.
+        beliefs: Current belief about every hole, (R, n).
+        content: Type of the peg that the robot or a human put into each hole; -1 if empty.
     """
 
     active: Bool[np.ndarray, "R"]
@@ -49,18 +49,18 @@ class State:
 
     @property
     def filled(self) -> Bool[np.ndarray, "R n"]:
-        """Which holes are."""
+        """Whether each hole is filled."""
         return self.content != EMPTY
 
 
 @dataclass(frozen=True)
 class Choice:
-    """What each row tries next, and why.
+    """Next hole of each row, with the probabilities that led to the choice.
 
     Attributes:
-        hole: Which.
-        chance: How likely the attempt is thought to succeed.
-        next_best: The same of the best of the other empty holes; NaN where there is none.
+        hole: Index of the chosen hole.
+        chance: Predicted success probability of the attempt.
+        next_best: Highest success probability among the other empty holes; NaN if there are no others.
     """
 
     hole: Int[np.ndarray, "R"]
@@ -69,11 +69,11 @@ class Choice:
 
 
 class Table:
-    """The state of all rows, method by method, trial by trial: R = methods x trials.
+    """State of all rows, ordered by method, then by trial: R = methods x trials.
 
     Attributes:
-        pegs_done: (R,), pegs that are in, by the robot or by a human.
-        choice: What was chosen in the latest round.
+        pegs_done: Number of pegs inserted by the robot or a human, (R,).
+        choice: Choice of each row in the latest round.
     """
 
     choice: Choice
@@ -98,25 +98,25 @@ class Table:
 
     @property
     def active(self) -> Bool[np.ndarray, "R"]:
-        """Rows that have pegs left."""
+        """Whether each row has pegs left."""
         return self.pegs_done < self._content.shape[1]
 
     @property
     def attempt_actions(self) -> int:
-        """Most actions in one attempt."""
+        """Maximum number of actions in one attempt."""
         return self._config.task.attempt_actions
 
     def leave_out_all_but(self, row: int) -> None:
-        """Takes the other rows for done."""
+        """Mark all other rows as done."""
         self.pegs_done[np.arange(len(self.pegs_done)) != row] = self._content.shape[1]
 
     def now(self) -> State:
-        """A copy of where the rows stand."""
+        """Return a copy of the current state."""
         beliefs = jax.tree.map(np.copy, self._beliefs)
         return State(self.active, self._peg_number(), beliefs, self._content.copy())
 
     def next_try(self) -> Try | None:
-        """The attempt that each row makes next, at the hole of ``choice``; None once all pegs are in."""
+        """Choose a hole per row and return the next attempts; None once all pegs are inserted."""
         if not self.active.any():
             return None
         chosen = self._choose(self._beliefs, self._peg(), self._content != EMPTY, self._tries)
@@ -129,7 +129,7 @@ class Table:
         return Try(attempts, self.active, beliefs, noise_keys)
 
     def learn(self, tried: Tried) -> None:
-        """Takes over the beliefs about the holes that were tried, and reveals the truth to the bounds."""
+        """Store the posteriors about the tried holes, and reveal the truth to the upper-bound methods."""
         chosen, rows = self.choice.hole, np.arange(len(self._trial))
         open_rows = rows[self.active]
         for leaf, new in zip(jax.tree.leaves(self._beliefs), jax.tree.leaves(tried.beliefs), strict=True):
@@ -143,7 +143,7 @@ class Table:
         self._note(happened, tried.asked.beliefs)
 
     def record(self, tried: Tried) -> None:
-        """Counts the attempts, fills holes, lets a human help at the cap, and hands out the next pegs."""
+        """Count the attempts, fill holes, call a human at the attempt limit, and advance to the next pegs."""
         chosen = self.choice.hole
         rows, happened = np.flatnonzero(self.active), tried.rollouts
         inserted, wrongly = np.asarray(happened.truth.inserted), np.asarray(happened.inserted_wrongly)
@@ -151,7 +151,7 @@ class Table:
         self._attempts[rows, peg] += 1
         self._tries[rows, hole] += 1
         helped = ~inserted[rows] & (self._attempts[rows, peg] == self._config.task.max_attempts)
-        # The human fills the first empty hole that truly matches; if another peg sits in it, any empty one.
+        # The human fills the first empty hole of the peg's type, or else the first empty one.
         empty = self._content == EMPTY
         matching = (self._world["hole_type"] == self._peg()[:, None]) & empty
         best = np.where(matching.any(1, keepdims=True), matching, empty)
@@ -163,7 +163,7 @@ class Table:
         self.pegs_done[rows[done]] += 1
 
     def rows(self) -> list[dict]:
-        """What happened, ready for the result file."""
+        """Return one record per row for the result file."""
         names = self._config.scene.names
         return [
             {
@@ -180,11 +180,11 @@ class Table:
         ]
 
     def _belief_about(self, chosen: Int[np.ndarray, "R"]) -> Belief:
-        """What each row believes of one of its holes."""
+        """Return the current belief of each row about one hole."""
         return jax.tree.map(lambda leaf: leaf[np.arange(len(chosen)), chosen], self._beliefs)
 
     def _note(self, rollouts: Rollout, before: Belief) -> None:
-        """What was tried and why, what was believed of it before and after, and how hard it pressed."""
+        """Log the choice, the belief before and after the attempt, and the peak force."""
         chosen, rows = self.choice.hole, np.flatnonzero(self.active)
         position = self._world["hole_pos_world"][np.arange(len(chosen)), chosen]
         match, error = believed(before, self._peg(), position)
@@ -203,7 +203,7 @@ class Table:
         self._diary.write(rows, self.pegs_done[rows], **own)
 
     def _initial_beliefs(self) -> Belief:
-        """Beliefs (R, n) as writable arrays: the detector's, or the truth for a method that knows it."""
+        """Return writable priors (R, n): from the detector, or the truth if the method knows it."""
         world, config = self._world, self._config
         estimate = jnp.asarray(world["estimate_world"])
         detected = initial_belief(estimate, config.detector.prior_std_m, config.scene.n_types)

@@ -1,4 +1,4 @@
-"""What happened in each trial of an assembly: attempt by attempt, for each peg."""
+"""Attempt log of an assembly: values per trial, peg and attempt."""
 
 from typing import Any
 
@@ -12,7 +12,7 @@ DIGITS = 4
 
 
 class Diary:
-    """Columns of values, a list for each peg of each row, as the trials of a result file have them."""
+    """Columns of logged values, one list per row and peg, in the layout of a result file's trials."""
 
     def __init__(self, n_rows: int, n_pegs: int):
         self._n_pegs = n_pegs
@@ -21,12 +21,12 @@ class Diary:
     def write(
         self, rows: Int[np.ndarray, "R"], peg: Int[np.ndarray, "R"], **columns: Shaped[np.ndarray, "R"]
     ) -> None:
-        """Notes one attempt of each of these rows.
+        """Log one attempt of each given row.
 
         Args:
-            rows: Which.
-            peg: The number of the peg in hand.
-            columns: What is noted: whole numbers, or floats of which ``DIGITS`` decimals are kept.
+            rows: Indices of the rows.
+            peg: Number of the peg in hand.
+            columns: Values to log: integers, or floats rounded to ``DIGITS`` decimals.
         """
         for name, values in columns.items():
             kept = (
@@ -36,13 +36,13 @@ class Diary:
                 self._of_row[row].setdefault(name, [[] for _ in range(self._n_pegs)])[number].append(value)
 
     def of(self, row: int) -> dict[str, list[list[Any]]]:
-        """All that was noted of a row, by column."""
+        """Return the log of a row, by column."""
         return self._of_row[row]
 
 
 def believed(
     belief: Belief, peg_type: Int[np.ndarray, "R"], hole_pos_world: Float[np.ndarray, "R 2"]
 ) -> tuple[Float[np.ndarray, "R"], Float[np.ndarray, "R"]]:
-    """How likely a hole is believed to match the peg, and how far from the truth it is thought to be, cm."""
+    """Compute P(match) of the hole and the position error of the belief's mean, cm."""
     match = np.exp(np.take_along_axis(np.asarray(belief.type_logp), peg_type[:, None], axis=1)[:, 0])
     return match, CM_PER_M * np.linalg.norm(np.asarray(belief.pos_mean_world) - hole_pos_world, axis=1)

@@ -1,4 +1,4 @@
-"""The loop around every attempt that is learned from: attempt, engine, estimator, and the next attempt."""
+"""Attempt loop shared by all tasks: simulate an attempt, update the belief, choose the next attempt."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -15,13 +15,13 @@ from mjx_fit.types import Array, Attempt, Belief, Rollout
 
 @dataclass(frozen=True)
 class Try:
-    """The attempts of one round, R rows.
+    """Attempts of one round, R rows.
 
     Attributes:
-        attempts: (R,), one of each row.
-        active: Which rows make theirs.
-        beliefs: (R,), about the hole that each row tries.
-        noise_keys: Sources of the F/T sensor's noise; None: nothing is learned from this round.
+        attempts: One attempt per row, (R,).
+        active: Whether each row makes its attempt.
+        beliefs: Prior about the hole that each row tries, (R,).
+        noise_keys: Seeds of the F/T sensor noise; None: the round updates no belief.
     """
 
     attempts: Attempt
@@ -32,12 +32,12 @@ class Try:
 
 @dataclass(frozen=True)
 class Tried:
-    """One round, simulated and learned from.
+    """One simulated round with its belief update.
 
     Attributes:
-        asked: What was tried.
-        rollouts: (R,), what happened; meaningless for a row that was not active.
-        beliefs: (R,), the posterior; likewise.
+        asked: Attempts of the round.
+        rollouts: Rollout of each row, (R,); meaningless for an inactive row.
+        beliefs: Posterior of each row, (R,); likewise.
     """
 
     asked: Try
@@ -48,14 +48,14 @@ class Tried:
 def attempt_rounds(
     next_try: Callable[[], Try | None], engine: Engine, update: Update, actions: int
 ) -> Iterator[Tried]:
-    """Simulates and learns from one round after the other, until there is nothing left to try.
+    """Simulate rounds of attempts and update the beliefs after each, until no attempt is left.
 
     Args:
-        next_try: Gives the next round, or None. It is called once the round before has been taken, so that
-            whoever iterates records a round before asking for the next.
+        next_try: Returns the next round, or None at the end. The loop calls it only after the caller has
+            consumed the previous round, so the caller can record a round before the next one is requested.
         engine: Simulates the attempts of all active rows together.
-        update: The estimator.
-        actions: Most actions in one attempt.
+        update: The belief update.
+        actions: Maximum number of actions in one attempt.
     """
     while (asked := next_try()) is not None:
         rollouts = engine.run(asked.attempts, actions, asked.active)
@@ -72,14 +72,14 @@ def spirals_at(
     estimate_world: Float[Array, "R 2"],
     keys: Key[Array, "R"],
 ) -> Attempt:
-    """Attempts (R,) by the paper's spiral.
+    """Make attempts (R,) with the paper's spiral search.
 
     Args:
-        peg_type: The peg in hand.
-        hole_type: The hole that is tried.
-        hole_pos_world: Its true position, m.
-        estimate_world: Where the attempt starts, m.
-        keys: Sources of the exploration noise.
+        peg_type: Type of the peg in hand.
+        hole_type: Type of the hole.
+        hole_pos_world: True position of the hole, m.
+        estimate_world: Start position of the attempt, m.
+        keys: Seeds of the exploration noise.
     """
     return Attempt(
         peg_type=jnp.asarray(peg_type),

@@ -1,4 +1,4 @@
-"""Where sensors and filters meet: a failed attempt becomes a better belief (lines 9 to 11 of Algorithm 1)."""
+"""Update beliefs from failed attempts with sensors and filters (lines 9 to 11 of Algorithm 1)."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -21,10 +21,9 @@ from mjx_fit.utils import numerics
 from mjx_fit.utils.errors import RequestError
 
 Update = Callable[[Belief, Felt, Key[Array, "n"]], Belief]
-"""The posterior of n holes, given what was felt in an attempt at each that failed.
+"""Function that returns the posterior of n holes, given the measurements of a failed attempt at each.
 
-Keys are sources of the noise that a simulated F/T sensor adds. It raises ``RequestError`` where a field is
-not what it must be.
+The keys seed the noise of the simulated F/T sensor. An invalid field raises ``RequestError``.
 """
 
 
@@ -34,20 +33,20 @@ def filter_update(
     learns_position: Bool[np.ndarray, "n"] | bool = True,
     learns_type: Bool[np.ndarray, "n"] | bool = True,
 ) -> Update:
-    """Makes the update of position and type, from the failure itself and from what the sensor says of it.
+    """Make the update of position and type from the failure itself and from the sensor's observation.
 
     Args:
-        config: Gives α, the wrist's noise and the plate's height.
-        sensor: The trained sensor; None: no row reads its trace.
-        learns_position: Whether the trace updates the position, of all rows or of each.
-        learns_type: Whether the trace updates the type; the failure does so all the same.
+        config: Defines α, the noise of the F/T sensor and the height of the socket.
+        sensor: The trained sensor; None: no row uses its trace.
+        learns_position: Whether the trace updates the position; one value for all rows, or one per row.
+        learns_type: Whether the trace updates the type, likewise; the failure itself always does.
 
     Example:
         >>> import mjx_fit as mf
         >>> sensor, holes = mf.load_sensor(), mf.draw_holes(0, 2)
         >>> update = mf.filter_update(sensor.config, sensor.network)
         >>> outcome = mf.try_holes(holes, {"full": update}, max_attempts=1)["full"]
-        >>> outcome.mean_world.shape  # before the attempt, and after it
+        >>> outcome.mean_world.shape  # before and after the attempt
         (2, 2, 2)
     """
     numerics.require()
@@ -74,7 +73,7 @@ def filter_update(
     def update(beliefs: Belief, felt: Felt, keys: Key[Array, "n"]) -> Belief:
         require_update(beliefs, felt, keys, config.scene.n_types)
         n = len(felt.length)
-        # Traced, not constants: rows of any traits are computed alike.
+        # Traced, not constants: one compilation serves rows with any traits.
         position, kind = (np.broadcast_to(one, n).copy() for one in (learns_position, learns_type))
         return compiled(state, beliefs, felt, keys, position, kind)
 
@@ -82,7 +81,7 @@ def filter_update(
 
 
 def frame_update(config: Config, sensor: ContactSensor) -> Update:
-    """Makes the update of the frame-by-frame baseline: what its sensor says of the last attempt, and R."""
+    """Make the update of the frame-by-frame baseline: estimate and R from the last attempt alone."""
     numerics.require()
     graph, state = nnx.split(sensor)
 
@@ -101,9 +100,9 @@ def frame_update(config: Config, sensor: ContactSensor) -> Update:
 
 
 def after_failures(update: Update, beliefs: Belief, rollouts: Rollout, keys: Key[Array, "n"]) -> Belief:
-    """The posterior after simulated attempts: of those that failed, by the update; the others keep theirs.
+    """Return the beliefs after simulated attempts: the posterior after failures, else the prior.
 
-    What was felt in an attempt that succeeded, or diverged, is not shown to the update.
+    The update never sees the measurements of an attempt that succeeded or diverged.
     """
     failed = np.asarray(rollouts.truth.failed)
     length = np.where(failed, rollouts.felt.length, 0).astype(np.int32)
@@ -114,16 +113,16 @@ def after_failures(update: Update, beliefs: Belief, rollouts: Rollout, keys: Key
 def readings(
     felt: Felt, keys: Key[Array, "n"], config: Config, count: Int[Array, ""] | None = None
 ) -> Reading:
-    """What the sensors are shown of attempts (n,): tared, with the wrist's noise from these keys.
+    """Compute the sensors' input from attempts (n,): tared, with F/T sensor noise drawn from these keys.
 
     Args:
         felt: The attempts.
-        keys: Sources of the noise.
-        config: Gives the noise of the wrist and the scene.
-        count: Actions to read; the others are padding, so that it compiles once. None: all.
+        keys: Seeds of the noise.
+        config: Defines the noise of the F/T sensor and the scene.
+        count: Number of actions to read; the rest is padding, for a single compilation. None: all.
 
     Raises:
-        RequestError: An attempt cannot be read (``mjx_fit.sensors.traces``).
+        RequestError: A trace is invalid (``mjx_fit.sensors.traces``).
 
     Example:
         >>> import jax, mjx_fit as mf
@@ -150,5 +149,5 @@ def _require_same_types(observation: Observation, config: Config) -> None:
 
 
 def where_rows(condition: Bool[Array, "n"], new: Array, old: Array) -> Array:
-    """Row by row the new value or the old one."""
+    """Select the new or the old value row by row."""
     return jnp.where(condition.reshape(-1, *[1] * (new.ndim - 1)), new, old)

@@ -1,4 +1,4 @@
-"""What an update of beliefs can be given: checked on the host, once for each batch."""
+"""Validate the inputs of a belief update on the host, once per batch."""
 
 from typing import Any
 
@@ -15,31 +15,31 @@ _SUM_TOLERANCE = 1e-3
 
 
 def require_update(beliefs: Belief, felt: Felt, keys: Any, n_types: int) -> None:
-    """Makes sure that n beliefs can be updated by what was felt in n attempts, with n keys of noise.
+    """Check that n beliefs, the measurements of n attempts and n noise keys are valid for an update.
 
     Args:
-        beliefs: (n,).
-        felt: (n,).
-        keys: (n,).
-        n_types: Number of shapes: of the scene, and of the sensor.
+        beliefs: Prior of each hole, (n,).
+        felt: Measurements of each attempt, (n,).
+        keys: Seeds of the noise, (n,).
+        n_types: Number of shapes in the scene and in the sensor.
 
     Raises:
-        RequestError: A field has another shape, or a value that is invalid; the message names it.
+        RequestError: A field has an invalid shape or value; the message names it.
     """
     require_readable(felt, n_types)
     n = len(felt.length)
     require_beliefs(beliefs, n, n_types)
     if not jnp.issubdtype(keys.dtype, jax.dtypes.prng_key) or keys.shape != (n,):
-        _refuse("keys", f"{keys.dtype} {keys.shape}", f"they must be ({n},), as jax.random.key makes them")
+        _refuse("keys", f"{keys.dtype} {keys.shape}", f"expected ({n},) keys from jax.random.key")
 
 
 def require_beliefs(beliefs: Belief, n: int, n_types: int) -> None:
-    """Makes sure that n beliefs about n_types shapes are such.
+    """Check that n beliefs over n_types shapes are valid.
 
-    Means must be finite, covariances positive definite, and type_logp must hold probabilities.
+    Means must be finite, covariances positive definite, and the exponentials of type_logp must sum to 1.
 
     Raises:
-        RequestError: One is not; the message names the field and the row.
+        RequestError: A belief is invalid; the message names the field and the row.
     """
     for name, shape in (("pos_mean_world", (2,)), ("pos_cov", (2, 2)), ("type_logp", (n_types,))):
         given = np.shape(getattr(beliefs, name))
@@ -54,7 +54,7 @@ def require_beliefs(beliefs: Belief, n: int, n_types: int) -> None:
     for name, leaf, good, allowed in (
         ("pos_mean_world", mean, np.isfinite(mean).all(1), "expected finite"),
         ("pos_cov", cov, is_covariance, "expected finite, symmetric and positive definite"),
-        ("type_logp", logp, adds_up, "the exponentials must add up to 1"),
+        ("type_logp", logp, adds_up, "expected exponentials that sum to 1"),
     ):
         if not good.all():
             row = int(good.argmin())
@@ -63,14 +63,14 @@ def require_beliefs(beliefs: Belief, n: int, n_types: int) -> None:
 
 
 def require_places(detections: Any, reach: tuple[float, float]) -> Float[np.ndarray, "n 2"]:
-    """Detections (n, 2) as an array, m, if all are within reach of the robot's base.
+    """Return detections as an array (n, 2), m, after a check that all are within the robot's reach.
 
     Raises:
-        RequestError: One is not, or there is none; the message names it.
+        RequestError: A detection is out of reach, or the array is empty; the message names the cause.
     """
     places = np.asarray(detections, np.float32)
     if places.ndim != 2 or places.shape[1] != 2 or not len(places):
-        raise RequestError(f"detections: shape {places.shape} is invalid: expected (n, 2), n of 1 or more")
+        raise RequestError(f"detections: shape {places.shape} is invalid: expected (n, 2) with n >= 1")
     distance = np.linalg.norm(places, axis=1)
     wrong = ~((distance >= reach[0]) & (distance <= reach[1]))
     if wrong.any():

@@ -1,9 +1,9 @@
 """The high-level task as a POMDP (section "Problem Formulation" of the paper) and its greedy policy.
 
-State of a hole: its type c, its position, and β, whether it is filled. An action is a hole; the reward of an
-attempt is 1 when its peg goes in, which happens with probability α[c_peg, c]; in the paper never where the
-types differ. The robot cannot tell an insertion into a hole of another type from a success. The same model T
-gives the likelihood of a failure: ``mjx_fit.filters.histogram.failure_logp``.
+The state of a hole is its type c, its position, and β, whether it is filled. An action selects a hole. The
+reward of an attempt is 1 if the peg is inserted, which has probability α[c_peg, c]; the paper sets it to zero
+where the types differ. The robot cannot distinguish an insertion into a hole of another type from a success.
+The same model T gives the likelihood of a failure: ``mjx_fit.filters.histogram.failure_logp``.
 """
 
 import jax.numpy as jnp
@@ -20,12 +20,12 @@ def expected_reward(
     peg_type: Int[Array, "*batch"],
     success_probability: Float[Array, "*#batch n C C"],
 ) -> Float[Array, "*batch n"]:
-    """Probability that the peg goes in, of an attempt at each of n holes: Σ_c α[c_peg, c] ξ_c.
+    """Compute the insertion probability of an attempt at each of n holes: Σ_c α[c_peg, c] ξ_c.
 
     Args:
-        type_logp: ln ξ of each hole.
-        peg_type: c_peg.
-        success_probability: α of an attempt at each hole.
+        type_logp: Log type probabilities ln ξ of each hole.
+        peg_type: Type of the peg in hand, c_peg.
+        success_probability: Outcome model α of an attempt at each hole.
     """
     row = row_of_peg(peg_type[..., None], success_probability)
     return jnp.sum(row * jnp.exp(type_logp), -1)
@@ -34,12 +34,12 @@ def expected_reward(
 def greedy(
     reward: Float[Array, "*batch n"], filled: Bool[Array, "*batch n"], tries: Int[Array, "*batch n"]
 ) -> Int[Array, "*batch"]:
-    """The empty hole with the highest expected reward; among equals the least tried one, then the first.
+    """Select the empty hole with the highest expected reward; ties: the least tried, then the first.
 
     Args:
         reward: Expected reward of an attempt at each hole.
-        filled: β of each hole.
-        tries: Attempts made at each hole with the peg in hand.
+        filled: Whether each hole is filled, β.
+        tries: Number of attempts at each hole with the peg in hand.
     """
     open_reward = jnp.where(filled, -1.0, reward)
     best = open_reward >= open_reward.max(-1, keepdims=True) - _TIE
@@ -49,12 +49,12 @@ def greedy(
 def runner_up(
     reward: Float[Array, "*batch n"], filled: Bool[Array, "*batch n"], chosen: Int[Array, "*batch"]
 ) -> Float[Array, "*batch"]:
-    """The highest expected reward of the empty holes but for the chosen one; NaN where there is no other.
+    """Compute the highest expected reward among the other empty holes; NaN if the chosen one is the last.
 
     Args:
         reward: Expected reward of an attempt at each hole.
-        filled: β of each hole.
-        chosen: As ``greedy`` gives it.
+        filled: Whether each hole is filled, β.
+        chosen: The hole that ``greedy`` selected.
     """
     others = ~filled & (jnp.arange(reward.shape[-1]) != chosen[..., None])
     return jnp.nanmax(jnp.where(others, reward, jnp.nan), -1)

@@ -1,4 +1,4 @@
-"""The methods that the experiments compare: what each of them learns from a failed attempt."""
+"""Methods compared in the experiments: what each learns from a failed attempt."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -10,22 +10,22 @@ from jaxtyping import Bool
 from mjx_fit.utils.errors import RequestError, shown
 
 KNOWN_VARIANCE_M2 = 1e-8
-"""What is believed of a position that is known: (0.1 mm)²."""
+"""Variance of a known position: (0.1 mm)²."""
 
 
 @dataclass(frozen=True)
 class Method:
-    """A way to act on failures. All of them learn from the failure itself (the outcome model T).
+    """Method of an assembly experiment. Every method learns from the failure itself (the outcome model T).
 
     Attributes:
-        name: As in commands and files.
+        name: Name in commands and files.
         learns_position: Whether the trace updates the belief about the position.
         learns_type: Whether the trace updates the belief about the type.
-        knows_truth: Whether it starts with the true positions and types: a bound that nobody can beat.
-        learns_truth: Whether one failed attempt tells it the true position and type of that hole: a bound
-            that no sensor can beat.
-        learns_match: Whether it tells it the true position, and of the type whether it is the peg's: a bound
-            that no sensor of the paper's form, with its o_match, can beat.
+        knows_truth: Whether the prior is the true position and type: an upper bound for any method.
+        learns_truth: Whether one failed attempt reveals the true position and type of that hole: an upper
+            bound for any sensor.
+        learns_match: Whether one failed attempt reveals the true position and whether the types match: an
+            upper bound for any sensor of the paper's form, with its o_match.
     """
 
     name: str
@@ -52,14 +52,14 @@ ASSEMBLY = (
 
 @dataclass(frozen=True)
 class HoleMethod:
-    """A way to go on at one hole after a failed attempt.
+    """Method of a single-hole experiment.
 
     Attributes:
-        name: As in commands and files.
-        reads: What makes a new estimate of the trace: the ``filter`` behind the sensor; the
-            ``frame``-by-frame sensor alone, which forgets what was believed before; or nothing.
-        starts: From where an attempt starts: the ``mean`` of the belief, or a ``sample`` of it.
-        knows_truth: Whether it starts with the true position: a bound that nobody can beat.
+        name: Name in commands and files.
+        reads: Estimator that turns the trace into a new estimate: ``filter`` for the sensor and the filter,
+            ``frame`` for the frame-by-frame sensor alone, which discards the prior, or ``""`` for no update.
+        starts: Start position of an attempt: ``mean`` of the belief, or a ``sample`` from it.
+        knows_truth: Whether the prior is the true position: an upper bound for any method.
     """
 
     name: str
@@ -78,10 +78,10 @@ M = TypeVar("M", Method, HoleMethod)
 
 
 def chosen(names: str, among: Sequence[M]) -> tuple[M, ...]:
-    """The methods that a comma-separated list names, each once.
+    """Return the methods named in a comma-separated list, without duplicates.
 
     Raises:
-        RequestError: One of them does not exist.
+        RequestError: A method does not exist.
     """
     known = {method.name: method for method in among}
     picked = {}
@@ -93,5 +93,5 @@ def chosen(names: str, among: Sequence[M]) -> tuple[M, ...]:
 
 
 def of_rows(methods: Sequence[M], n_trials: int, trait: Callable[[M], bool]) -> Bool[np.ndarray, "R"]:
-    """Whether each row's method has a trait; rows go method by method, trial by trial."""
+    """Return the trait of each row's method; rows are ordered by method, then by trial."""
     return np.repeat([trait(method) for method in methods], n_trials)

@@ -1,4 +1,4 @@
-"""Putting the truth into beliefs, for the methods that bound what any sensor could reach."""
+"""Reveal the truth to beliefs, for the methods that serve as upper bounds."""
 
 from typing import Any
 
@@ -9,16 +9,16 @@ from mjx_fit.task.methods import KNOWN_VARIANCE_M2
 from mjx_fit.types import Belief
 
 _LOG_IMPOSSIBLE = -30.0
-"""ln ξ of a type that is known to be wrong: small enough to mean never, and finite."""
+"""Log probability ln ξ of a type that is known to be wrong: finite, and negligible."""
 
 
 def reveal_hole(beliefs: Belief, world: dict[str, np.ndarray], which: Any) -> None:
-    """Replaces the beliefs about some holes by the truth, in place.
+    """Replace the beliefs about selected holes by the truth, in place.
 
     Args:
-        beliefs: (R, n), writable.
-        world: ``hole_type`` (R, n) and ``hole_pos_world`` (R, n, 2).
-        which: An index into (R, n).
+        beliefs: Writable beliefs, (R, n).
+        world: Ground truth: ``hole_type`` (R, n) and ``hole_pos_world`` (R, n, 2), m.
+        which: Index into (R, n).
     """
     one_hot = np.arange(beliefs.type_logp.shape[-1]) == world["hole_type"][which][..., None]
     _reveal_position(beliefs, world, which)
@@ -28,13 +28,13 @@ def reveal_hole(beliefs: Belief, world: dict[str, np.ndarray], which: Any) -> No
 def reveal_match(
     beliefs: Belief, world: dict[str, np.ndarray], which: Any, peg_type: Int[np.ndarray, "k"]
 ) -> None:
-    """Puts the true position, and whether the type is the peg's, into k beliefs, in place.
+    """Reveal to k beliefs the true position and whether the hole matches the peg, in place.
 
     Args:
-        beliefs: (R, n), writable.
-        world: As for ``reveal_hole``.
-        which: An index into (R, n).
-        peg_type: The peg in hand of each of them.
+        beliefs: Writable beliefs, (R, n).
+        world: Ground truth, see ``reveal_hole``.
+        which: Index into (R, n).
+        peg_type: Type of the peg in hand for each belief, (k,).
     """
     is_peg = np.arange(beliefs.type_logp.shape[-1]) == peg_type[:, None]
     same = (world["hole_type"][which] == peg_type)[:, None]

@@ -1,4 +1,4 @@
-"""The file that a tracker keeps its beliefs in: JSON."""
+"""JSON file with the beliefs of a tracker."""
 
 import json
 from dataclasses import asdict, dataclass
@@ -14,18 +14,18 @@ FORMAT = 1
 
 @dataclass(frozen=True)
 class SavedBeliefs:
-    """The content of a file of beliefs.
+    """Content of a belief file.
 
     Attributes:
-        format: ``FORMAT``.
-        shapes: Names of the types.
+        format: Version of the file format, ``FORMAT``.
+        shapes: Names of the hole types.
         sensor: Fingerprint of the sensor.
-        peg: Name of the shape in hand, if any.
-        filled: Which holes are.
-        tries: Attempts that failed at each hole with that peg.
-        pos_mean_world: As in ``Belief``, likewise the others.
-        pos_cov: m².
-        type_logp: ln ξ.
+        peg: Shape of the peg in hand, if any.
+        filled: Whether each hole is filled.
+        tries: Number of failed attempts at each hole with that peg.
+        pos_mean_world: Mean position of each hole, m, see ``Belief``.
+        pos_cov: Position covariance of each hole, m².
+        type_logp: Log type probabilities of each hole, ln ξ.
     """
 
     format: int
@@ -40,22 +40,22 @@ class SavedBeliefs:
 
 
 def write_beliefs(path: Path, beliefs: SavedBeliefs) -> None:
-    """Write a file of beliefs, whole or not at all."""
+    """Write a belief file atomically."""
     files.write_text(path, json.dumps(asdict(beliefs), indent=1) + "\n")
 
 
 def read_beliefs(path: Path) -> SavedBeliefs:
-    """Read a file of beliefs.
+    """Read a belief file.
 
     Raises:
-        RequestError: It cannot be read, or is none.
+        RequestError: The file is unreadable, or it is not a belief file.
     """
     try:
         saved = bounded_json.check(TypeAdapter(SavedBeliefs), bounded_json.read(path))
     except OSError as error:
         raise RequestError(f"{path} cannot be read: {error.strerror or error}") from None
     except ValueError as error:
-        raise RequestError(f"{path} is no file of beliefs: {error}") from None
+        raise RequestError(f"{path} is not a belief file: {error}") from None
     if saved.format != FORMAT:
         raise RequestError(f"{path}: format: {saved.format} is invalid: expected {FORMAT}")
     return saved

@@ -1,7 +1,7 @@
-"""Attempts in a row at one hole: Algorithm 1 without a choice, batched over methods and trials.
+"""Repeated attempts at one hole: Algorithm 1 without a choice, batched over methods and trials.
 
-Every row of the batch is one trial under one method. A trial's hole, detection, wiggles and sensor noise are
-the same for all methods.
+Every row of the batch is one trial under one method. The hole, detection, exploration noise and sensor noise
+of a trial are identical for all methods.
 """
 
 from collections.abc import Iterator, Mapping
@@ -25,14 +25,14 @@ from mjx_fit.types import Array, Belief, Felt
 
 @dataclass(frozen=True)
 class Holes:
-    """What the world holds in each of T trials.
+    """Setup of T single-hole trials.
 
     Attributes:
-        peg_type: (T,).
-        hole_type: (T,).
-        hole_pos_world: (T, 2), m.
-        estimate_world: (T, 2), what the detector says, m.
-        key: (T,), source of wiggles, sensor noise and sampled estimates.
+        peg_type: Type of the peg, (T,).
+        hole_type: Type of the hole, (T,).
+        hole_pos_world: True position of the hole, (T, 2), m.
+        estimate_world: Detected position of the hole, (T, 2), m.
+        key: Seeds of exploration noise, sensor noise and sampled estimates, (T,).
     """
 
     peg_type: Int[np.ndarray, "T"]
@@ -44,16 +44,16 @@ class Holes:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of the trials under one method, K attempts at most.
+    """Outcome of the trials under one method, with at most K attempts.
 
     Attributes:
-        inserted_at: (T,), the attempt after which the peg was in, from 1; 0 where it never was. The types
+        inserted_at: Number of the attempt that inserted the peg, from 1; 0 if no attempt did, (T,). The types
             need not match.
-        attempts: (T,), attempts made.
-        mean_world: (T, K + 1, 2), believed position before the first and after each attempt, m. From an
-            insertion on it stays as it is: it is never replaced by where the peg went in.
-        cov: (T, K + 1, 2, 2), its covariance, m².
-        peak_force_n: (T, K), largest tared force of each attempt, NaN where there was none.
+        attempts: Number of attempts made, (T,).
+        mean_world: Mean position before the first and after each attempt, (T, K + 1, 2), m. It stays constant
+            after an insertion; the insertion position never replaces it.
+        cov: Covariance of the position, (T, K + 1, 2, 2), m².
+        peak_force_n: Peak tared force of each attempt, (T, K), N; NaN for attempts that were not made.
     """
 
     inserted_at: Int[np.ndarray, "T"]
@@ -64,13 +64,13 @@ class Outcome:
 
 
 class HoleTable:
-    """The state of all rows, method by method, trial by trial: R = methods x trials.
+    """State of all rows, ordered by method, then by trial: R = methods x trials.
 
     Args:
-        config: Task, detector and physics.
-        methods: What to compare.
-        holes: T trials.
-        max_attempts: K.
+        config: Settings of the task, the detector and the physics.
+        methods: Methods to compare.
+        holes: Setup of the T trials.
+        max_attempts: Maximum number of attempts per trial, K.
     """
 
     def __init__(self, config: Config, methods: tuple[HoleMethod, ...], holes: Holes, max_attempts: int):
@@ -86,7 +86,7 @@ class HoleTable:
         self._forces: list[Float[np.ndarray, "R"]] = []
 
     def next_try(self) -> Try | None:
-        """The next attempt of the rows whose peg is not in; None where there is none, or after K."""
+        """Return the next attempt of each unfinished row; None if all pegs are in, or after K attempts."""
         active, number = self._inserted_at == 0, len(self._forces)
         if number == self._max_attempts or not active.any():
             return None
@@ -97,7 +97,7 @@ class HoleTable:
         return Try(attempts, active, belief, noise)
 
     def record(self, tried: Tried) -> None:
-        """Counts the attempts and takes over the beliefs of the rows that were active."""
+        """Count the attempts and store the posteriors of the active rows."""
         active = tried.asked.active
         self._attempts += active
         self._forces.append(np.where(active, peak_force(tried.rollouts.felt), np.nan))
@@ -111,7 +111,7 @@ class HoleTable:
         self._covs.append(self._belief.pos_cov)
 
     def outcomes(self) -> dict[str, Outcome]:
-        """What came of the trials, by method."""
+        """Return the outcome of the trials per method."""
         left = self._max_attempts - len(self._forces)
         columns = {
             "inserted_at": self._inserted_at,
@@ -131,14 +131,14 @@ class HoleTable:
 
 
 def rounds(table: HoleTable, engine: Engine, update: Update) -> Iterator[int]:
-    """Tries every hole under every method until the peg is in, K times at most.
+    """Repeat the attempt of every trial and method until the insertion, at most K times.
 
-    An attempt that is not valid counts as a failed one from which nothing was learned.
+    An invalid attempt counts as a failed one without a belief update.
 
     Args:
-        table: The trials; it has what came of them at the end.
-        engine: Simulates the attempts of all rows at once.
-        update: The update of all rows, as ``update_of_rows`` makes it.
+        table: State of the trials, modified in place; holds the outcomes at the end.
+        engine: Simulates the attempts of all rows as one batch.
+        update: Belief update of all rows, from ``update_of_rows``.
 
     Yields:
         The number of attempts of each round.
@@ -149,11 +149,11 @@ def rounds(table: HoleTable, engine: Engine, update: Update) -> Iterator[int]:
 
 
 def update_of_rows(methods: tuple[HoleMethod, ...], updates: Mapping[str, Update]) -> Update:
-    """Makes the belief update of a table's rows: each method's by its own.
+    """Make the belief update of a table's rows from the updates of its methods.
 
     Args:
-        methods: Those of the table.
-        updates: What each method that learns makes of a failed attempt, by its name.
+        methods: Methods of the table.
+        updates: Update of each method that learns from failed attempts, by method name.
     """
 
     def update(belief: Belief, felt: Felt, keys: Key[Array, "R"]) -> Belief:
@@ -173,7 +173,7 @@ def _plain(holes: Holes) -> dict[str, np.ndarray]:
 
 
 def _first_belief(config: Config, methods: tuple[HoleMethod, ...], holes: Holes) -> Belief:
-    """The detector's, or the truth for a method that knows it; NumPy arrays (methods times T)."""
+    """Return the priors as NumPy arrays (methods times T): from the detector, or the truth if it is known."""
     parts = []
     for method in methods:
         where = holes.hole_pos_world if method.knows_truth else holes.estimate_world
@@ -184,7 +184,7 @@ def _first_belief(config: Config, methods: tuple[HoleMethod, ...], holes: Holes)
 
 @jax.jit
 def _keys(keys: Key[Array, "R"], number: int) -> tuple[Key[Array, "R"], Key[Array, "R"], Key[Array, "R"]]:
-    """Of the wiggle, the sensor's noise and the sampled start of each row's next attempt."""
+    """Derive the keys of exploration noise, sensor noise and sampled start for the next attempts."""
 
     def one(key):
         wiggle, noise, sample = jax.random.split(jax.random.fold_in(key, number), 3)
@@ -195,6 +195,6 @@ def _keys(keys: Key[Array, "R"], number: int) -> tuple[Key[Array, "R"], Key[Arra
 
 @jax.jit
 def _drawn(belief: Belief, keys: Key[Array, "R"]) -> Float[Array, "R 2"]:
-    """A place from each belief, m: μ + L z with L the Cholesky factor of Σ."""
+    """Sample a position from each belief, m: μ + L z with L the Cholesky factor of Σ."""
     z = jax.vmap(lambda key: jax.random.normal(key, (2,)))(keys)
     return belief.pos_mean_world + (scale_tril(belief.pos_cov) * z[:, None]).sum(-1)

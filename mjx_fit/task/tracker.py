@@ -1,7 +1,7 @@
-"""The online estimator: what is believed of the holes in front of a robot, attempt by attempt.
+"""Online estimator: track the beliefs about the holes in front of a robot, attempt by attempt.
 
-It takes what a robot has (detections, the peg in hand, a log of the attempt) and no ground truth, and does to
-the beliefs what the experiments do, by the same functions.
+The tracker needs only what a robot has (detections, the peg in hand, a sensor log of each attempt) and no
+ground truth. It calls the same update functions as the experiments.
 """
 
 from dataclasses import replace
@@ -31,11 +31,11 @@ from mjx_fit.utils import numerics
 from mjx_fit.utils.errors import RequestError, shown
 
 MOST_OFF_START_M = 1e-4
-"""How far from the estimate an attempt may start: the filter's innovation is measured from there."""
+"""Largest offset of an attempt's start from the estimate, m: the innovation is relative to the start."""
 
 
 class BeliefTracker:
-    """Beliefs about n holes, updated by what a robot measures.
+    """Beliefs about n holes, updated from the measurements of a robot.
 
     Example:
         >>> import numpy as np
@@ -45,28 +45,28 @@ class BeliefTracker:
         >>> tracker.estimate(hole)                      # start the attempt here
         array([0.45, 0.1 ], dtype=float32)
 
-        After a failed attempt, ``tracker.update(hole, log)`` with a ``SensorLog`` makes the posterior.
+        After a failed attempt, ``tracker.update(hole, log)`` with a ``SensorLog`` computes the posterior.
 
     Attributes:
-        belief: About all holes, (n,).
-        filled: (n,), which holes are.
-        tries: (n,), attempts that failed at each hole with the peg in hand.
+        belief: Current belief about each hole, (n,).
+        filled: (n,), whether each hole is filled.
+        tries: (n,), number of failed attempts at each hole with the peg in hand.
     """
 
     def __init__(
         self, sensor: TrainedSensor, detections: Float[np.ndarray, "n 2"], config: Config | None = None
     ):
-        """Start from what a detector says.
+        """Initialise the beliefs from detections.
 
         Args:
             sensor: The trained sensor.
-            detections: Estimated centres of the holes in the frame of the robot's base, m.
-            config: Gives the outcome model and the detector's accuracy; its network is replaced by the
-                sensor's. None: as the sensor was trained.
+            detections: Estimated hole centres in the robot base frame, m.
+            config: Defines the outcome model and the detector accuracy; its network settings are ignored in
+                favour of the sensor's. None: the configuration of the sensor's training run.
 
         Raises:
-            RequestError: A detection is no place that the robot can reach, or the configuration has other
-                shapes than the sensor.
+            RequestError: A detection is out of the robot's reach, or the configuration and the sensor have
+                different shapes.
         """
         numerics.require()
         self._config = sensor.adapt(config or sensor.config)
@@ -78,7 +78,7 @@ class BeliefTracker:
         self.filled = np.zeros(len(places), bool)
         self.tries = np.zeros(len(places), np.int32)
         self._peg: int | None = None
-        # What is logged has the noise of the robot's own sensor.
+        # A logged trace already contains the noise of the robot's own sensor.
         silent = WristConfig(
             force_noise_n=0.0,
             torque_xy_noise_nm=0.0,
@@ -88,16 +88,16 @@ class BeliefTracker:
         self._update = filter_update(replace(self._config, wrist=silent), sensor.network)
 
     def choose(self, peg: str) -> int:
-        """The empty hole at which this peg is most likely to go in; among equals the least tried.
+        """Choose the empty hole with the highest insertion probability for this peg; ties: the least tried.
 
         Args:
             peg: Name of the peg's shape.
 
         Returns:
-            The hole's index.
+            Index of the hole.
 
         Raises:
-            RequestError: There is no such shape, or every hole is filled.
+            RequestError: The shape does not exist, or every hole is filled.
         """
         kind = self._type_of(peg)
         if kind != self._peg:
@@ -111,23 +111,23 @@ class BeliefTracker:
         return int(greedy.greedy(reward, jnp.asarray(self.filled), jnp.asarray(self.tries)))
 
     def estimate(self, hole: int) -> Float[np.ndarray, "2"]:
-        """Where an attempt at a hole starts: the mean of the belief about its centre, m."""
+        """Return the start position of an attempt at a hole: the mean of the belief about its centre, m."""
         return np.array(self.belief.pos_mean_world[self._require_hole(hole)])
 
     def update(self, hole: int, felt: Felt | SensorLog) -> Belief:
-        """Learn from an attempt that failed, started from ``estimate(hole)``.
+        """Update the belief about a hole after a failed attempt that started from ``estimate(hole)``.
 
         Args:
             hole: The hole that was tried.
-            felt: What was felt: a robot's log, of the peg that ``choose`` was called with, or one attempt (no
-                batch axes) out of a simulated rollout. No noise is added to it.
+            felt: Measurements of the attempt: the sensor log of a robot, recorded with the peg given to
+                ``choose``, or one attempt (no batch axes) of a simulated rollout. No noise is added.
 
         Returns:
-            The new belief about that hole.
+            The posterior about that hole.
 
         Raises:
-            RequestError: The log cannot be used (``felt_from_log``), no peg is known, or the attempt was made
-                with another peg, from elsewhere, or at a filled hole; no belief changes.
+            RequestError: The log is unusable (``felt_from_log``), no peg is in hand, or the attempt used
+                another peg, another start position or a filled hole. The beliefs stay unchanged.
         """
         hole = self._require_hole(hole)
         if isinstance(felt, SensorLog):
@@ -144,12 +144,12 @@ class BeliefTracker:
         return jax.tree.map(lambda leaf: leaf[0], after)
 
     def fill(self, hole: int) -> None:
-        """Note that a peg is in a hole: no attempt goes there any more."""
+        """Mark a hole as filled; ``choose`` excludes it from then on."""
         self.filled[self._require_hole(hole)] = True
         self._peg, self.tries = None, np.zeros_like(self.tries)
 
     def save(self, path: Path | str) -> None:
-        """Write the beliefs to a JSON file; ``load`` reads it."""
+        """Write the beliefs to a JSON file that ``load`` reads."""
         names = self._config.scene.names
         write_beliefs(
             Path(path),
@@ -166,15 +166,15 @@ class BeliefTracker:
 
     @classmethod
     def load(cls, path: Path | str, sensor: TrainedSensor, config: Config | None = None) -> "BeliefTracker":
-        """The tracker that was saved, with the same sensor.
+        """Restore a tracker from a file that ``save`` wrote.
 
         Args:
-            path: The file.
-            sensor: As when it was saved.
-            config: Likewise.
+            path: The JSON file.
+            sensor: The same trained sensor as at saving.
+            config: The same configuration as at saving.
 
         Raises:
-            RequestError: The file is not one of ``save``, or is of another sensor or other shapes.
+            RequestError: ``save`` did not write this file, or it belongs to another sensor or other shapes.
         """
         path = Path(path)
         saved = read_beliefs(path)
@@ -186,7 +186,7 @@ class BeliefTracker:
         ):
             if there != here:
                 raise RequestError(
-                    f"{path}: {word}: {shown(there)} cannot be used: the sensor's is {shown(here)}"
+                    f"{path}: {word}: {shown(there)} cannot be used: this sensor has {shown(here)}"
                 )
         leaves = (
             np.asarray(leaf, np.float32) for leaf in (saved.pos_mean_world, saved.pos_cov, saved.type_logp)
@@ -194,7 +194,7 @@ class BeliefTracker:
         belief, n = Belief(*leaves), len(tracker.filled)
         require_beliefs(belief, n, len(names))
         if not len(saved.filled) == len(saved.tries) == n:
-            raise RequestError(f"{path}: filled, tries: they must have an entry for each of {n} holes")
+            raise RequestError(f"{path}: filled, tries: lengths are invalid: expected {n} entries each")
         tracker.belief = belief
         tracker.filled, tracker.tries = np.array(saved.filled), np.array(saved.tries, np.int32)
         tracker._peg = None if saved.peg is None else tracker._type_of(saved.peg)
@@ -210,7 +210,7 @@ class BeliefTracker:
         return require_count("hole", hole, 0, len(self.filled) - 1)
 
     def _require_own(self, hole: int, felt: Felt) -> None:
-        """Make sure that an attempt is one of this hole: another would give a wrong belief in silence."""
+        """Check that an attempt belongs to this hole; any other would silently corrupt the belief."""
         names, peg = self._config.scene.names, int(felt.peg_type)
         if self._peg not in (None, peg):
             raise RequestError(f"update: peg_type: {peg} cannot be used: {names[self._peg]} is in hand")
@@ -220,12 +220,12 @@ class BeliefTracker:
         if not np.linalg.norm(start - estimate) <= MOST_OFF_START_M:
             raise RequestError(
                 f"update: estimate_world: {np.round(start, 5).tolist()} cannot be used: an attempt at hole "
-                f"{hole} starts from {np.round(estimate, 5).tolist()}"
+                f"{hole} must start from {np.round(estimate, 5).tolist()}"
             )
 
 
 def _padded(felt: Felt, rows: int) -> Felt:
-    """The attempt with that many rows, so that most attempts compile once."""
+    """Pad the attempt to a fixed number of rows, so that most attempts share one compilation."""
 
     def pad(leaf: Any) -> np.ndarray:
         leaf = np.asarray(leaf)

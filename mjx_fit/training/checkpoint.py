@@ -1,9 +1,8 @@
-"""Checkpoints of a training run: ``best`` (a sensor) and ``last`` (all that resuming needs).
+"""Checkpoints of a training run: ``best`` (a sensor) and ``last`` (the full state for resuming).
 
-Trees are stored as flat dictionaries from the path of a leaf to a NumPy array, so that a checkpoint written
-on an accelerator can be read on a CPU. Each is written under a temporary name and renamed, so that a kill
-leaves the checkpoint before; and each carries the digests of its files, so that damage is noticed before it
-is read.
+A checkpoint stores a tree as a flat dictionary from leaf paths to NumPy arrays, so a CPU can read one from an
+accelerator. The writer creates it under a temporary name and renames it, so a kill leaves the previous one
+intact. The digests of its files reveal damage before any array is read.
 """
 
 import sys
@@ -24,20 +23,20 @@ from mjx_fit.utils.errors import RequestError
 
 BEST, LAST = Path("checkpoints", "best"), Path("checkpoints", "last")
 FRAME_BY_FRAME = "frame_by_frame"
-"""Folder of the baseline's training, in that of the run."""
+"""Folder of the baseline's training, inside the run folder."""
 ARRAYS = "default"
-"""Where in a step its arrays are."""
+"""Folder of the arrays, inside a step."""
 _MAY_BE_INFINITE = "best_nll"
-"""As long as no epoch has been any good."""
+"""Infinite until an epoch has improved the validation."""
 
 
 def to_arrays(tree) -> Arrays:
-    """The leaves of a pytree by their paths, as NumPy arrays on the host."""
+    """Return the leaves of a pytree by path, as NumPy arrays on the host."""
     return {name: np.asarray(leaf) for name, leaf in _named(tree).items()}
 
 
 def from_arrays(template, arrays: Arrays):
-    """The inverse of ``to_arrays``: a tree like the template, with the arrays as leaves.
+    """Invert ``to_arrays``: return a tree like the template, with the arrays as leaves.
 
     Raises:
         RequestError: The arrays do not fit the template.
@@ -50,7 +49,7 @@ def from_arrays(template, arrays: Arrays):
             name = sorted({*expected.items()} ^ {*found.items()})[0][0]
             raise RequestError(
                 f"checkpoint: {name[:80]}: {word} {found.get(name)} does not fit the configuration: "
-                f"it must be {expected.get(name)}"
+                f"expected {expected.get(name)}"
             )
     return jax.tree.unflatten(
         jax.tree.structure(template), [jax.numpy.asarray(arrays[name]) for name in wanted]
@@ -58,14 +57,14 @@ def from_arrays(template, arrays: Arrays):
 
 
 def save(folder: Path, epochs_done: int, arrays: Arrays) -> None:
-    """Store a checkpoint, then delete the one before it."""
+    """Store a checkpoint, then delete the previous one."""
     step_folder.write(folder, epochs_done, lambda place: stored_arrays.write(place / ARRAYS, arrays))
 
 
 def load(folder: Path) -> tuple[int, Arrays] | None:
-    """The number of epochs done and the arrays of the newest checkpoint, or None where there is none.
+    """Load the newest checkpoint: the number of completed epochs and the arrays, or None if none exists.
 
-    One that was written before checkpoints had digests is read all the same, and stderr says so.
+    A checkpoint from an earlier version without digests loads with a warning on stderr.
 
     Raises:
         RequestError: The checkpoint is damaged or cannot be read.
@@ -87,10 +86,10 @@ def load(folder: Path) -> tuple[int, Arrays] | None:
 
 @cache
 def _warn(step: Path) -> None:
-    """Once for each."""
+    """Warn once per step."""
     print(
-        f"mjx-fit: {step} has no {step_folder.DIGESTS}: it was made by an earlier version, and damage to it "
-        "may not be noticed",
+        f"mjx-fit: {step} has no {step_folder.DIGESTS}: an earlier version wrote it, and damage to it "
+        "may go undetected",
         file=sys.stderr,
     )
 
@@ -98,26 +97,28 @@ def _warn(step: Path) -> None:
 def _require_finite(step: Path, arrays: Arrays) -> None:
     for name, leaf in arrays.items():
         if not np.isfinite(leaf).all():
-            raise RequestError(f"checkpoint: {step} cannot be used: {name[:80]!a} holds no finite numbers")
+            raise RequestError(f"checkpoint: {step} cannot be used: {name[:80]!a} has non-finite numbers")
 
 
 def load_last(out: Path) -> tuple[int, Arrays | None]:
-    """The number of epochs done and the arrays of a run's last checkpoint; 0 and None where there is none."""
+    """Load a run's last checkpoint: number of completed epochs and arrays; 0 and None if none exists."""
     return load(out / LAST) or (0, None)
 
 
 def load_sensor(run: Path) -> tuple[ContactSensor, Config]:
-    """The best sensor of a training run, and the configuration that it was trained with.
+    """Load the best sensor of a training run and the configuration of its training.
 
     Raises:
-        RequestError: The folder is missing, holds no run or no checkpoint, or one of another network.
+        RequestError: The folder is missing, holds no run or no checkpoint, or the network differs.
     """
     numerics.require()
     run = Path(run)
     if not run.is_dir():
         raise RequestError(f"--run: {run} is invalid: there is no such folder")
     if not (run / "config.yaml").is_file():
-        raise RequestError(f"--run: {run} cannot be used: it holds no config.yaml, so it is no training run")
+        raise RequestError(
+            f"--run: {run} cannot be used: it holds no config.yaml, so it is not a training run"
+        )
     checkpoint = load(run / BEST)
     if checkpoint is None:
         raise RequestError(f"--run: {run} cannot be used: it holds no checkpoint ({BEST}); train it first")
@@ -129,11 +130,11 @@ def load_sensor(run: Path) -> tuple[ContactSensor, Config]:
 
 
 def fingerprint_of(sensor: ContactSensor) -> str:
-    """What tells a trained sensor from all others."""
+    """Return the fingerprint that identifies a trained sensor."""
     return provenance.fingerprint(to_arrays(nnx.state(sensor)))
 
 
 def _named(tree) -> dict:
-    """The leaves, abstract or not, by their paths."""
+    """Return the leaves, abstract or concrete, by path."""
     leaves = jax.tree_util.tree_leaves_with_path(tree)
     return {jax.tree_util.keystr(path, simple=True, separator="."): leaf for path, leaf in leaves}

@@ -1,4 +1,4 @@
-"""Whether a sensor may be judged on a data set: not on holes that it was trained on, nor in another world."""
+"""Check that a sensor may be evaluated on a data set: no training holes, same scene and controller."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -24,7 +24,7 @@ class _Hole(TypedDict):
 
 
 class _Told(TypedDict):
-    """What a run says of its data; earlier ones did not name a hole."""
+    """Record of a run's training data; earlier versions did not name a hole."""
 
     seed: NotRequired[int]
     data: NotRequired[str]
@@ -35,21 +35,24 @@ class _Told(TypedDict):
 _TOLD = TypeAdapter(_Told)
 
 WORLD = ("scene", "control")
-"""Sections of the configuration that what is felt in a data set depends on, whatever was done there."""
+"""Sections of the configuration that determine the measurements, for any policy."""
 
 
 def first_hole(data: Episode) -> dict[str, Any]:
-    """The hole of the first sequence, which tells the seed: draws depend on it and on the number alone."""
+    """Return the hole of the first sequence.
+
+    It identifies the seed, because draws depend on the seed and the number of the sequence alone.
+    """
     row = int(np.argmin(np.asarray(data.sequence)))
     position = np.asarray(data.rollout.truth.hole_pos_world)[row]
     return {"sequence": int(data.sequence[row]), "pos_world": [round(float(x), 7) for x in position]}
 
 
 def told_by(run: Path) -> dict[str, Any]:
-    """What a run folder remembers of what it was trained on, and of the sensor that it started from.
+    """Read the record of a run's training data and of its initial sensor.
 
     Raises:
-        RequestError: Its ``run.json`` is damaged.
+        RequestError: ``run.json`` is damaged.
     """
     if not (run / RUN).is_file():
         return {}
@@ -62,19 +65,19 @@ def told_by(run: Path) -> dict[str, Any]:
 
 
 def lineage(told: dict[str, Any]) -> Iterator[dict[str, Any]]:
-    """What a run was trained on, what the sensor that it started from was trained on, and so on."""
+    """Iterate over the training records of a run, of its initial sensor, and so on."""
     while told and isinstance(told, dict):
         yield told
         told = told.get("init", {})
 
 
 def shares_holes(told: dict[str, Any], data: Episode, fingerprint: str) -> bool:
-    """Whether a run was trained on these data, or at holes that are among theirs.
+    """Return True if a run was trained on these data, or at some of their holes.
 
     Args:
-        told: One of ``lineage``.
+        told: Record from ``lineage``.
         data: Stacked episodes.
-        fingerprint: Of the data.
+        fingerprint: Fingerprint of the data.
     """
     if told.get("data") == fingerprint:
         return True
@@ -87,15 +90,15 @@ def shares_holes(told: dict[str, Any], data: Episode, fingerprint: str) -> bool:
 
 
 def require_new(run: Path, data: Episode, fingerprint: str) -> None:
-    """Make sure that a run was not trained on these data, nor at these holes, nor what it started from.
+    """Check that neither a run nor its initial sensors were trained on these data or at these holes.
 
     Args:
         run: Folder of the run.
         data: Stacked episodes.
-        fingerprint: Of the data.
+        fingerprint: Fingerprint of the data.
 
     Raises:
-        RequestError: It was, or its ``run.json`` does not say.
+        RequestError: The run shares data or holes, or its ``run.json`` is damaged.
     """
     for told in lineage(told_by(run)):
         if told.get("data") == fingerprint:
@@ -108,19 +111,19 @@ def require_new(run: Path, data: Episode, fingerprint: str) -> None:
 
 
 def require_world(request: dict[str, Any], config: Config) -> None:
-    """Make sure that data were made in the world that the configuration describes.
+    """Check that the data come from the scene and controller of the configuration.
 
     Args:
-        request: What the data set was asked to be.
-        config: ``scene`` and ``control`` are used.
+        request: Request that the data set was collected with.
+        config: Configuration, with its sections ``scene`` and ``control`` in use.
 
     Raises:
-        RequestError: Its scene or controller is another.
+        RequestError: The scene or the controller differs.
     """
     there = config_from_tree(request["config"])
     differences = [words for words in config_differences(there, config) if words.split(".")[0] in WORLD]
     if differences:
         raise RequestError(
-            f"--data: not usable with this configuration: {differences[0]}; give the --config and --set "
-            "that the data were collected with"
+            f"--data: not usable with this configuration: {differences[0]}; use the --config and --set "
+            "of the data collection"
         )

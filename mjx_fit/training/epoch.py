@@ -1,7 +1,7 @@
-"""One epoch: a window from every training episode, then one from every validation episode.
+"""Run one epoch: a window from every training episode, then one from every validation episode.
 
-In one dispatch where the data are on the device, batch by batch where they had to stay on the host. Both see
-the same windows in the same order.
+An epoch is a single dispatch if the data are on the device, and proceeds batch by batch if they are on the
+host. Both variants use the same windows in the same order.
 """
 
 from functools import partial
@@ -34,18 +34,19 @@ def run_epoch(
     key: Key[Array, "*members"],
     val_key: Key[Array, ""],
 ) -> tuple[TrainState, Loss, Loss]:
-    """Train for one epoch and validate: one sensor, or several members of an ensemble with a key for each.
+    """Train for one epoch and validate: one sensor, or the members of an ensemble with one key each.
 
     Args:
-        recipe: Static.
-        state: Before; it is donated. Of several members: stacked.
+        recipe: Static settings of the step.
+        state: State before the epoch, stacked over the members of an ensemble; its buffers are donated.
         data: All episodes, on the device (JAX arrays) or on the host (NumPy arrays).
-        sides: Indices of the training and of the validation episodes, or chains of them.
-        key: Source of the epoch's order, windows, noise and dropout.
-        val_key: The same for validation: the same in each epoch, so that epochs compare.
+        sides: Train/validation split: indices of episodes, or chains of them.
+        key: Seed of the order, windows, noise and dropout of the epoch.
+        val_key: Seed for validation, identical in all epochs to make them comparable.
 
     Returns:
-        The new state, and the mean losses over the training (while it changed) and the validation windows.
+        The new state, the mean training loss (accumulated while the state changes) and the mean validation
+        loss.
     """
     if isinstance(data.episode, np.ndarray):
         run = _from_host

@@ -1,7 +1,7 @@
-"""Training of a contact sensor through the differentiable filters.
+"""Train a contact sensor through the differentiable filters.
 
-The randomness of an epoch is ``fold_in(root, epoch)``: a run that was killed and continued gives the same
-curve as one that was not.
+The random key of an epoch is ``fold_in(root, epoch)``: a resumed run gives the same learning curve as an
+uninterrupted one.
 """
 
 import math
@@ -38,7 +38,7 @@ from mjx_fit.utils.progress import COMPILING, Progress
 from mjx_fit.utils.randomness import require_seed, root_key
 
 SCALE_WINDOWS = 512
-"""Windows from which the scaling of the inputs is estimated, at most."""
+"""Maximum number of windows from which the input normalisation is estimated."""
 
 
 @run_folder.held
@@ -52,22 +52,23 @@ def train(
 ) -> bool:
     """Train a sensor, or resume its training; ``checkpoint.load_sensor(run.out)`` loads the best one.
 
-    An ensemble is trained at once, vmapped: one split of the data, and for each member its own weights,
-    windows and noise. Member 0 is what is trained alone, but early stopping waits for all members.
+    The members of an ensemble train together under vmap. They share one train/validation split; each has its
+    own weights, windows and noise. Member 0 equals the sensor trained alone, except that early stopping waits
+    for all members.
 
     Args:
         data: Episodes, stacked along one leading axis.
-        config: Everything; with a constant learning rate, ``train.epochs`` and ``train.patience`` may be more
-            than when the folder was begun: the result is that of as many from the start.
-        run: Where, from which seed, how many sensors, and what they start from.
-        on_epoch: Called with the metrics of each epoch (of the first member) once they are stored.
-        checkpoint_every_s: Least time between two checkpoints, s; the last epoch always gets one.
+        config: Full configuration. With a constant learning rate, ``train.epochs`` and ``train.patience`` may
+            exceed their values at the first start: the result equals a run with the larger values throughout.
+        run: Output folder, seed, number of sensors and initial weights.
+        on_epoch: Callback that receives the metrics of each epoch (first member) once they are stored.
+        checkpoint_every_s: Minimum time between two checkpoints, s; the last epoch always gets one.
 
     Returns:
-        Whether anything was left to do.
+        False if the run was already complete.
 
     Raises:
-        RequestError: The folder holds something else, or data or configuration cannot be trained with.
+        RequestError: The folder holds something else, or the data or the configuration cannot be used.
         WorkError: The loss is no longer finite.
     """
     numerics.require()
@@ -109,15 +110,15 @@ def train(
 
 @dataclass(frozen=True)
 class _Begun:
-    """A run as its folders have it.
+    """State of a run as stored in its folders.
 
     Attributes:
-        folders: Of the members.
-        starts: What each starts from; None: new weights.
-        lineages: What the sensor of each is made from.
-        saver: Keeps checkpoints.
-        epochs_done: Epochs that are stored.
-        arrays: The state after them; None: nothing is stored.
+        folders: Folder of each member.
+        starts: Initial sensor of each member; None: new weights.
+        lineages: Origin of each member's sensor.
+        saver: Writer of the checkpoints.
+        epochs_done: Number of stored epochs.
+        arrays: Training state after them; None: no checkpoint exists.
     """
 
     folders: list[Path]
@@ -129,7 +130,7 @@ class _Begun:
 
 
 def _open(data: Episode, config: Config, run: Run, checkpoint_every_s: float) -> _Begun:
-    """Make sure that the folders are new or hold this very run, and read how far it has come."""
+    """Check that the folders are new or hold this run, and read its last checkpoint."""
     data_id = provenance.fingerprint(data)
     folders = run.folders()
     starts = start.read(run.init, config, run.members, run.inside)
@@ -143,32 +144,32 @@ def _open(data: Episode, config: Config, run: Run, checkpoint_every_s: float) ->
         saver.resume(epochs_done, arrays)
         if len(saver.best_nll) != run.members:
             raise RequestError(
-                f"--members: {run.members} cannot be used: {run.out} was begun with {len(saver.best_nll)}"
+                f"--members: {run.members} cannot be used: {run.out} was started with {len(saver.best_nll)}"
             )
     return _Begun(folders, starts, lineages, saver, epochs_done, arrays)
 
 
 def _placed(data: Episode, members: int) -> Episode:
-    """The data on the device, or on the host where they do not fit."""
+    """Place the data on the device, or on the host if they do not fit."""
     there = placed(data)
     if members > 1 and isinstance(there.episode, np.ndarray):
-        raise RequestError(f"--members: {members} cannot be used: the data do not fit beside them; train one")
+        raise RequestError(f"--members: {members} cannot be used: the data exceed device memory; train one")
     return there
 
 
 def _examples(data: Episode, config: Config, episodes: Int[np.ndarray, "n"]) -> Int[np.ndarray, "m *length"]:
-    """Episodes as what examples are drawn from: one by one, or in chains."""
+    """Return the units from which examples are sampled: single episodes, or chains of them."""
     return episodes if config.train.sequence == 1 else chains(data, episodes, config.train.sequence)
 
 
 def _title(config: Config, episodes) -> str:
-    kind = " frame by frame" if config.sensor.reference == "final" else ""
+    kind = " the frame-by-frame baseline" if config.sensor.reference == "final" else ""
     n, m = map(len, episodes)
     return f"train{kind} on {n:,}, validate on {m:,}: epoch"
 
 
 def _keys(seed: int, members: int) -> tuple[Key[Array, "members"], Key[Array, "members"], Key[Array, ""]]:
-    """Roots of the weights and of the epochs of each member, and the key of validation, which they share."""
+    """Derive the weight and epoch keys of each member, and the validation key shared by all members."""
     init, epochs, validation = jax.random.split(root_key(seed, "train"), 3)
     others = [jax.random.split(root_key(seed, f"train: member {member}")) for member in range(1, members)]
     own = jnp.stack([jnp.stack([init, epochs]), *others])
@@ -182,9 +183,10 @@ def _begin(
     keys: Key[Array, "members"],
     starts: list[start.Start | None],
 ) -> tuple[Recipe, TrainState]:
-    """Sensors as each starts: new, its inputs scaled to windows of the training episodes, or trained already.
+    """Create the initial training state: new sensors with normalised inputs, or sensors trained before.
 
-    Several are stacked.
+    The input normalisation of a new sensor is fitted to windows of the training episodes. The states of
+    several members are stacked.
     """
     static = run_folder.identity(config)
     steps = n_batches(train_ids, config.train.batch_size)
@@ -210,7 +212,7 @@ def _some_windows(data, train_ids, config, order_key, window_key) -> Sample:
 
 
 def _metrics(epoch: int, members: int, training: Loss, validation: Loss, *, seconds: float) -> list[dict]:
-    """Lines of ``metrics.jsonl``: training terms by their names, validation terms as ``val_...``."""
+    """Return the lines of ``metrics.jsonl``: training terms by name, validation terms as ``val_...``."""
     rows = []
     for member in range(members):
         train_terms, val_terms = (

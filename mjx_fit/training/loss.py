@@ -1,4 +1,4 @@
-"""The loss of the differentiable filters: the paper's equation ``filter_loss``."""
+"""Loss of the differentiable filters: equation ``filter_loss`` of the paper."""
 
 from dataclasses import replace
 
@@ -16,19 +16,19 @@ from mjx_fit.types import Array, Belief, Observation, pytree
 
 @pytree
 class Loss:
-    """The terms of the loss in nats, for each window, or averaged.
+    """Loss terms in nats, per window or averaged.
 
-    Terms that concern the type are zero for a window that contains the insertion.
+    The type terms are zero for a window that contains the insertion.
 
     Attributes:
-        total: Sum of the five terms; what is minimised.
+        total: Sum of the five terms; the training objective.
         pos_logdet: ½ ln|Σ1|, Σ1 in cm².
         pos_mahalanobis: ½ (p - μ1)ᵀ Σ1⁻¹ (p - μ1).
         type_nll: -ln ξ1 of the true type.
         match_nll: -1[c = c_peg] ln p(c = c_peg).
         mismatch_nll: -1[c ≠ c_peg] ln p(c ≠ c_peg).
-        nll: Of the true state under the updated belief: the first three terms.
-        prior_nll: The same under the belief before the update, for comparison.
+        nll: Negative log-likelihood of the true state under the posterior: the first three terms.
+        prior_nll: Negative log-likelihood under the prior, for comparison.
     """
 
     total: Float[Array, "*batch"]
@@ -42,31 +42,32 @@ class Loss:
 
 
 def filter_loss(observation: Observation, sample: Sample) -> Loss:
-    """The loss of each window after one update from its own prior, any batch axes.
+    """Compute the loss of each window after one update from its own prior, for any batch axes.
 
-    The type is updated with H taken softly, which can be differentiated, and with α = 0, that is T = 1: a
-    window is cut from a random rollout, and how often such a cut would succeed is not known.
+    The type update uses the soft, differentiable form of H and α = 0, that is T = 1: the windows are cut from
+    random rollouts, whose success probability is unknown.
     """
     never_succeeds = jnp.zeros((sample.prior.type_logp.shape[-1],) * 2)
     return _after_update(sample.prior, observation, sample, never_succeeds)[1]
 
 
 def sequence_loss(observation: Observation, sample: Sample, config: Config) -> Loss:
-    """The loss of each window of a chain, with the belief handed on from window to window.
+    """Compute the loss of each window of a chain, passing the belief from window to window.
 
-    What is felt in the attempts at one hole is not independent: all share the peg, the place and what the
-    sensor gets wrong about them. Only a loss after the second and third update sees whether R and H allow
-    for that. The windows are whole attempts, whose failure counts as it does in use.
+    Measurements from attempts at one hole are not independent: they share the peg, the position and the
+    systematic errors of the sensor. Only a loss after the second and third update reveals whether R and H
+    account for that. The windows are whole attempts, and their failures update the belief as in deployment.
 
     Args:
-        observation: Axes (batch, length).
-        sample: The same axes; of the later priors only the mean is used: from there the attempt started.
-        config: Gives α.
+        observation: Observations with axes (batch, length).
+        sample: Windows with the same axes. The later priors contribute only their means, the start positions
+            of the attempts.
+        config: Defines α.
     """
 
     def update(belief: Belief, attempt: tuple[Observation, Sample]) -> tuple[Belief, Loss]:
         seen, sample = attempt
-        # h_pos measures from where the attempt started; this filter may have come to stand elsewhere.
+        # h_pos is relative to the start of the attempt, which may differ from the filter's current mean.
         offset = sample.prior.pos_mean_world - belief.pos_mean_world
         seen = replace(seen, innovation=seen.innovation + offset)
         return _after_update(belief, seen, sample, success_probability(config, belief.pos_cov))
@@ -78,7 +79,7 @@ def sequence_loss(observation: Observation, sample: Sample, config: Config) -> L
 
 
 def frame_by_frame_loss(observation: Observation, sample: Sample) -> Loss:
-    """The loss of the baseline, which knows no prior: the position terms, μ1 the observation and Σ1 = R."""
+    """Compute the loss of the baseline, which has no prior: position terms, μ1 = observation, Σ1 = R."""
     prior = sample.prior
     seen = replace(
         prior,
@@ -92,7 +93,7 @@ def frame_by_frame_loss(observation: Observation, sample: Sample) -> Loss:
 def _after_update(
     prior: Belief, observation: Observation, sample: Sample, alpha: Float[Array, "*#batch C C"]
 ) -> tuple[Belief, Loss]:
-    """The updated belief, and its loss."""
+    """Return the posterior and its loss."""
     peg_type = sample.reading.peg_type
     belief = update_position(prior, observation)
     belief = update_type(belief, observation, peg_type, alpha, hard=False)
@@ -126,7 +127,7 @@ def _loss(belief: Belief, prior: Belief, hole_pos_world, type_nlls, match_nll, m
 
 
 def weighted_sum(losses: Loss, weight: Float[Array, "batch *length"]) -> Loss:
-    """Each term, summed over the windows of a batch with these weights."""
+    """Compute the weighted sum of each term over the windows of a batch."""
     return jax.tree.map(lambda term: jnp.sum(term * weight), losses)
 
 

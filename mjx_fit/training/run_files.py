@@ -1,4 +1,4 @@
-"""What stands in the files of a training run: ``run.json`` and ``metrics.jsonl``."""
+"""Read and write the files of a training run: ``run.json`` and ``metrics.jsonl``."""
 
 import json
 from collections.abc import Sequence
@@ -11,37 +11,37 @@ from mjx_fit.utils.errors import RequestError
 
 CONFIG, RUN, METRICS = "config.yaml", "run.json", "metrics.jsonl"
 _NEEDED = ("val_nll", "prior_nll")
-"""Metrics that say what a run has come to."""
+"""Metrics that the summary of a run needs."""
 _LARGEST, _LARGEST_LINE = 2**30, 2**16
-"""Bytes of a ``metrics.jsonl`` and of one of its lines: a million epochs."""
+"""Maximum size of ``metrics.jsonl`` and of one of its lines, bytes: enough for a million epochs."""
 
 
 def read(out: Path, needed: Sequence[str] = (), option: str = "--out") -> dict[str, Any]:
-    """What ``run.json`` says.
+    """Read ``run.json``.
 
     Args:
         out: Folder of the run.
-        needed: Keys that it must have.
-        option: The one that the folder was given by.
+        needed: Required keys.
+        option: Command-line option that named the folder, for error lines.
 
     Raises:
-        RequestError: It is damaged.
+        RequestError: The file is damaged.
     """
     path = out / RUN
     try:
         run = bounded_json.read(path)
         if not isinstance(run, dict):
-            raise ValueError(f"it holds a {type(run).__name__}, and must hold an object")
+            raise ValueError(f"it holds a {type(run).__name__}, expected an object")
         missing = [name for name in needed if name not in run]
         if missing:
-            raise ValueError(f"it lacks {missing[0]}")
+            raise ValueError(f"the key {missing[0]} is missing")
     except (OSError, ValueError) as error:
         raise damaged(path, error, option) from None
     return run
 
 
 def read_metrics(out: Path, epochs: int | None = None) -> list[dict[str, Any]]:
-    """The first epochs of ``metrics.jsonl``, or all; a kill may have torn the line after them.
+    """Read the first epochs of ``metrics.jsonl``, or all; a kill may have truncated the next line.
 
     Raises:
         RequestError: A line is damaged or missing.
@@ -52,29 +52,29 @@ def read_metrics(out: Path, epochs: int | None = None) -> list[dict[str, Any]]:
         try:
             row = bounded_json.loads(line.decode(), _LARGEST_LINE)
             if row["epoch"] != number or not all(isinstance(row[key], float | int) for key in _NEEDED):
-                raise ValueError(f"it is not of epoch {number}")
+                raise ValueError(f"expected epoch {number}")
         except (ValueError, KeyError, TypeError) as error:
             raise damaged(path, f"line {number + 1}: {error}") from None
         rows.append(row)
     if len(rows) < (epochs or 0):
-        raise damaged(path, f"it ends after epoch {len(rows)}, and the checkpoint after {epochs}")
+        raise damaged(path, f"it ends after epoch {len(rows)}, but the checkpoint after {epochs}")
     return rows
 
 
 def keep_metrics(out: Path, epochs_done: int) -> None:
-    """Cut ``metrics.jsonl`` back to the epochs that the checkpoint knows; the rest is run again."""
+    """Truncate ``metrics.jsonl`` to the epochs of the checkpoint; later epochs are repeated."""
     rows = read_metrics(out, epochs_done)
     files.write_bytes(out / METRICS, b"".join(line + b"\n" for line in _lines(out / METRICS)[: len(rows)]))
 
 
 def append_metrics(out: Path, row: dict) -> None:
-    """Add the line of one epoch."""
+    """Append the line of one epoch."""
     locks.require_all()
     files.append_line(out / METRICS, json.dumps(row))
 
 
 def summary(out: Path) -> str:
-    """What a run has come to, in a line."""
+    """Summarise the result of a run in one line."""
     run = read(out)
     try:
         sides = " and ".join(
@@ -92,33 +92,33 @@ def summary(out: Path) -> str:
     return (
         f"{sides or 'trained'}; validation NLL {best['val_nll']:.3f} after epoch {best['epoch'] + 1} of "
         f"{len(rows)}, {best['prior_nll']:.3f} without the sensor (lower is better)"
-        + ("" if helps else ": it is worse than none; train longer or on more data")
+        + ("" if helps else ": the sensor does not help yet; train longer or on more data")
     )
 
 
 def ended(out: Path, config: Config) -> str:
-    """Why a finished run is over, and how it goes on, in words."""
+    """Explain why a finished run ended and how to resume it."""
     done = len(_lines(out / METRICS))
     if done < config.train.epochs:
         return (
             f"stopped early after {done} of {config.train.epochs} epochs: the last {config.train.patience} "
-            "were no better; a larger train.patience goes on"
+            "brought no improvement; increase train.patience to resume"
         )
-    another = f"--init {out} starts another run from it"
+    another = f"use --init {out} to start another run from this one"
     if config.train.schedule == "cosine":
-        return f"all {done} epochs are done, and with them train.schedule cosine; {another}"
-    return f"all {done} epochs are done; more --epochs go on, {another}"
+        return f"all {done} epochs are done, and train.schedule cosine has ended; {another}"
+    return f"all {done} epochs are done; increase --epochs to resume, or {another}"
 
 
 def damaged(path: Path, what: object, option: str = "--out") -> RequestError:
-    """The refusal of a file of a run that a kill cannot have left so."""
+    """Return the error for a damaged file of a run, with damage that no kill can cause."""
     return RequestError(
-        f"{option}: {path} cannot be used: it is damaged ({what}); restore it, or choose a new folder"
+        f"{option}: {path} cannot be used: it is damaged ({what}); restore it or choose a new folder"
     )
 
 
 def _lines(path: Path) -> list[bytes]:
-    """The lines of a file, none where it is not there; the last may be torn."""
+    """Read the lines of a file, or none if it does not exist; the last line may be truncated."""
     if not path.is_file():
         return []
     if path.stat().st_size > _LARGEST:

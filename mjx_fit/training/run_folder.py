@@ -1,6 +1,6 @@
-"""The folder of a training run: config.yaml, run.json, metrics.jsonl, checkpoints.
+"""Folder of a training run: config.yaml, run.json, metrics.jsonl, checkpoints.
 
-One folder is one run: the same configuration but for the number of epochs, the same seed and the same data.
+Each folder holds one run, defined by its configuration (except the number of epochs), seed and data.
 """
 
 import inspect
@@ -29,19 +29,19 @@ R = TypeVar("R")
 
 MAX_MEMBERS = 100
 _ENTRIES = (CONFIG, RUN, METRICS, "checkpoints", "checkpoints/best", "checkpoints/last")
-"""What is written to in the folder: none may be a link."""
+"""Paths that a run writes to; none may be a symbolic link."""
 
 
 @dataclass(frozen=True)
 class Run:
-    """A training run.
+    """Request for a training run.
 
     Attributes:
-        out: Its folder.
-        seed: Root of weights, split, windows and noise.
-        members: Number of sensors, an ensemble if more than one; each has a folder ``member-M`` of its own.
-        init: Folder of another run, whose best sensor this one starts from; None: new weights.
-        inside: Folder inside that of the run, or inside those of its members, where this training goes.
+        out: Folder of the run.
+        seed: Root seed of weights, split, windows and noise.
+        members: Number of sensors; more than one form an ensemble, each with its own folder ``member-M``.
+        init: Folder of another run whose best sensor provides the initial weights; None: new weights.
+        inside: Subfolder of the run folder, or of each member's folder, for this training.
     """
 
     out: Path
@@ -51,22 +51,22 @@ class Run:
     inside: str = ""
 
     def folders(self) -> list[Path]:
-        """The folder of each member.
+        """Return the folder of each member.
 
         Raises:
-            RequestError: As ``members``.
+            RequestError: See ``members``.
         """
         return members(self.out, self.members, self.inside)
 
 
 @dataclass(frozen=True)
 class Lineage:
-    """What a sensor was made from.
+    """Origin of a trained sensor.
 
     Attributes:
         seed: Root seed.
-        data: Fingerprint of the data.
-        origin: Of the sensor that the training starts from, if it is a trained one.
+        data: Fingerprint of the training data.
+        origin: Record of the initial sensor; None: new weights.
     """
 
     seed: int
@@ -75,29 +75,29 @@ class Lineage:
 
 
 def identity(config: Config) -> Config:
-    """The part of the configuration that makes it this run.
+    """Return the part of the configuration that identifies a run.
 
-    A run may be continued to more epochs, unless its learning rate was to reach zero with the last, and with
-    more patience.
+    A run may resume with more patience. It may resume with more epochs unless its learning rate reaches zero
+    at the last epoch.
     """
     epochs = config.train.epochs if config.train.schedule == "cosine" else 1
     return replace(config, train=replace(config.train, epochs=epochs, patience=0))
 
 
 def require_members(count: int) -> None:
-    """Refuse a number of sensors that is none, or more than are trained at once.
+    """Check that the number of sensors is in range, from 1 to ``MAX_MEMBERS``.
 
     Raises:
-        RequestError: It is invalid.
+        RequestError: The number is out of range.
     """
     require("--members", count, 1, MAX_MEMBERS)
 
 
 def members(out: Path, count: int, inside: str = "") -> list[Path]:
-    """The folders of the runs of an ensemble; of one alone, its own.
+    """Return the folders of the members of an ensemble, or the run folder itself for one sensor.
 
     Raises:
-        RequestError: There may not be so many, or the folder holds what is no part of so many.
+        RequestError: The number of members is out of range, or the folder holds foreign files.
     """
     require_members(count)
     if count == 1:
@@ -116,14 +116,14 @@ def _below(out: Path, inside: str) -> Path:
 
 
 def held(train: Callable[P, R]) -> Callable[P, R]:
-    """Hold the folder of a run, and those in it that are trained into, while a function trains there.
+    """Lock the folder of a run and of its members while the decorated function trains there.
 
     Args:
-        train: Has a parameter ``run``.
+        train: Function with a parameter ``run``.
 
     Returns:
-        The same function. It raises a RequestError where another process trains in one of the folders, and a
-        WorkError where one is taken away.
+        The wrapped function. It raises a RequestError if another process trains in one of the folders, and
+        a WorkError if a folder disappears.
     """
     signature = inspect.signature(train)
 
@@ -133,7 +133,7 @@ def held(train: Callable[P, R]) -> Callable[P, R]:
         folders = [run.out, *run.folders()]
         with ExitStack() as stack:
             for folder in dict.fromkeys(folders):
-                # What is finished may be read-only.
+                # A finished run may be read-only.
                 stack.enter_context(locks.holding(folder, even_if_read_only=True))
             return train(*args, **kwargs)
 
@@ -141,15 +141,15 @@ def held(train: Callable[P, R]) -> Callable[P, R]:
 
 
 def check(out: Path, config: Config, lineage: Lineage) -> None:
-    """Make sure that the folder is new or holds this very run; write nothing.
+    """Check that the folder is new or holds this run, without writing to it.
 
     Args:
-        out: The folder.
-        config: The configuration.
-        lineage: What its sensor is made from.
+        out: Folder of the run.
+        config: Configuration of the run.
+        lineage: Origin of the sensor.
 
     Raises:
-        RequestError: It is not a folder, or it holds another run or other files.
+        RequestError: The path is not a folder, or it holds another run or other files.
     """
     if out.exists() and not out.is_dir():
         raise RequestError(f"--out: {out} is invalid: expected a folder")
@@ -175,23 +175,23 @@ def check(out: Path, config: Config, lineage: Lineage) -> None:
 
 
 def require_same_arithmetic(out: Path) -> None:
-    """Make sure that a begun run is continued with the settings of the process that it was begun with.
+    """Check that a run resumes with the process settings of its first start.
 
-    Other versions of the libraries are only warned about.
+    Different library versions cause only a warning.
 
     Raises:
-        RequestError: A setting such as ``XLA_FLAGS``, which changes arithmetic, differs.
+        RequestError: A setting that changes the arithmetic, such as ``XLA_FLAGS``, differs.
     """
     if not (out / RUN).is_file():
         return
     there, here = run_files.read(out).get("versions", {}), provenance.versions()
     for name, old, new in provenance.differing(*map(provenance.settings_of, (there, here))):
         raise RequestError(
-            f"{name}: {new} cannot be used here: {out} was begun with {old}, and its numbers depend on it"
+            f"{name}: {new} cannot be used here: {out} was begun with {old}, and its results depend on it"
         )
     for name, old, new in provenance.differing(there, here)[:1]:
         print(
-            f"mjx-fit: {out} was begun with {name} {old}, and goes on with {new}: last digits may differ",
+            f"mjx-fit: {out} was begun with {name} {old} and resumes with {new}: last digits may differ",
             file=sys.stderr,
         )
 
@@ -204,15 +204,15 @@ def write(
     sequences: Int[np.ndarray, "episodes"],
     sides: tuple[Int[np.ndarray, "n"], Int[np.ndarray, "m"]],
 ) -> None:
-    """Write down what the run is; ``run.json`` last, and only once.
+    """Write the configuration and the identity of a run; ``run.json`` comes last, and only once.
 
     Args:
-        out: The folder.
-        config: The configuration.
-        lineage: What its sensor is made from.
-        first_hole: Of the data, by which others at the same holes are known.
-        sequences: Which sequence, that is which hole, each episode belongs to.
-        sides: Indices of the training and of the validation episodes.
+        out: Folder of the run.
+        config: Configuration of the run.
+        lineage: Origin of the sensor.
+        first_hole: First hole of the data, which identifies other data at the same holes.
+        sequences: Sequence, and thus the hole, of each episode.
+        sides: Train/validation split: indices of the episodes.
     """
     files.write_text(out / CONFIG, config_to_yaml(config))
     if not (out / RUN).is_file():
@@ -232,35 +232,35 @@ def write(
 
 
 def _require_origin(out: Path, there: dict[str, Any] | None, here: dict[str, Any] | None) -> None:
-    """Refuse to continue a run from other weights than it started from."""
+    """Refuse to resume a run with initial weights other than its own."""
     if (there or {}).get("sensor") == (here or {}).get("sensor"):
         return
     started = "new weights" if there is None else "a trained sensor"
-    how = "leave --init away" if there is None else "give the --init that it was begun with"
+    how = "omit --init" if there is None else "use the --init of its first start"
     raise RequestError(
         f"--init: {'none' if here is None else 'this one'} cannot be used: {out} started from {started}"
-        f"{' that is not this one' if there and here else ''}; {how}, or choose a new folder"
+        f"{' other than this one' if there and here else ''}; {how}, or choose a new folder"
     )
 
 
 def _require_end(out: Path, before: Config, now: Config, differences: list[str]) -> None:
-    """Refuse to move the end of a run where it cannot be moved."""
+    """Refuse changes of epochs or patience that the run cannot resume with."""
     cosine = [words for words in differences if words.startswith("train.epochs ")]
     if cosine and cosine == differences:
         raise RequestError(
-            f"--epochs: {now.train.epochs} cannot be used: {cosine[0]}, where train.schedule cosine brings "
+            f"--epochs: {now.train.epochs} cannot be used: {cosine[0]}, and train.schedule cosine brings "
             f"the learning rate to zero; start another run from this one: --init {out} --out NEW"
         )
     there, here = before.train.patience, now.train.patience
     if not differences and here and (not there or here < there):
         raise RequestError(
             f"config: train.patience: {here} cannot be used: {out} has {there or '0 (never stop early)'}, "
-            "which may only grow"
+            "and patience may only grow"
         )
 
 
 def _require_free(out: Path, config: Config) -> None:
-    """A folder without a run may hold what a killed start of this very run left behind, and nothing else."""
+    """Check that a folder without a run holds nothing except remains of a killed start of this run."""
     begun = {CONFIG: config_to_yaml(config)}
     for name in files.foreign(out, {RUN}):
         path = out / name

@@ -1,4 +1,4 @@
-"""Keeps what is worth keeping of a training: the best sensor of each member, and what resuming needs."""
+"""Save the checkpoints of a training run: the best sensor of each member, and the state for resuming."""
 
 import errno
 import math
@@ -31,40 +31,47 @@ _NO_ROOM = (
     errno.EACCES,
     errno.ENOENT,
 )
-"""Errors of the system that are looked for in what the storage library says."""
+"""System errors that are recognised in the messages of the storage library."""
 
 _COPIES, _OVERHEAD, _DESCRIPTORS = 2, 2**15, 11
-"""What the storage library takes: copies of the arrays while it writes, bytes on top of each, open files."""
+"""Needs of the storage library during a write: copies of the arrays, extra bytes per copy, open files."""
 
 
 class Saver:
-    """Writes ``best`` and ``last`` now and then, and says when to stop early.
+    """Write the checkpoints ``best`` and ``last`` periodically, and decide on early stopping.
 
-    ``best`` goes first: should a kill fall between the two, the epochs after ``last`` are run again and come
-    to the same best.
+    ``best`` is written first: after a kill between the two writes, the epochs since ``last`` are repeated and
+    lead to the same best.
     """
 
     def __init__(self, out: Path, members: list[Path], every_s: float, patience: int):
-        """Folder of ``last``, those of each member's ``best``, least time between two, epochs of patience."""
+        """Initialise a saver without checkpoints.
+
+        Args:
+            out: Folder of ``last``.
+            members: Folder of each member's ``best``.
+            every_s: Minimum time between two checkpoints, s.
+            patience: Epochs without improvement before training stops; 0: never stop early.
+        """
         self.out, self.members, self.every_s, self.patience = out, members, every_s, patience
         self.best_nll = np.full(len(members), math.inf)
         self.best_epoch = np.zeros(len(members), int)
         self.best: dict[int, checkpoint.Arrays] = {}
-        self.saved_at = -math.inf  # the first epoch, which compiles, is worth keeping
+        self.saved_at = -math.inf  # save the first epoch, whose compilation is expensive
 
     def resume(self, epochs_done: int, arrays: checkpoint.Arrays) -> None:
-        """Take what was remembered out of the arrays of a checkpoint."""
+        """Restore the best validation losses from the arrays of a checkpoint, and remove them there."""
         self.best_nll = np.array(arrays.pop("best_nll"), float).reshape(-1)
         self.best_epoch = np.array(arrays.pop("best_epoch", epochs_done), int).reshape(-1)
 
     def is_stale(self, epochs_done: int) -> bool:
-        """Whether no member's validation has become better for so long that training is over."""
+        """Return True if no member's validation has improved within the patience, so training must stop."""
         return bool(self.patience) and bool((epochs_done - self.best_epoch >= self.patience).all())
 
     def after_epoch(
         self, epochs_done: int, state: TrainState, val_nll: Float[np.ndarray, "members"], epochs: int
     ) -> bool:
-        """Keep what is worth keeping; whether this epoch was the last one."""
+        """Save checkpoints if they are due; return True if this epoch was the last."""
         for member in np.flatnonzero(val_nll < self.best_nll).tolist():
             self.best_nll[member], self.best_epoch[member] = val_nll[member], epochs_done
             own = state if len(self.members) == 1 else jax.tree.map(lambda leaf, m=member: leaf[m], state)
@@ -85,13 +92,13 @@ def _save(folder: Path, epochs_done: int, arrays: checkpoint.Arrays) -> None:
     """Store a checkpoint.
 
     Raises:
-        OSError: There is no room, or the like; the storage library says so in many ways.
+        OSError: The disk is full, or a similar system error, which the storage library reports in many forms.
     """
     locks.require_all()
     for own in (folder.parent, folder):
         refuse_link(own)
     _require_room(folder, sum(array.nbytes for array in arrays.values()))
-    # What a thread of the storage library raises comes back here: it need not be printed as well.
+    # Exceptions in threads of the storage library surface here, so the hook need not print them too.
     hook, threading.excepthook = threading.excepthook, lambda _: None
     try:
         checkpoint.save(folder, epochs_done, arrays)
@@ -105,12 +112,12 @@ def _save(folder: Path, epochs_done: int, arrays: checkpoint.Arrays) -> None:
 
 
 def _require_room(folder: Path, size: int) -> None:
-    """Find out whether a checkpoint of so many bytes has room, by files that have no name.
+    """Check with unnamed temporary files that a checkpoint of this size, bytes, fits on the disk.
 
-    The storage library would find out, too, with a traceback from each of its threads.
+    The storage library would fail with a traceback from each of its threads.
 
     Raises:
-        OSError: It has none; the error names the folder.
+        OSError: There is not enough room; the error names the folder.
     """
     files.make_folder(folder)
     with ExitStack() as stack:
@@ -127,7 +134,7 @@ def _require_room(folder: Path, size: int) -> None:
 
 
 def _of_system(error: BaseException, folder: Path) -> OSError | None:
-    """What the system said, found in an error, in those that led to it, or in their words."""
+    """Find the system error in an exception, in its causes, or in their messages."""
     causes: list[BaseException] = [error]
     for cause in causes:
         more = [cause.__cause__, cause.__context__, *getattr(cause, "exceptions", ())]

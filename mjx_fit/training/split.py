@@ -1,4 +1,4 @@
-"""Which episodes train and which validate, and whether they can be trained on at all."""
+"""Train/validation split of the episodes, and checks that they are usable for training."""
 
 from typing import Any
 
@@ -17,12 +17,12 @@ from mjx_fit.utils.errors import RequestError
 def usable_sides(
     data: Episode, config: Config, seed: int
 ) -> tuple[Int[np.ndarray, "n"], Int[np.ndarray, "m"]]:
-    """Indices of the training and of the validation episodes.
+    """Return the indices of the training and the validation episodes.
 
-    Divided first, so that an episode that is dropped does not move the others to another side.
+    The split precedes the removal of unusable episodes, so a removal never changes the side of the others.
 
     Raises:
-        RequestError: There is nothing to train or to validate on, or the data are not of this kind.
+        RequestError: No episode is left for training or for validation, or the data are invalid.
     """
     if config.train.min_window > config.train.max_window:
         raise RequestError(
@@ -42,71 +42,71 @@ def usable_sides(
 
 
 def require_chains(request: dict[str, Any], config: Config) -> None:
-    """Make sure that beliefs can be handed on along the attempts of a data set.
+    """Check that beliefs can be passed along the attempts of a data set.
 
-    A drawn estimate is drawn around the truth: a belief that is handed on does not know that, and a sensor
-    that learns it is too sure of itself when it is on its own.
+    The estimates must come from a sensor. A sampled estimate is drawn around the truth and reveals it beyond
+    what the passed belief accounts for: a sensor trained on such data is overconfident in deployment.
 
     Args:
-        request: What the data set was asked to be.
-        config: ``train.sequence`` is used.
+        request: Request that the data set was collected with.
+        config: Configuration, with ``train.sequence`` in use.
 
     Raises:
-        RequestError: Its sequences are too short, their later estimates were drawn, or windows may be shorter
-            than the attempts: where the second attempt begins tells all that the first one had told.
+        RequestError: The sequences are too short, their later estimates were sampled, or windows may be
+            shorter than the attempts (the start of the second attempt would then reveal all information
+            from the first one).
     """
     wanted, there = config.train.sequence, request["sequence"]
     if wanted == 1:
         return
     if there < wanted:
         raise RequestError(
-            f"config: train.sequence: {wanted} cannot be used with these --data: they have "
-            f"{there} attempts in a row; collect them with --sequence {wanted}"
+            f"config: train.sequence: {wanted} cannot be used with these --data: their "
+            f"sequences have {there} attempts; collect them with --sequence {wanted}"
         )
     if not request.get("sensor"):
         raise RequestError(
             f"config: train.sequence: {wanted} cannot be used with these --data: their later attempts start "
-            "from drawn estimates; collect them with the --run of a sensor"
+            "from sampled estimates; collect them with the --run of a sensor"
         )
     whole = min(request["steps"], request["config"]["task"]["attempt_actions"])
     if config.train.min_window < whole:
         raise RequestError(
             f"config: train.min_window: {config.train.min_window} cannot be used with train.sequence "
-            f"{wanted}: it must be at least {whole}, a whole attempt of these --data"
+            f"{wanted}: expected at least {whole}, a whole attempt of these --data"
         )
 
 
 def require_symmetric(config: Config) -> None:
-    """Make sure that what mirrored windows show could be.
+    """Check that mirrored windows are physically possible.
 
     Raises:
-        RequestError: ``train.mirror`` is asked for, and a shape is not its own mirror image.
+        RequestError: ``train.mirror`` is set, and a shape is not its own mirror image.
     """
     lopsided = [shape.name for shape in config.scene.shapes if not shape.is_its_own_mirror_image]
     if config.train.mirror and lopsided:
         raise RequestError(
-            f"config: train.mirror: True cannot be used: mirrored, the shape {lopsided[0]!r} is another one"
+            f"config: train.mirror: True cannot be used: the shape {lopsided[0]!r} is not mirror-symmetric"
         )
 
 
 def require_sound(data: Episode, keep: Bool[np.ndarray, "episodes"], n_types: int) -> None:
-    """Make sure that a sensor can be shown these episodes.
+    """Check that these episodes are valid inputs of a sensor.
 
     Args:
         data: Stacked episodes.
-        keep: Which of them it is to be shown.
-        n_types: Number of shapes that it knows.
+        keep: Whether each episode is in use.
+        n_types: Number of shapes that the sensor distinguishes.
 
     Raises:
-        RequestError: One has a window of another size, a type that does not exist, or a number that is not
-            finite.
+        RequestError: An episode has windows of another size, an unknown type or a non-finite number.
     """
     rollout = data.rollout
     window = rollout.felt.trace.wrench_sensor.shape[2:]
     if window != (SUBSTEPS, WRENCH_AXES):
         raise RequestError(
             f"--data: wrench_sensor: windows of shape {window} cannot be used: "
-            f"a sensor reads {(SUBSTEPS, WRENCH_AXES)}"
+            f"expected {(SUBSTEPS, WRENCH_AXES)}"
         )
     for name, every in (("peg_type", rollout.felt.peg_type), ("hole_type", rollout.truth.hole_type)):
         types = np.asarray(every)[keep]
@@ -119,4 +119,4 @@ def require_sound(data: Episode, keep: Bool[np.ndarray, "episodes"], n_types: in
         if broken.any():
             episode = np.asarray(data.episode)[broken][0]
             name = jax.tree_util.keystr(path[-1:], simple=True)
-            raise RequestError(f"--data: {name} of episode {episode} is invalid: it must hold finite numbers")
+            raise RequestError(f"--data: {name} of episode {episode} is invalid: expected finite numbers")

@@ -1,4 +1,4 @@
-"""Where a training starts: from new weights, or from those of a trained sensor (``--init``)."""
+"""Initial weights of a training run: new, or from a trained sensor (``--init``)."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -14,38 +14,38 @@ from mjx_fit.training.step import TrainState
 from mjx_fit.utils.errors import RequestError
 
 _FREE = ("sensor.dropout",)
-"""Of the network's settings: changes no weight."""
+"""Network settings that may differ, because they change no weights."""
 
 
 class Start(NamedTuple):
-    """A trained sensor that another training starts from.
+    """Trained sensor that provides the initial weights of another training.
 
     Attributes:
-        sensor: It, with its input scaling.
-        origin: What a run remembers of it, JSON-ready: its fingerprint, and what it was trained on.
+        sensor: The sensor with its input normalisation.
+        origin: JSON-ready record of the sensor for ``run.json``: its fingerprint and its training data.
     """
 
     sensor: ContactSensor
     origin: dict[str, Any]
 
     def weights(self) -> tuple[nnx.State, nnx.State]:
-        """Parameters and input scaling, as in ``TrainState``."""
+        """Return the parameters and the input normalisation, as in ``TrainState``."""
         _, params, scale = nnx.split(self.sensor, nnx.Param, InputScale)
         return params, scale
 
 
 def read(init: Path | None, config: Config, members: int, inside: str) -> list[Start | None]:
-    """What each member of an ensemble starts from, or the one sensor that is trained.
+    """Load the initial sensor of each member of an ensemble, or of a single sensor.
 
-    From the best checkpoint of the same member where the other run is an ensemble, too, and else all from the
-    same one, each with its own windows and noise. The baseline starts from the other's; where that has none,
-    from new weights, as everything does without ``init``.
+    If the other run is an ensemble, each member starts from the best checkpoint of the same member; otherwise
+    all start from the same sensor, each with its own windows and noise. The baseline starts from the baseline
+    of the other run, if any. Without a sensor to start from, or without ``init``, the weights are new.
 
     Args:
         init: Folder of the other run, or None.
-        config: Of the new run: its network and shapes must be the other's.
-        members: Of the new run.
-        inside: Folder inside that of the run where the training is.
+        config: Configuration of the new run; its network and shapes must equal those of the other run.
+        members: Number of members of the new run.
+        inside: Subfolder of the run folder for this training.
 
     Raises:
         RequestError: The other run cannot be used.
@@ -67,17 +67,17 @@ def read(init: Path | None, config: Config, members: int, inside: str) -> list[S
 def require_unseen(
     starts: list[Start | None], data: Episode, data_id: str, config: Config, seed: int
 ) -> None:
-    """Make sure that no sensor starts that has seen what it is to be validated on.
+    """Check that no initial sensor was trained on the validation data of this run.
 
     Args:
-        starts: Where the training starts.
+        starts: Initial sensors.
         data: Stacked episodes.
-        data_id: Their fingerprint.
-        config: ``train.validation_fraction`` is used.
+        data_id: Fingerprint of the data.
+        config: Configuration, with ``train.validation_fraction`` in use.
         seed: Root seed.
 
     Raises:
-        RequestError: One was trained at the same holes, divided in another way.
+        RequestError: A sensor was trained at the same holes with another train/validation split.
     """
     here = {"data": data_id, "seed": seed, "validation_fraction": config.train.validation_fraction}
     for start in starts:
@@ -86,15 +86,15 @@ def require_unseen(
                 told.get(key) != here[key] for key in here
             ):
                 raise RequestError(
-                    "--init: a sensor that was trained at holes of these --data cannot be used, unless with "
-                    "the very same data, --seed and train.validation_fraction "
-                    f"({told.get('seed')} and {told.get('validation_fraction')} there): it has seen what it "
-                    "would be validated on; collect with another --seed"
+                    "--init: a sensor that was trained at holes of these --data cannot be used: it has seen "
+                    "what it would be validated on; use the same data, --seed and train.validation_fraction "
+                    f"({told.get('seed')} and {told.get('validation_fraction')} there), or collect with "
+                    "another --seed"
                 )
 
 
 def begin(start: Start | None, state: TrainState) -> TrainState:
-    """The state that training starts in: new weights' state, with the trained sensor's weights, if any."""
+    """Return the initial training state, with the weights of the trained sensor, if any."""
     if start is None:
         return state
     params, scale = start.weights()
@@ -102,7 +102,7 @@ def begin(start: Start | None, state: TrainState) -> TrainState:
 
 
 def origins(starts: list[Start | None]) -> list[dict[str, Any] | None]:
-    """What the run of each member remembers."""
+    """Return the record of each member's initial sensor."""
     return [start.origin if start else None for start in starts]
 
 
@@ -121,7 +121,7 @@ def _start(run: Path, inside: str, config: Config) -> Start | None:
     ]
     if others:
         raise RequestError(
-            f"--init: {run} cannot be used: {others[0]}; give the --config and --set that it was trained with"
+            f"--init: {run} cannot be used: {others[0]}; use the --config and --set of its training"
         )
     told = {
         "sensor": checkpoint.fingerprint_of(sensor),

@@ -1,4 +1,4 @@
-"""One step of training, pure: the loss of a batch of windows, its gradient, the optimiser's update."""
+"""One training step as a pure function: loss of a batch of windows, gradient and optimiser update."""
 
 from collections.abc import Callable
 from functools import partial
@@ -16,12 +16,12 @@ from mjx_fit.types import Array, Observation, pytree
 
 
 class Recipe(NamedTuple):
-    """What a step is made of; hashable, so that it can be static under jit.
+    """Static settings of a training step; hashable, as a static argument of jit must be.
 
     Attributes:
-        graphdef: The sensor without its arrays.
-        config: ``sensor`` and ``train`` are used.
-        steps_per_epoch: For the schedule of the learning rate.
+        graphdef: Structure of the sensor, without its arrays.
+        config: Configuration, with its sections ``sensor`` and ``train`` in use.
+        steps_per_epoch: Number of steps per epoch, for the learning-rate schedule.
     """
 
     graphdef: nnx.GraphDef
@@ -31,7 +31,7 @@ class Recipe(NamedTuple):
 
 @pytree
 class TrainState:
-    """What a step of training changes, and the input scaling, which it does not."""
+    """Trainable state (parameters, optimiser) and the fixed input normalisation."""
 
     params: PyTree[Float[Array, "..."]]
     scale: PyTree[Float[Array, "..."]]
@@ -39,7 +39,7 @@ class TrainState:
 
 
 def optimizer(config: Config, steps_per_epoch: int) -> optax.GradientTransformation:
-    """AdamW; without weight decay it is Adam."""
+    """Return the AdamW optimiser; it equals Adam if the weight decay is zero."""
     train = config.train
     rate = train.learning_rate
     if train.schedule == "cosine":
@@ -54,17 +54,17 @@ def train_step(
     weight: Float[Array, "n *length"],
     dropout: Key[Array, ""],
 ) -> tuple[TrainState, Loss]:
-    """Follow the gradient of the mean loss over the windows that count.
+    """Take one optimiser step on the mean loss over the windows with weight 1.
 
     Args:
-        recipe: Static.
-        state: Before.
-        sample: n windows, or n chains of them.
-        weight: 1 for those that count, 0 for the others.
-        dropout: Source of the dropout.
+        recipe: Static settings of the step.
+        state: State before the step.
+        sample: Batch of n windows, or n chains of windows.
+        weight: Weight of each window: 1 to include it, 0 to ignore it.
+        dropout: Seed of the dropout.
 
     Returns:
-        The new state, and the terms of the loss before it, summed.
+        The new state, and the summed loss terms before the step.
     """
     key = dropout if recipe.config.sensor.dropout else None
 
@@ -81,7 +81,7 @@ def train_step(
 def validation_step(
     recipe: Recipe, state: TrainState, sample: Sample, weight: Float[Array, "n *length"]
 ) -> Loss:
-    """The terms of the loss over the windows that count, summed, without dropout."""
+    """Sum the loss terms over the windows with weight 1, without dropout."""
     return _losses(recipe, state.params, state.scale, sample, weight, None)
 
 

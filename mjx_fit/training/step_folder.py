@@ -1,4 +1,4 @@
-"""Folders of numbered steps, each there as a whole or not at all, with the SHA-256 of every file in it."""
+"""Folders of numbered steps, written atomically, with the SHA-256 of every file."""
 
 import errno
 import json
@@ -16,11 +16,11 @@ from mjx_fit.utils import bounded_json, files
 
 DIGESTS = "digests.json"
 EARLIER = "_CHECKPOINT_METADATA"
-"""What a step has that was written before there were digests."""
+"""File that marks a step from an earlier version without digests."""
 
 _STEP = re.compile(r"0|[1-9][0-9]{0,8}")
 _TEMPORARY = re.compile(r"[0-9]+\.[0-9a-f]{16}\.tmp|.*orbax-checkpoint-tmp.*|\..*")
-"""What a kill leaves behind, here and in earlier versions, and what desktops leave in folders."""
+"""Names of temporary files after a kill, from this and earlier versions, and of hidden desktop files."""
 _STALE = re.compile(r"[0-9]+\.[0-9a-f]{16}\.tmp|[0-9]+\.orbax-checkpoint-tmp.*")
 _MOST_FILES = 10_000
 _UNSUPPORTED = {errno.EINVAL, errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOTSUP}
@@ -29,12 +29,12 @@ _SCHEMA = TypeAdapter(dict[str, Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
 
 def write(folder: Path, step: int, fill: Callable[[Path], None]) -> None:
-    """Makes a step, then removes those before it; a kill at any moment leaves the one or the other.
+    """Write a step, then remove the previous ones; a kill at any moment leaves one of them intact.
 
     Args:
-        folder: Of the steps.
-        step: Its number.
-        fill: Writes the files into an empty folder.
+        folder: Folder of the steps.
+        step: Number of the step.
+        fill: Function that writes the files into an empty folder.
     """
     files.make_folder(folder)
     _remove(path for path in folder.iterdir() if _STALE.fullmatch(path.name))
@@ -45,7 +45,7 @@ def write(folder: Path, step: int, fill: Callable[[Path], None]) -> None:
         digests = {name: files.sha256(temporary / name) for name in sorted(_files(temporary))}
         (temporary / DIGESTS).write_text(_rendered(digests))
         _sync_all(temporary)
-        if os.path.lexists(target):  # the epoch was run again: equal, or by another machine
+        if os.path.lexists(target):  # the epoch was repeated: same result, or from another machine
             target.rename(_temporary(folder, step))
         temporary.rename(target)
     except BaseException:
@@ -56,30 +56,30 @@ def write(folder: Path, step: int, fill: Callable[[Path], None]) -> None:
 
 
 def newest(folder: Path) -> Path | None:
-    """The folder of the last step, or None where there is none.
+    """Return the folder of the last step, or None if no step exists.
 
     Raises:
-        ValueError: Something else is in the place of a step.
+        ValueError: The folder holds something other than steps.
     """
     steps: list[Path] = []
     for path in folder.iterdir() if folder.is_dir() else ():
         if _TEMPORARY.fullmatch(path.name):
             continue
         if not _STEP.fullmatch(path.name) or path.is_symlink() or not path.is_dir():
-            raise ValueError(f"it holds {path.name[:40]!a}, which is no checkpoint")
+            raise ValueError(f"it holds {path.name[:40]!a}, which is not a checkpoint")
         steps.append(path)
     return max(steps, key=lambda path: int(path.name), default=None)
 
 
 def require_whole(step: Path) -> bool:
-    """Makes sure that every file of a step is as it was written.
+    """Check that every file of a step is unchanged since it was written.
 
     Returns:
-        False where nothing says how that was: the step was written before there were digests.
+        False if the step has no digests because an earlier version wrote it.
 
     Raises:
         OSError: A file cannot be read.
-        ValueError: One is another, is missing, or is one too many.
+        ValueError: A file is damaged, missing or foreign.
     """
     there = _files(step)
     if DIGESTS not in there:
@@ -90,16 +90,16 @@ def require_whole(step: Path) -> bool:
         text = bounded_json.read_text(step / DIGESTS)
         digests = bounded_json.check(_SCHEMA, bounded_json.loads(text))
         if text != _rendered(digests):
-            raise ValueError("it is not as it was written")
+            raise ValueError("it was modified")
     except ValueError as error:
         raise ValueError(f"{DIGESTS} is damaged: {error}") from None
     odd = sorted(digests.keys() ^ (there - {DIGESTS}))
     if odd:
         name = ascii(odd[0])[1:-1][:80]
-        raise ValueError(f"{name} is {'missing: it is' if odd[0] in digests else 'not'} in {DIGESTS}")
+        raise ValueError(f"{name} is {'missing but listed' if odd[0] in digests else 'not'} in {DIGESTS}")
     for name, digest in digests.items():
         if files.sha256(step / name) != digest:
-            raise ValueError(f"{name} is damaged: its SHA-256 is not the one in {DIGESTS}")
+            raise ValueError(f"{name} is damaged: its SHA-256 differs from the one in {DIGESTS}")
     return True
 
 
@@ -108,14 +108,14 @@ def _rendered(digests: dict[str, str]) -> str:
 
 
 def _files(step: Path) -> set[str]:
-    """Names of all files in a folder, relative to it; a link is not followed, and not allowed."""
+    """Return the relative paths of all files in a folder; a symbolic link raises ValueError."""
     names: set[str] = set()
     for place, folders, found in os.walk(step):
         for name in (*folders, *found):
             path = Path(place, name)
             if path.is_symlink() or not (path.is_dir() or path.is_file()):
                 raise ValueError(
-                    f"{ascii(path.relative_to(step).as_posix())[1:-1][:80]} is no file of its own"
+                    f"{ascii(path.relative_to(step).as_posix())[1:-1][:80]} is not a regular file"
                 )
         names |= {Path(place, name).relative_to(step).as_posix() for name in found}
         if len(names) > _MOST_FILES:
@@ -147,7 +147,7 @@ def _sync_all(folder: Path) -> None:
 
 
 def _sync(path: Path) -> None:
-    """As far as the file system can."""
+    """Flush a path to disk, if the file system supports it."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)

@@ -1,7 +1,7 @@
-"""A flat dictionary of arrays in a folder: Orbax writes it, as Zarr arrays in one key-value store.
+"""Store a flat dictionary of arrays in a folder; Orbax writes Zarr arrays into one key-value store.
 
-It is read straight from that store, one array after the other: what is damaged ends in one error, where
-Orbax's tasks leave tracebacks of their own.
+The reader accesses that store directly, one array at a time, so damage raises a single error instead of
+tracebacks from Orbax's tasks.
 """
 
 from pathlib import Path
@@ -14,28 +14,28 @@ import tensorstore as ts
 Arrays = dict[str, np.ndarray]
 
 LARGEST, MOST = 2**34, 100_000
-"""Bytes of all arrays together, and how many there may be."""
+"""Maximum total size of the arrays, bytes, and maximum number of arrays."""
 _HEADER = "/.zarray"
 
 
 def write(folder: Path, arrays: Arrays) -> None:
-    """Stores the arrays in a new folder; of where that is, nothing is left in it."""
+    """Store the arrays in a new folder, without a record of its location."""
     with ocp.PyTreeCheckpointer(use_ocdbt=True, use_zarr3=False) as checkpointer:
         checkpointer.save(folder.absolute(), arrays)
-    (folder / "commit_success.txt").unlink(missing_ok=True)  # it says where it was written
+    (folder / "commit_success.txt").unlink(missing_ok=True)  # it contains the path
 
 
 def read(folder: Path) -> Arrays:
-    """The arrays of a folder.
+    """Read the arrays of a folder.
 
     Raises:
-        ValueError: It holds none, or they cannot be read, or are larger than any of ours.
+        ValueError: The folder holds no arrays, or they are unreadable or too large.
     """
     try:
         return _read(folder)
     except ValueError:
         raise
-    except Exception as error:  # the store raises whatever it likes
+    except Exception as error:  # the store raises many types
         raise ValueError(" ".join(str(error).split())[:120]) from None
 
 
@@ -52,8 +52,8 @@ def _read(folder: Path) -> Arrays:
 
 
 def _open(store: dict[str, Any]) -> Any:
-    """An array that is there, not read yet."""
+    """Open an existing array without reading it."""
     array = ts.open({"driver": "zarr", "kvstore": store}, open=True, read=True, write=False).result()
     if array.dtype.numpy_dtype.kind not in "fiub":
-        raise ValueError(f"{store['path']} holds {array.dtype.name}")
+        raise ValueError(f"{store['path']} has the unsupported type {array.dtype.name}")
     return array

@@ -1,4 +1,4 @@
-"""The sensor and, behind it, the baseline that the paper compares it with, in one run."""
+"""Train the sensor, then the frame-by-frame baseline of the paper, in one run."""
 
 import sys
 from dataclasses import replace
@@ -21,20 +21,19 @@ from mjx_fit.utils import memory
 
 
 def train_from(folder: Path, config: Config, run: Run) -> bool:
-    """Train both on a stored data set, or go on with what was begun.
+    """Train both sensors on a stored data set, or resume their training.
 
     Args:
-        folder: Of the data set.
-        config: Everything.
-        run: Where, from which seed, how many sensors, and what they start from.
+        folder: Folder of the data set.
+        config: Full configuration.
+        run: Output folder, seed, number of sensors and initial weights.
 
     Returns:
-        Whether anything was left to do.
+        False if the run was already complete.
 
     Raises:
-        RequestError: The data are of another scene or controller, ``train.sequence`` does not fit them, or
-            ``train.mirror`` the shapes; and
-            as ``mjx_fit.training.loop.train``.
+        RequestError: The data come from another scene or controller, ``train.sequence`` does not suit the
+            data, or ``train.mirror`` does not suit the shapes; see also ``mjx_fit.training.loop.train``.
     """
     there = read_manifest(folder)
     request = there.request
@@ -47,16 +46,16 @@ def train_from(folder: Path, config: Config, run: Run) -> bool:
 
 @run_folder.held
 def train_with_baseline(data: Episode, config: Config, run: Run) -> bool:
-    """Train the sensor, then the frame-by-frame one on the same episodes, or go on with what was begun.
+    """Train the sensor, then the frame-by-frame baseline on the same episodes, or resume either.
 
-    ``checkpoint.load_sensor(run.out / FRAME_BY_FRAME)`` loads the second; each member has its own.
-    With ``train.baseline_share: 0``, or where the sensor itself is of that kind, it is left out.
+    ``checkpoint.load_sensor(run.out / FRAME_BY_FRAME)`` loads the baseline; each member has its own. The
+    baseline is skipped if ``train.baseline_share`` is 0 or the sensor itself is frame-by-frame.
 
     Returns:
-        Whether anything was left to do.
+        False if the run was already complete.
 
     Raises:
-        RequestError: As ``mjx_fit.training.loop.train``.
+        RequestError: See ``mjx_fit.training.loop.train``.
     """
     _say_what_is_left_out(data)
     trained = train(data, config, run)
@@ -66,13 +65,13 @@ def train_with_baseline(data: Episode, config: Config, run: Run) -> bool:
 
 
 def _require_memory(episodes: int, steps: int, config: Config) -> None:
-    """Refuses what certainly needs more memory than there is: all traces, and a batch of windows."""
+    """Refuse training that cannot fit in memory: all traces and one batch of windows."""
     memory.require(episodes * steps * ACTION_BYTES, f"--data: {episodes:,} interactions", "train on fewer")
     windows = min(config.train.batch_size, episodes) * config.train.max_window
     memory.require(
         (episodes * steps + windows) * ACTION_BYTES,
-        f"config: train.batch_size: {config.train.batch_size} beside the data",
-        "lower it or train.max_window",
+        f"config: train.batch_size: {config.train.batch_size} with these data",
+        "lower it, or lower train.max_window",
     )
 
 
@@ -80,7 +79,7 @@ def _say_what_is_left_out(data: Episode) -> None:
     invalid = np.asarray(~data.rollout.truth.valid)
     if invalid.any():
         print(
-            f"mjx-fit: {invalid.sum():,} of {len(invalid):,} interactions are not valid: left out",
+            f"mjx-fit: {invalid.sum():,} of {len(invalid):,} interactions are invalid and left out",
             file=sys.stderr,
         )
 

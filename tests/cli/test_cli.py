@@ -186,7 +186,7 @@ def test_run_without_a_checkpoint(refused, tmp_path):
     command = ["evaluate", "assembly", "--methods", "full", "--out", out]
     assert "no such folder" in refused(*command, "--run", run)
     run.mkdir()
-    assert "no training run" in refused(*command, "--run", run)
+    assert "not a training run" in refused(*command, "--run", run)
     (run / "config.yaml").write_text(config_to_yaml(Config()))
     assert "no checkpoint" in refused(*command, "--run", run)
     assert not out.exists()

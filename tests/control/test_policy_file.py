@@ -149,10 +149,10 @@ def test_results_say_whose_they_are_and_are_not_replayed(file, tmp_path, capsys)
 def test_python_needs_a_name_to_store_a_policy(tmp_path):
     unnamed = mf.make_engine("native", policy=mf.stateless_policy(lambda seen: jnp.zeros(3)))
     plan = mf.CollectionPlan(episodes=2, actions=2, engine="native")
-    with pytest.raises(RequestError, match="its policy has no name"):
+    with pytest.raises(RequestError, match="its custom policy has no name"):
         mf.collect_dataset(tmp_path / "a", plan, engine=unnamed)
     named = mf.make_engine("native", policy=mf.stateless_policy(lambda seen: jnp.zeros(3), "still"))
-    with pytest.raises(RequestError, match="'spiral' does not match the engine's own policy, 'still'"):
+    with pytest.raises(RequestError, match="'spiral' does not match the engine's custom policy, 'still'"):
         mf.collect_dataset(tmp_path / "a", plan, engine=named)
     assert not (tmp_path / "a").exists()
 
@@ -167,6 +167,6 @@ def test_a_diverged_simulation_names_its_policy(tmp_path):
     reporting = failures.Reporting(engine, mf.Config(), tmp_path / "broken")
     assert not reporting.run(attempts, actions=2).truth.valid.any()
     kept = sorted((tmp_path / "broken").iterdir())
-    with pytest.raises(RequestError, match="a policy of its own: give that policy"):
+    with pytest.raises(RequestError, match="needs the custom policy of its engine"):
         failures.replay(kept[0])
     assert not failures.replay(kept[0], policy).truth.valid[0]

@@ -220,7 +220,7 @@ def test_a_peg_that_left_its_plate_is_treated_likewise(rollouts, tmp_path, capsy
         assert tip == pytest.approx(done.felt.trace.tip_pos_world[LEFT, last - 1], abs=1e-5)
         assert failures.report(done, attempts, np.arange(12), 4, CONFIG, tmp_path) == 1
         assert (
-            f"episode 3: the peg left the plate in action {last}; it is left out" in capsys.readouterr().err
+            f"episode 3: the peg left the socket in action {last}; it is left out" in capsys.readouterr().err
         )
 
 

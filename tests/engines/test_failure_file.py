@@ -61,7 +61,7 @@ def test_what_is_right_is_read(tmp_path):
 @pytest.mark.parametrize("name", CHANGES)
 def test_what_is_not_is_one_line(name, tmp_path):
     np.savez(tmp_path / "b.npz", **RIGHT | CHANGES[name])
-    with pytest.raises(RequestError, match=r"b\.npz is not the file of a broken world") as error:
+    with pytest.raises(RequestError, match=r"b\.npz is not the file of a diverged simulation") as error:
         failures.replay(tmp_path / "b.npz")
     assert "\n" not in str(error.value)
 

@@ -26,9 +26,9 @@ CONFIG = Config()
 SCENE = CONFIG.scene
 LIMIT_NM = np.array(PANDA.torque_limit_nm, np.float32)
 PUSHES = {
-    "the peg left the plate": (0.05, 0, 0),
-    "degrees (at most 45 are believed)": (0, 0, -1.0),
-    "a joint had been at its torque limit for 2.0 s": (0, 0, -0.1),
+    "the peg left the socket": (0.05, 0, 0),
+    "degrees (at most 45 are plausible)": (0, 0, -1.0),
+    "a joint reached 2.0 s at its torque limit": (0, 0, -0.1),
 }
 
 
@@ -147,7 +147,7 @@ def test_many_are_counted_and_not_all_named(tmp_path, capsys):
     assert failures.report(done, attempts, np.arange(30), 2, CONFIG, tmp_path) == 15
     said = capsys.readouterr().err.splitlines()
     assert len(said) == failures.MOST_LINES + 1
-    assert "5 more episodes of this batch are left out likewise" in said[-1]
+    assert "5 more episodes of this batch are left out, too" in said[-1]
     assert failures.kept_in(tmp_path) == 15
 
 
@@ -161,6 +161,6 @@ def test_a_data_set_counts_them_and_training_leaves_them_out(tmp_path, monkeypat
     assert "6 invalid" in capsys.readouterr().err
     monkeypatch.setattr(train, "train", lambda *args, **kwargs: False)
     train.train_with_baseline(data, CONFIG, Run(tmp_path / "run", 0))
-    assert capsys.readouterr().err == "mjx-fit: 6 of 12 interactions are not valid: left out\n"
+    assert capsys.readouterr().err == "mjx-fit: 6 of 12 interactions are invalid and left out\n"
     train.train_with_baseline(make_episodes(), CONFIG, Run(tmp_path / "run", 0))
     assert capsys.readouterr().err == ""

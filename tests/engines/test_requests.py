@@ -212,7 +212,7 @@ NO_BELIEF = {
     "pos_cov of row 1: .*5e-05": lambda b: dataclasses.replace(
         b, pos_cov=at(b.pos_cov, [[1e-4, 5e-5], [0, 1e-4]])
     ),
-    "type_logp of row 1: .* exponentials must add up to 1": lambda b: dataclasses.replace(
+    "type_logp of row 1: .* expected exponentials that sum to 1": lambda b: dataclasses.replace(
         b, type_logp=at(b.type_logp, 0.0)
     ),
     r"type_logp: shape \(4, 4\) is invalid": lambda b: dataclasses.replace(b, type_logp=np.zeros((N, 4))),

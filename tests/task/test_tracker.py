@@ -231,7 +231,7 @@ def test_an_attempt_of_another_peg_place_or_a_filled_hole_is_refused(tracker, fa
     before = jax.tree.map(np.copy, tracker.belief)
     for what, hole, felt in (
         ("peg_type: 0 cannot be used: square is in hand", 1, replace(failed[1], peg_type=np.int32(0))),
-        ("estimate_world: .* an attempt at hole 0 starts from", 0, replace(failed[0], peg_type=np.int32(2))),
+        ("estimate_world: .* an attempt at hole 0 must start", 0, replace(failed[0], peg_type=np.int32(2))),
         ("hole 2 cannot be used: it is filled", 2, replace(failed[2], peg_type=np.int32(2))),
         ("hole: 0.5 is invalid", 0.5, failed[0]),
     ):

@@ -108,7 +108,7 @@ def test_a_file_that_is_missing_or_one_too_many_is_named(folder, capfd):
     assert "default/more is not in digests.json" in refusal(folder, capfd)
     more.unlink()
     more.symlink_to("/etc/hostname")
-    assert "default/more is no file of its own" in refusal(folder, capfd)
+    assert "default/more is not a regular file" in refusal(folder, capfd)
     more.unlink()
     assert load(folder) is not None
 
@@ -127,9 +127,9 @@ def test_digests_that_are_none(text, folder, capfd):
 def test_a_step_that_is_none_is_one_line(name, folder, capfd):
     """Found beside a checkpoint, or in the place of it."""
     (folder / name).mkdir()
-    assert "is no checkpoint" in refusal(folder, capfd)
+    assert "is not a checkpoint" in refusal(folder, capfd)
     shutil.rmtree(folder / "7")
-    assert "is no checkpoint" in refusal(folder, capfd)
+    assert "is not a checkpoint" in refusal(folder, capfd)
 
 
 def test_an_empty_step_is_one_line_and_a_link_is_none(folder, capfd):
@@ -139,10 +139,10 @@ def test_an_empty_step_is_one_line_and_a_link_is_none(folder, capfd):
     assert "999 cannot be read: it is empty" in refusal(folder, capfd)
     shutil.rmtree(folder / "999")
     (folder / "999").symlink_to(folder / "7")
-    assert "'999', which is no checkpoint" in refusal(folder, capfd)
+    assert "'999', which is not a checkpoint" in refusal(folder, capfd)
     (folder / "999").unlink()
     (folder / "999").write_text("a file")
-    assert "'999', which is no checkpoint" in refusal(folder, capfd)
+    assert "'999', which is not a checkpoint" in refusal(folder, capfd)
     (folder / "999").unlink()
     assert (load(folder) or (0,))[0] == 7
 
@@ -191,8 +191,8 @@ def test_weights_that_are_not_finite_are_no_sensor(tmp_path):
     step, arrays = load(run / BEST) or (0, {})
     name = next(name for name, leaf in arrays.items() if leaf.ndim > 1)
     for wrong, word in (
-        (np.full_like(arrays[name], np.nan), "no finite numbers"),
-        (np.full_like(arrays[name], -np.inf), "no finite numbers"),
+        (np.full_like(arrays[name], np.nan), "non-finite numbers"),
+        (np.full_like(arrays[name], -np.inf), "non-finite numbers"),
         (arrays[name][1:], "does not fit the configuration"),
         (arrays[name].astype(np.float64), "type float64 does not fit the configuration"),
         (arrays[name].astype(np.int32), "type int32 does not fit the configuration"),

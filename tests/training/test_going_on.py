@@ -132,7 +132,7 @@ def test_a_cosine_run_says_why_it_does_not_go_on_and_what_does(tmp_path):
         with pytest.raises(RequestError, match=r"cosine brings the .* to zero; .*--init") as caught:
             train(DATA, waved(epochs=epochs), Run(tmp_path / "run", 0))
         assert "\n" not in str(caught.value)
-    assert "cosine; --init" in run_files.ended(tmp_path / "run", waved(epochs=1))
+    assert "cosine has ended; use --init" in run_files.ended(tmp_path / "run", waved(epochs=1))
 
 
 def test_a_run_starts_from_anothers_best_sensor(run, tmp_path):
@@ -211,7 +211,7 @@ def test_other_dropout_and_other_settings_of_training_are_allowed(run, tmp_path)
 
 def test_what_is_no_run_is_refused_by_its_option(run, tmp_path):
     (tmp_path / "empty").mkdir()
-    for init, why in ((tmp_path / "nowhere", "no such folder"), (tmp_path / "empty", "no training run")):
+    for init, why in ((tmp_path / "nowhere", "no such folder"), (tmp_path / "empty", "not a training run")):
         with pytest.raises(RequestError, match=f"^--init: .*{why}"):
             train(OTHER_DATA, with_train(epochs=1), Run(tmp_path / "a", 1, init=init))
     assert not (tmp_path / "a").exists()

@@ -111,7 +111,7 @@ def test_what_a_kill_tears_is_cut(torn, run):
 def test_metrics_that_lack_epochs_are_no_curve(run):
     for left in (2, 0):
         write_rows(run, *(ROW | {"epoch": epoch} for epoch in range(left)))
-        with pytest.raises(RequestError, match=f"it ends after epoch {left}, and the checkpoint after 3"):
+        with pytest.raises(RequestError, match=f"it ends after epoch {left}, but the checkpoint after 3"):
             run_files.keep_metrics(run, 3)
     with pytest.raises(RequestError, match="it holds no epoch"):
         run_files.summary(run)

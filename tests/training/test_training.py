@@ -205,7 +205,7 @@ def test_too_little_data_and_impossible_windows_are_refused(tmp_path):
 def test_runs_that_cannot_be_loaded_are_named(run, tmp_path):
     with pytest.raises(RequestError, match="no such folder"):
         load_sensor(tmp_path / "nowhere")
-    with pytest.raises(RequestError, match="no training run"):
+    with pytest.raises(RequestError, match="not a training run"):
         load_sensor(tmp_path)
     out = tmp_path / "run"
     shutil.copytree(run, out)
@@ -361,8 +361,8 @@ def test_training_through_sequences(tmp_path, monkeypatch):
         assert one == pytest.approx(other, rel=1e-4, abs=1e-4)
     asked = {"steps": 8, "config": config_to_tree(Config())}
     for request, message in (
-        ({"sequence": 2, "sensor": "x"}, "they have 2 attempts in a row; collect them with --sequence 3"),
-        ({"sequence": 3}, "start from drawn estimates; collect them with the --run of a sensor"),
+        ({"sequence": 2, "sensor": "x"}, "their sequences have 2 attempts; collect them with --sequence 3"),
+        ({"sequence": 3}, "start from sampled estimates; collect them with the --run of a sensor"),
         ({"sequence": 3, "sensor": "x", "steps": 9}, "train.min_window: 8 cannot be used .* at least 9"),
     ):
         with pytest.raises(RequestError, match=message):
@@ -410,7 +410,7 @@ def test_a_run_says_when_its_sensor_is_worse_than_none(tmp_path, best_nll, is_wo
         run_files.append_metrics(tmp_path, {"epoch": epoch, "val_nll": nll, "prior_nll": 1.3})
     said = run_files.summary(tmp_path)
     assert f"validation NLL {best_nll:.3f} after epoch 2 of 2, 1.300 without the sensor" in said
-    assert ("worse than none" in said) == is_worse
+    assert ("does not help yet" in said) == is_worse
 
 
 def test_the_saver_waits_for_every_member_and_keeps_the_first_of_equals(tmp_path, monkeypatch):

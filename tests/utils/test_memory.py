@@ -136,7 +136,7 @@ def test_training_that_cannot_fit_is_refused_before_the_data_are_read(monkeypatc
     assert "--data: 20 interactions cannot be used: it needs 0 MB" in capsys.readouterr().err
     having(monkeypatch, 20 * 12 * ACTION_BYTES)
     assert main.main(asked) == 2
-    assert "config: train.batch_size: 32 beside the data cannot be used" in capsys.readouterr().err
+    assert "config: train.batch_size: 32 with these data cannot be used" in capsys.readouterr().err
     assert not (tmp_path / "run").exists()
 
 

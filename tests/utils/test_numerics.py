@@ -197,7 +197,7 @@ def test_nor_a_run(tmp_path, other, capsys):
     assert capsys.readouterr().err == ""
     begin(provenance.versions() | {"jax": "0.1"})
     run_folder.require_same_arithmetic(tmp_path)
-    assert "was begun with jax 0.1, and goes on with" in capsys.readouterr().err
+    assert "was begun with jax 0.1 and resumes with" in capsys.readouterr().err
 
 
 SETTINGS = (

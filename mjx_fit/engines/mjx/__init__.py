@@ -1,7 +1,7 @@
-"""Scenes in motion: the engines."""
+"""MJX engine: batched physics in JAX."""
 
 import io
 from contextlib import redirect_stdout
 
-with redirect_stdout(io.StringIO()):  # MJX prints that Warp is missing, which would spoil --json
+with redirect_stdout(io.StringIO()):  # MJX prints that Warp is missing, which would corrupt --json
     import mujoco.mjx  # noqa: F401

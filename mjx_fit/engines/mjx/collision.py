@@ -1,15 +1,16 @@
-"""Where the peg's boxes and the plate's boxes touch: the deepest points, for all worlds at once.
+"""Find the deepest contact points between the boxes of peg and socket, for all worlds at once.
 
-MJX's own collision of boxes is made for any boxes anywhere, one pair at a time. Here all boxes of the peg
-turn together and the plate's stand along the axes, so that the axes of the separating axis test are the same
-for all pairs of a world, and few pairs touch at a time. A face on a face gives what MuJoCo's C engine gives:
-the incident face clipped against the face of least overlap. Where C finds edge on edge and reports one point,
-this gives the clipped points of the faces, as MJX does for boxes that are nearly aligned: somewhat more and
-stiffer contact in about a quarter of C's points (experiments/physics/parity.py).
+MJX's own box collision handles arbitrary boxes, one pair at a time. This module exploits that all boxes of
+the peg rotate together and those of the socket are axis-aligned: the axes of the separating axis test are the
+same for all pairs of a world, and few pairs touch at a time. A contact between faces gives the same result as
+MuJoCo's C engine: the incident face clipped against the face of least overlap. Where the C engine finds a
+contact between edges and reports one point, this module gives the clipped points of the faces, as MJX does
+for nearly aligned boxes: somewhat more and stiffer contact at about a quarter of the C engine's points
+(experiments/physics/parity.py).
 
-The peg is taken to be within 45 degrees of upright and of the plate's axes, as a peg in any attempt is.
+The peg must be within 45 degrees of upright and of the socket's axes, as in any valid attempt.
 
-Arrays have the worlds, ``b``, last: see ``mjx_fit.utils.linalg``.
+The worlds, ``b``, are the last axis of all arrays: see ``mjx_fit.utils.linalg``.
 """
 
 from functools import reduce
@@ -22,16 +23,16 @@ from mjx_fit.types import Array
 from mjx_fit.utils.linalg import cross, largest, times, total
 
 MOST_PAIRS = 6
-"""Pairs of boxes whose contact points are looked at: those that overlap most. Mostly one to three touch."""
+"""Number of box pairs tested for contact, by largest overlap; usually one to three touch."""
 
 
 class Points(NamedTuple):
-    """Contact points, the deepest first; those that are not there have a positive distance.
+    """Contact points, the deepest first; unused ones have a positive distance.
 
     Attributes:
         dist: Distance, negative in contact, m.
-        pos_plate: Place, midway between the surfaces, from the plate's origin, m.
-        frame: The contact's axes as rows: the normal from the peg to the plate, and two tangents.
+        pos_plate: Position midway between the surfaces, relative to the socket's origin, m.
+        frame: Contact axes as rows: the normal from the peg to the socket, and two tangents.
     """
 
     dist: Float[Array, "n b"]
@@ -40,17 +41,17 @@ class Points(NamedTuple):
 
 
 class _Overlap(NamedTuple):
-    """Pairs of boxes as seen from the face of least overlap, the reference; axis 0 is its normal.
+    """Pairs of boxes in the frame of the face of least overlap, the reference; axis 0 is its normal.
 
     Attributes:
-        depth: Least overlap of the two boxes, m; negative where they are apart.
-        side: 1 or -1: on which side of the reference box the other, the incident one, lies.
+        depth: Least overlap of the two boxes, m; negative if they are apart.
+        side: Side of the reference box, 1 or -1, on which the incident box lies.
         half: Half sizes of the reference box, m.
         face: Centre of the incident face, m.
-        edges: Its two half edges, m.
-        origin: Centre of the reference box, from the plate's origin, m.
-        basis: The reference's axes in the plate's frame, as columns.
-        normal: From the peg to the plate, in the plate's frame.
+        edges: Two half edges of the incident face, m.
+        origin: Centre of the reference box, relative to the socket's origin, m.
+        basis: Axes of the reference in the socket frame, as columns.
+        normal: Normal from the peg to the socket, in the socket frame.
     """
 
     depth: Float[Array, "k b"]
@@ -64,10 +65,10 @@ class _Overlap(NamedTuple):
 
 
 class Boxes(NamedTuple):
-    """The boxes of a body.
+    """Boxes of a body.
 
     Attributes:
-        centre: In the body's frame, m.
+        centre: Centres in the body frame, m.
         half: Half sizes, m.
     """
 
@@ -82,13 +83,13 @@ def deepest_points(
     peg_frame_plate: Float[Array, "3 3 b"],
     count: int,
 ) -> Points:
-    """The deepest contact points of a peg and a plate.
+    """Compute the deepest contact points of a peg and a socket.
 
     Args:
-        peg: Its boxes.
-        plate: Its boxes.
-        peg_pos_plate: Where the peg's frame is in the plate's, m.
-        peg_frame_plate: The peg's axes in the plate's frame, as columns.
+        peg: Boxes of the peg.
+        plate: Boxes of the socket.
+        peg_pos_plate: Origin of the peg frame in the socket frame, m.
+        peg_frame_plate: Axes of the peg in the socket frame, as columns.
         count: Number of points.
     """
     centre = peg_pos_plate + total(peg_frame_plate * peg.centre[:, None], 2)
@@ -109,13 +110,13 @@ def deepest_points(
 
 
 def _overlaps(between, peg_half, plate_half, frame):
-    """Overlap of boxes along the plate's axes and along the peg's, (3, k, b) each, m.
+    """Compute the overlap of boxes along the axes of the socket and of the peg, (3, k, b) each, m.
 
     Args:
-        between: From the plate's box to the peg's (3, k, b), m.
+        between: Vector from the socket's box to the peg's box (3, k, b), m.
         peg_half: Half sizes of the peg's box (3, k, b), m.
-        plate_half: Half sizes of the plate's box (3, k, b), m.
-        frame: The peg's axes as columns (3, 3, b).
+        plate_half: Half sizes of the socket's box (3, k, b), m.
+        frame: Axes of the peg as columns (3, 3, b).
     """
     frame = frame[:, :, None]
     across = abs(frame)
@@ -125,7 +126,7 @@ def _overlaps(between, peg_half, plate_half, frame):
 
 
 def _reference(peg_at, plate_at, peg_half, plate_half, frame) -> _Overlap:
-    """Pairs of boxes, (3, k, b) each, as seen from the face of least overlap."""
+    """Express pairs of boxes, (3, k, b) each, in the frame of the face of least overlap."""
     between = peg_at - plate_at
     along_plate, along_peg = _overlaps(between, peg_half, plate_half, frame)
     on_plate = reduce(jnp.minimum, along_plate) <= reduce(jnp.minimum, along_peg)
@@ -159,7 +160,7 @@ def _reference(peg_at, plate_at, peg_half, plate_half, frame) -> _Overlap:
 
 
 def _by_axis(overlap):
-    """A function that turns vectors (3, k, b) so that the axis of least overlap comes first."""
+    """Return a function that permutes vectors (3, k, b) so that the axis of least overlap comes first."""
     first = (overlap[0] <= overlap[1]) & (overlap[0] <= overlap[2])
     second = ~first & (overlap[1] <= overlap[2])
 
@@ -172,9 +173,9 @@ def _by_axis(overlap):
 
 
 def _candidates(pairs: _Overlap) -> tuple[Float[Array, "m k b"], Float[Array, "m 2 k b"]]:
-    """Depth (not positive: no contact) and place on the reference face of all points that may be in contact.
+    """Compute depth (not positive: no contact) and position on the reference face of all candidate points.
 
-    Corners of the incident face, corners of the reference face, and crossings of their edges.
+    Candidates are the corners of the incident and the reference face, and the crossings of their edges.
     """
     (_, a, b), (edge, other), face = pairs.half, pairs.edges, pairs.face
     points = []
@@ -197,7 +198,7 @@ def _candidates(pairs: _Overlap) -> tuple[Float[Array, "m k b"], Float[Array, "m
 
 
 def _under_corner(a, b, face, edge, other):
-    """The point of the incident face over a corner (a, b) of the reference face, and whether it is there."""
+    """Compute the incident face's point over a corner (a, b) of the reference face, and whether it exists."""
     y, z = a - face[1], b - face[2]
     scale = 1 / (edge[1] * other[2] - edge[2] * other[1])
     u, v = (y * other[2] - z * other[1]) * scale, (z * edge[1] - y * edge[2]) * scale
@@ -205,7 +206,7 @@ def _under_corner(a, b, face, edge, other):
 
 
 def _deepest(pairs: _Overlap, depth, place, count: int) -> Points:
-    """The deepest of all candidates, in the plate's frame."""
+    """Select the deepest candidates, in the socket frame."""
     number = jnp.broadcast_to(jnp.arange(depth.shape[1], dtype=depth.dtype)[:, None], depth.shape)
     depth = jnp.where(pairs.depth > 0, depth, 0.0)
     fields = jnp.stack([depth, place[:, 0], place[:, 1], number]).reshape(4, -1, depth.shape[-1])
@@ -222,7 +223,7 @@ def _deepest(pairs: _Overlap, depth, place, count: int) -> Points:
 
 
 def _frame(normal: Float[Array, "3 n b"]) -> Float[Array, "3 3 n b"]:
-    """A normal and any two tangents."""
+    """Complete a normal to a frame with two arbitrary tangents."""
     x, y, z = normal
     zero = jnp.zeros_like(x)
     upright = abs(z) > 0.5
@@ -232,5 +233,5 @@ def _frame(normal: Float[Array, "3 n b"]) -> Float[Array, "3 3 n b"]:
 
 
 def _least(along):
-    """The least overlap of each pair of boxes."""
+    """Compute the least overlap of each pair of boxes."""
     return jnp.minimum(*(reduce(jnp.minimum, axes) for axes in along))

@@ -1,8 +1,8 @@
 """Contact in MJX, by ``mjx_fit.engines.mjx.collision`` and ``mjx_fit.engines.mjx.newton_solver``.
 
-``collide``, ``solve`` and ``integrate`` stand in the places of ``mjx.collision``, ``mjx.solve`` and
-``mjx.implicit``: they take and leave what those do, in scenes like this project's, one arm with a peg over
-one plate; ``require_supported`` says which. None of them, nor any other stage of a step, calls LAPACK.
+``collide``, ``solve`` and ``integrate`` replace ``mjx.collision``, ``mjx.solve`` and ``mjx.implicit`` with
+the same inputs and outputs, for scenes like this project's: one arm with a peg over one socket.
+``require_supported`` checks the scene. No stage of a step calls LAPACK.
 """
 
 # MuJoCo's extension module has no stubs.
@@ -21,11 +21,11 @@ from mjx_fit.utils.linalg import cholesky_factor, cholesky_solve, worlds_last
 
 
 def require_supported(model: mujoco.MjModel) -> None:
-    """Makes sure that a model is one that this module can read: of any other it would make nonsense.
+    """Check that this module supports a model; results for any other model would be wrong.
 
     Raises:
-        ValueError: Another cone or integrator, contacts of other dimensions, or joints other than hinges with
-            limits on both sides.
+        ValueError: The model has another cone or integrator, contacts of other dimensions, or joints other
+            than hinges with limits on both sides.
     """
     for what, holds in (
         ("an elliptic cone", model.opt.cone == mujoco.mjtCone.mjCONE_ELLIPTIC),
@@ -35,11 +35,11 @@ def require_supported(model: mujoco.MjModel) -> None:
         ("limits on every joint", (model.jnt_limited != 0).all()),
     ):
         if not holds:
-            raise ValueError(f"MJX here needs {what}")
+            raise ValueError(f"the MJX engine requires {what}")
 
 
 def collide(model: mjx.Model, data: mjx.Data) -> mjx.Data:
-    """Finds the deepest contact points of the peg and the plate; see ``mjx.collision``."""
+    """Find the deepest contact points between peg and socket; see ``mjx.collision``."""
     peg, plate = _geoms(model, "peg_box"), _geoms(model, "hole_box")
     peg_body, plate_body = (int(model.geom_bodyid[geoms[0]]) for geoms in (peg, plate))
     contact = data._impl.contact
@@ -49,8 +49,8 @@ def collide(model: mjx.Model, data: mjx.Data) -> mjx.Data:
         data.xpos[peg_body] - data.xpos[plate_body],
         data.xmat[peg_body],
     )
-    slide, spin, roll = jnp.maximum(model.geom_friction[peg[0]], mujoco.mjMINMU)  # as C does
-    # All boxes are alike in friction and stiffness, so that any one of each body stands for the others.
+    slide, spin, roll = jnp.maximum(model.geom_friction[peg[0]], mujoco.mjMINMU)  # as in the C engine
+    # All boxes share the same friction and stiffness, so one box represents its body.
     contact = contact.replace(
         dist=points.dist,
         pos=points.pos_plate + data.xpos[plate_body],
@@ -64,7 +64,7 @@ def collide(model: mjx.Model, data: mjx.Data) -> mjx.Data:
 
 
 def solve(model: mjx.Model, data: mjx.Data) -> mjx.Data:
-    """Finds the accelerations without and with the forces of limits and contacts; see ``mjx.solve``."""
+    """Compute the accelerations without and with limit and contact forces; see ``mjx.solve``."""
     impl = data._impl
     contacts = len(impl.contact.dist)
     solution = worlds_last(_solve)(
@@ -85,7 +85,7 @@ def solve(model: mjx.Model, data: mjx.Data) -> mjx.Data:
 
 
 def _solve(mass_matrix, torque, efc, friction, impratio, guess) -> newton_solver.Solution:
-    """MJX's rows, those of the limits before those of the contacts, as a problem, and its solution."""
+    """Convert MJX's constraint rows (limits first, then contacts) to a problem, and solve it."""
     jac, acc, weight = efc
     n = len(torque)
     contacts = friction_cones.from_rows(
@@ -101,9 +101,9 @@ def _solve(mass_matrix, torque, efc, friction, impratio, guess) -> newton_solver
 
 
 def integrate(model: mjx.Model, data: mjx.Data) -> mjx.Data:
-    """Advances the state by MuJoCo's integrator ``implicitfast``; see ``mjx.implicit``.
+    """Advance the state with MuJoCo's integrator ``implicitfast``; see ``mjx.implicit``.
 
-    The joints' damping is what it treats implicitly: (M + Δt B) a = all torques. Joints are hinges.
+    The integrator treats the joint damping implicitly: (M + Δt B) a = all torques. All joints are hinges.
     """
     step = model.opt.timestep
     velocity = worlds_last(_next_velocity)(
@@ -126,7 +126,7 @@ def _next_velocity(mass_matrix, damping, impulse, velocity):
 
 
 def _geoms(model: mjx.Model, prefix: str) -> Int[np.ndarray, "n"]:
-    """Ids of the geoms ``prefix0``, ``prefix1`` and so on."""
+    """Return the ids of the geoms ``prefix0``, ``prefix1`` and so on."""
     found = []
     while (geom := mjx.name2id(model, mujoco.mjtObj.mjOBJ_GEOM, f"{prefix}{len(found)}")) >= 0:
         found.append(geom)

@@ -1,4 +1,4 @@
-"""The MJX engine: one jitted function; scan over actions, scan over substeps, vmap over worlds."""
+"""MJX engine: one jitted function with scans over actions and simulation steps and a vmap over worlds."""
 
 # MuJoCo's extension module has no stubs.
 # pyright: reportAttributeAccessIssue=false
@@ -30,9 +30,10 @@ _WITHOUT_EMITTERS = {"xla_cpu_use_fusion_emitters": False}
 
 
 def compiler_options() -> dict[str, bool]:
-    """XLA:CPU's fusion emitters recompute the kinematic chain for every element: 200 times slower.
+    """Return the XLA options that disable the fusion emitters on a CPU.
 
-    JAX 0.11 dropped the option, and its emitters are better: there they cost a factor of two.
+    The emitters recompute the kinematic chain for every element, which is 200 times slower. JAX 0.11 dropped
+    the option; its improved emitters cost a factor of two.
     """
     return _WITHOUT_EMITTERS if jax.default_backend() == "cpu" and _can_do_without_emitters() else {}
 
@@ -47,28 +48,30 @@ def _can_do_without_emitters() -> bool:
 
 
 MOST_ROWS = 128
-"""Most worlds in one computation on a CPU, so that what it works on stays small; how many there are depends
-on the batch alone, since arithmetic may differ in the last bit from one number of rows to another. No stage
-calls LAPACK: batches of its calls within loops can wait for each other for ever (jaxlib 0.10;
-experiments/physics/deadlock.py shows it)."""
+"""Maximum number of worlds in one computation on a CPU, to keep its working set small.
+
+The actual number depends on the batch alone, because arithmetic may differ in the last bit between numbers of
+rows. No stage calls LAPACK: batches of its calls inside loops can deadlock (jaxlib 0.10;
+experiments/physics/deadlock.py demonstrates it).
+"""
 
 
 class MjxEngine:
-    """Runs attempts in MJX; see ``mjx_fit.engines.interface.Engine``.
+    """Engine that runs attempts in MJX; see ``mjx_fit.engines.interface.Engine``.
 
-    On a CPU, XLA runs this computation on one thread, so each host thread takes a part of the batch through
-    it. On an accelerator the batch is one computation.
+    XLA runs this computation on a single thread of a CPU, so each host thread processes a part of the batch.
+    The batch is one computation on an accelerator.
     """
 
     name = "mjx"
 
     def __init__(self, config: Config, threads: int, policy: Policy | None = None):
-        """Compiles the scene.
+        """Compile the scene.
 
         Args:
             config: The configuration.
-            threads: Host threads, where the device is the CPU.
-            policy: Gives the commands; None: the one that an attempt names.
+            threads: Number of host threads, if the device is a CPU.
+            policy: Custom policy; None: the policy that each attempt names.
 
         Raises:
             RequestError: The number of threads is invalid.
@@ -117,7 +120,7 @@ class MjxEngine:
         return jax.tree.map(lambda *parts: np.concatenate(parts)[:n], *(done[start] for start in starts))
 
     def _rows(self, n: int) -> int:
-        """Worlds in one computation: of two parts or more, so that there is work for two threads."""
+        """Return the number of worlds in one computation; a CPU gets at least two parts, for two threads."""
         if jax.default_backend() != "cpu":
             return n
         return -(-n // max(2, -(-n // MOST_ROWS)))
@@ -139,7 +142,7 @@ class MjxEngine:
         models = models_of(self._models, pair)
         qpos = attempt_rules.start_qpos(self._chain, attempts, self.scene.config)
         world = partial(self._world.rollout, actions=actions, horizon=horizon)
-        # Matrix products of lower precision (TF32 on some accelerators) ruin the constraint solver.
+        # Matrix products in lower precision (TF32 on some accelerators) break the constraint solver.
         with jax.default_matmul_precision("highest"):
             return jax.vmap(world, (self._axes, 0, 0, 0))(models, qpos, attempts, active)
 
@@ -150,8 +153,8 @@ class World:
 
     Attributes:
         config: The configuration.
-        scene: Its scene.
-        policy: Gives the commands.
+        scene: Scene of the world.
+        policy: Policy that computes the commands.
     """
 
     config: Config
@@ -167,7 +170,7 @@ class World:
         actions: int,
         horizon: int,
     ) -> Rollout:
-        """One attempt, from a posture; a world that is not active stands still."""
+        """Simulate one attempt from a start posture; an inactive world does not move."""
         data = placed(model, qpos, attempt.hole_pos_world, self.scene.plate_top_m)
         tare = _free_reading(model, data)
 
@@ -180,8 +183,8 @@ class World:
             tip = attempt_rules.tip_of(arm_state(model, after, self.scene))
             row = attempt_rules.trace_row(tip, wrench, command)
             finite = jnp.isfinite(after.qpos).all() & jnp.isfinite(after.qvel).all()
-            # Asked of the state after the action: one more output of a step, and XLA rounds all of it
-            # otherwise.
+            # Evaluated after the action: one more output of a step would change the rounding of all
+            # outputs in XLA.
             limit = at_limit(after.ctrl, self.scene.robot)
             verdict = attempt_rules.judge(tip, attempt.hole_pos_world, finite, limit, limited, self.config)
             data = jax.tree.map(partial(jnp.where, running & verdict.valid), after, data)
@@ -212,10 +215,10 @@ class World:
     def hold(
         self, model: mjx.Model, data: mjx.Data, goal_pos_world: Float[Array, "3"]
     ) -> tuple[mjx.Data, Float[Array, "50 6"]]:
-        """Pulls the tip to a goal for one action: 50 steps of control and physics.
+        """Drive the TCP to a goal for one action: 50 simulation steps of control and physics.
 
-        Needs and leaves data whose position and velocity stages are current. Returns the wrench (N, N·m),
-        step by step.
+        The position and velocity stages of the data must be current, and are again on return. The function
+        returns the wrench (N, N·m) of every step.
         """
         torque = worlds_last(
             partial(operational_space.torque, gains=self.config.control, robot=self.scene.robot)
@@ -228,7 +231,7 @@ class World:
 
 
 def arm_state(model: mjx.Model, data: mjx.Data, scene: Scene) -> operational_space.ArmState:
-    """What the controller needs, from data whose position and velocity stages are current."""
+    """Return the controller's inputs from data with current position and velocity stages."""
     tip = scene.models[0].site(scene.robot.tool_site).id
     return operational_space.ArmState(
         qpos=data.qpos,
@@ -243,5 +246,5 @@ def arm_state(model: mjx.Model, data: mjx.Data, scene: Scene) -> operational_spa
 
 
 def _free_reading(model: mjx.Model, data: mjx.Data) -> Float[Array, "6"]:
-    """What the sensor reads at rest in free space."""
+    """Compute the reading of the F/T sensor at rest in free space."""
     return accelerate(model, data.replace(ctrl=data.qfrc_bias)).sensordata

@@ -1,16 +1,17 @@
-"""The cost of contacts with friction cones, in coordinates in which the cones are circular.
+"""Cost of contacts with friction cones, in coordinates that make the cones circular.
 
-A contact's residual J a - a_ref, normal first, is scaled to u = S (J a - a_ref) with S = diag(μ, f, f), f the
-coefficient of friction and μ = f / √impratio. With N = u₀ and T = |u₁₂| its cost is ½ w, w = D / μ², times
+The residual J a - a_ref of a contact, normal first, is scaled to u = S (J a - a_ref) with S = diag(μ, f, f),
+f the coefficient of friction and μ = f / √impratio. With N = u₀ and T = |u₁₂|, the cost is ½ w, w = D / μ²,
+times
 
-    0                            where N ≥ μ T: it is open
-    (N - μ T)² / (1 + μ²)        between: it slides
-    N² + T²                      where μ N + T ≤ 0: it sticks
+    0                            if N ≥ μ T: open
+    (N - μ T)² / (1 + μ²)        otherwise: sliding
+    N² + T²                      if μ N + T ≤ 0: sticking
 
-which is MuJoCo's elliptic cone (documentation, chapter Computation, "Constraint model") for one coefficient
-of friction.
+This is MuJoCo's elliptic cone (documentation, chapter Computation, "Constraint model") for a single
+coefficient of friction.
 
-Arrays have the contacts first and the worlds last: see ``mjx_fit.utils.linalg``.
+The contacts are the first axis and the worlds the last axis of all arrays: see ``mjx_fit.utils.linalg``.
 """
 
 from functools import reduce
@@ -27,14 +28,14 @@ _SMALL = 1e-12
 
 
 class Cones(NamedTuple):
-    """The contacts of each world.
+    """Contacts of each world.
 
     Attributes:
-        mu: μ.
-        weight: w.
-        scale: S.
-        jac: S J.
-        reference: S a_ref.
+        mu: Cone coefficient μ.
+        weight: Weight w.
+        scale: Diagonal of the scaling S.
+        jac: Scaled Jacobian S J.
+        reference: Scaled reference acceleration S a_ref.
     """
 
     mu: Float[Array, "b"]
@@ -45,9 +46,9 @@ class Cones(NamedTuple):
 
 
 class ConeHessian(NamedTuple):
-    """Second derivatives of the cost in u, for t the direction of the tangential part.
+    """Second derivatives of the cost in u, with t the direction of the tangential part.
 
-    They are [[normal, -mixed tᵀ], [-mixed t, along t tᵀ + across (1 - t tᵀ)]].
+    The matrix is [[normal, -mixed tᵀ], [-mixed t, along t tᵀ + across (1 - t tᵀ)]].
     """
 
     direction: Float[Array, "c 2 b"]
@@ -64,19 +65,19 @@ def from_rows(
     friction: Float[Array, "b"],
     impratio: Float[Array, "b"],
 ) -> Cones:
-    """Contacts in the coordinates u, from MuJoCo's rows, a_ref, D of the normals, f > 0 and impratio."""
+    """Make contacts in the coordinates u from MuJoCo's rows, a_ref, D of the normals, f > 0 and impratio."""
     mu = friction / jnp.sqrt(impratio)
     scale = jnp.stack([mu, friction, friction])
     return Cones(mu, weight / mu**2, scale, jac * scale[:, None], reference_acc * scale)
 
 
 def residual(cones: Cones, acc: Float[Array, "joints b"]) -> Float[Array, "c 3 b"]:
-    """The contacts' u under joint accelerations (rad/s²)."""
+    """Compute u of the contacts under joint accelerations (rad/s²)."""
     return total(cones.jac * acc, 2) - cones.reference
 
 
 def cost(cones: Cones, u: Float[Array, "c 3 b"]) -> Float[Array, "b"]:
-    """The cost of all contacts of a world."""
+    """Compute the total cost of a world's contacts."""
     normal, size, slides, sticks = _zones(cones, u)
     on_cone = (normal - cones.mu * size) ** 2 / (1 + cones.mu**2)
     square = jnp.where(sticks, normal**2 + size**2, jnp.where(slides, on_cone, 0.0))
@@ -84,7 +85,7 @@ def cost(cones: Cones, u: Float[Array, "c 3 b"]) -> Float[Array, "b"]:
 
 
 def derivatives(cones: Cones, u: Float[Array, "c 3 b"]) -> tuple[Float[Array, "c 3 b"], ConeHessian]:
-    """The cost's gradient and second derivatives in u."""
+    """Compute the gradient and the second derivatives of the cost in u."""
     normal, size, slides, sticks = _zones(cones, u)
     sliding = jnp.where(slides, cones.weight / (1 + cones.mu**2), 0.0)
     sticking = jnp.where(sticks, cones.weight, 0.0)
@@ -110,7 +111,7 @@ def derivatives(cones: Cones, u: Float[Array, "c 3 b"]) -> tuple[Float[Array, "c
 
 
 def curvature(hessian_u: ConeHessian, v: Float[Array, "c 3 b"]) -> Float[Array, "c b"]:
-    """Second derivative of each contact's cost along a direction v of u."""
+    """Compute the second derivative of each contact's cost along a direction v in u."""
     along, across = _in_plane(hessian_u.direction, v[:, 1], v[:, 2])
     return (
         hessian_u.normal * v[:, 0] ** 2
@@ -121,7 +122,7 @@ def curvature(hessian_u: ConeHessian, v: Float[Array, "c 3 b"]) -> Float[Array, 
 
 
 def hessian(cones: Cones, hessian_u: ConeHessian) -> Float[Array, "joints joints b"]:
-    """Second derivatives of all contacts' cost in the joint accelerations."""
+    """Compute the second derivatives of the total contact cost in the joint accelerations."""
     along, across = _in_plane(hessian_u.direction[:, :, None], cones.jac[:, 1], cones.jac[:, 2])
     normal = cones.jac[:, 0]
     n, m, a, c = (x[:, None] for x in hessian_u[1:])
@@ -133,12 +134,12 @@ def hessian(cones: Cones, hessian_u: ConeHessian) -> Float[Array, "joints joints
 def _zones(
     cones: Cones, u
 ) -> tuple[Float[Array, "c b"], Float[Array, "c b"], Bool[Array, "c b"], Bool[Array, "c b"]]:
-    """N, T, and whether a contact slides, and whether it sticks."""
+    """Compute N, T, and masks of the sliding and the sticking contacts."""
     normal, size = u[:, 0], jnp.sqrt(u[:, 1] ** 2 + u[:, 2] ** 2)
     sticks = (cones.mu * normal + size <= 0) & (normal < 0)
     return normal, size, (normal < cones.mu * size) & ~sticks, sticks
 
 
 def _in_plane(direction, x, y):
-    """Tangential vectors (x, y), x and y of any shape, along a direction and across it."""
+    """Project tangential vectors (x, y), of any shape, along and across a direction."""
     return direction[:, 0] * x + direction[:, 1] * y, direction[:, 0] * y - direction[:, 1] * x

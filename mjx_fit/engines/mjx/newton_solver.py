@@ -1,13 +1,16 @@
-"""The forces of joint limits and contacts of all worlds at once: MuJoCo's convex problem, by Newton's method.
+"""Solve MuJoCo's convex constraint problem for all worlds at once, by Newton's method.
+
+The solution gives the forces of joint limits and contacts:
 
     min over a:  ½ aᵀ M a - aᵀ τ + Σ ½ D min(0, ±a - a_ref)² over the limits + cost of the contacts' cones
 
-with a the joint accelerations and τ all other torques. The minimum is unique, so that this is what MuJoCo's
-own solvers converge to. MJX's takes many times as long on a CPU (experiments/physics/mjx_profile.py): its
-line search always makes all of its steps, and it calls LAPACK for every world.
+The unknown a is the vector of joint accelerations, and τ is the sum of all other torques. The minimum is
+unique, so MuJoCo's own solvers converge to the same result. MJX's solver takes many times as long on a CPU
+(experiments/physics/mjx_profile.py): its line search always takes all of its steps, and it calls LAPACK for
+every world.
 
-Arrays have the worlds last, one axis of them: see ``utils.linalg``. Each world's result is its own: a world
-that is solved is not touched again while others are not.
+The worlds are the last axis of all arrays: see ``mjx_fit.utils.linalg``. The result of a world is independent
+of the others: a solved world stays unchanged while others iterate.
 """
 
 from functools import reduce
@@ -23,12 +26,12 @@ from mjx_fit.types import Array
 from mjx_fit.utils.linalg import cholesky_factor, cholesky_solve, times, total
 
 ITERATIONS = 10
-"""Newton steps at most: all worlds wait for the slowest. Two or three mostly do; C's limit is 8."""
+"""Maximum number of Newton steps; all worlds wait for the slowest. Usually 2 or 3 suffice; C allows 8."""
 _LINE_SEARCH = 10
 _TOLERANCE = 1e-4
-"""A world is solved when no part of the gradient is above this share of the torques that it balances."""
+"""Convergence threshold: largest gradient component relative to the torques that it balances."""
 _SLOPE_LEFT = 0.1
-"""A line search ends where this share of the first slope is left: the next Newton step does the rest."""
+"""Fraction of the initial slope that ends a line search; the next Newton step reduces the rest."""
 _FAR = 1e6
 
 
@@ -36,12 +39,12 @@ class Problem(NamedTuple):
     """One convex problem for each world.
 
     Attributes:
-        mass_matrix: M, kg·m².
-        torque: τ, N·m.
-        limit_side: For each joint 1 at its lower limit, -1 at its upper one, 0 away from both.
+        mass_matrix: Mass matrix M, kg·m².
+        torque: Torques τ, N·m.
+        limit_side: Active limit of each joint: 1 lower, -1 upper, 0 neither.
         limit_acc: Reference accelerations a_ref of the limits, rad/s².
-        limit_weight: Their D.
-        contacts: The contacts.
+        limit_weight: Weights D of the limits.
+        contacts: Contacts of the world.
     """
 
     mass_matrix: Float[Array, "joints joints b"]
@@ -53,12 +56,12 @@ class Problem(NamedTuple):
 
 
 class Solution(NamedTuple):
-    """What the constraints do.
+    """Solution of the constraint problem.
 
     Attributes:
         acc: Joint accelerations a, rad/s².
-        smooth_acc: Those without constraints, M⁻¹ τ, rad/s².
-        torque: What the constraints add to τ, N·m.
+        smooth_acc: Joint accelerations without constraints, M⁻¹ τ, rad/s².
+        torque: Constraint torques, to be added to τ, N·m.
         limit_force: Torques of the limits, N·m.
         contact_force: Forces of the contacts along their axes, N.
     """
@@ -71,7 +74,7 @@ class Solution(NamedTuple):
 
 
 class _Local(NamedTuple):
-    """The cost's gradient and Hessian, and whether the gradient is yet to vanish."""
+    """Gradient and Hessian of the cost, and a mask of the worlds that have not converged."""
 
     gradient: Float[Array, "joints b"]
     hessian: Float[Array, "joints joints b"]
@@ -79,11 +82,11 @@ class _Local(NamedTuple):
 
 
 def solve(problem: Problem, guess: Float[Array, "joints b"]) -> Solution:
-    """Solves every world's problem.
+    """Solve the problem of every world.
 
     Args:
         problem: The problems.
-        guess: Joint accelerations to begin from where they cost less than those without constraints, rad/s².
+        guess: Initial joint accelerations, rad/s²; replaced by the unconstrained ones where those cost less.
     """
     smooth_acc = cholesky_solve(cholesky_factor(problem.mass_matrix), problem.torque)
     start = jnp.where(_cost(problem, guess) < _cost(problem, smooth_acc), guess, smooth_acc)
@@ -109,7 +112,7 @@ def solve(problem: Problem, guess: Float[Array, "joints b"]) -> Solution:
 
 
 def _cost(problem: Problem, acc: Float[Array, "joints b"]) -> Float[Array, "b"]:
-    """What is minimised."""
+    """Compute the cost, which the solver minimises."""
     inertial = total(acc * (0.5 * times(problem.mass_matrix, acc) - problem.torque))
     limit = jnp.minimum(problem.limit_side * acc - problem.limit_acc, 0)
     contact = friction_cones.cost(problem.contacts, friction_cones.residual(problem.contacts, acc))
@@ -126,7 +129,7 @@ def _local(problem: Problem, acc: Float[Array, "joints b"]) -> _Local:
     stiffness = jnp.where(limit < 0, problem.limit_weight, 0.0) * problem.limit_side**2
     hessian = problem.mass_matrix + jnp.eye(len(acc))[:, :, None] * stiffness
     gradient = inertial + torque
-    # False for a world that is not finite: it keeps none waiting.
+    # False for a non-finite world, so that it never delays the others.
     unsolved = _largest(gradient) > _TOLERANCE * (_largest(inertial) + _largest(torque))
     return _Local(gradient, hessian + friction_cones.hessian(problem.contacts, hessian_u), unsolved)
 
@@ -137,9 +140,10 @@ def _line_search(
     direction: Float[Array, "joints b"],
     wanted: Bool[Array, "b"],
 ) -> Float[Array, "b"]:
-    """Length of the step along a direction, where it is wanted; zero where the cost does not fall along it.
+    """Compute the step length along a direction for the wanted worlds; zero where the cost does not decrease.
 
-    Newton's method on the slope, between two points that enclose its zero; where it leaves them, bisection.
+    The search applies Newton's method to the slope, between two points that bracket its zero, and falls back
+    to bisection outside of the bracket.
     """
     slope_at = _along(problem, acc, direction)
     zero = jnp.zeros(acc.shape[1:])
@@ -165,7 +169,7 @@ def _line_search(
 
 
 def _along(problem: Problem, acc: Float[Array, "joints b"], direction: Float[Array, "joints b"]):
-    """The cost's slope and curvature as a function of how far one goes from a point along a direction."""
+    """Return a function from step length to slope and curvature of the cost along a direction."""
     inertia = times(problem.mass_matrix, direction)
     square, linear = total(direction * inertia), total(acc * inertia) - total(direction * problem.torque)
     limit, limit_speed = problem.limit_side * acc - problem.limit_acc, problem.limit_side * direction

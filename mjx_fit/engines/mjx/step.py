@@ -1,7 +1,7 @@
-"""The stages of a step in MJX, and the models of all pairs as one.
+"""Stages of a simulation step in MJX, and one stacked model for all pairs of peg and hole.
 
-``mjx.step`` computes positions and velocities at its start. The controller needs them before it, so the step
-is cut in two: ``observe`` ends one, ``accelerate`` begins the next.
+``mjx.step`` computes positions and velocities at its start. The controller needs them before the step, so the
+step is split in two: ``observe`` ends one step, ``accelerate`` begins the next.
 """
 
 # MuJoCo's extension module has no stubs.
@@ -21,7 +21,7 @@ from mjx_fit.types import Array
 def placed(
     model: mjx.Model, qpos: Float[Array, "joints"], hole_pos_world: Float[Array, "2"], plate_top_m: float
 ) -> mjx.Data:
-    """One world at rest: the arm in a posture (rad), the box with its hole at a place (m)."""
+    """Create one world at rest, with the arm in a posture (rad) and the socket at a position (m)."""
     mocap = jnp.append(hole_pos_world, plate_top_m)[None]
     return observe(model, mjx.make_data(model).replace(qpos=qpos, mocap_pos=mocap))
 
@@ -29,34 +29,35 @@ def placed(
 def advance(
     model: mjx.Model, data: mjx.Data, torque: Float[Array, "joints"]
 ) -> tuple[mjx.Data, Float[Array, "6"]]:
-    """One step under joint torques (N·m).
+    """Take one simulation step under joint torques (N·m).
 
-    Needs and leaves data whose position and velocity stages are current. Returns the wrench (N, N·m).
+    The position and velocity stages of the data must be current, and are again on return. The function
+    returns the wrench (N, N·m) as well.
     """
     data = accelerate(model, data.replace(ctrl=torque))
     return observe(model, contact.integrate(model, data)), data.sensordata
 
 
 def observe(model: mjx.Model, data: mjx.Data) -> mjx.Data:
-    """The stages of ``mjx.forward`` that depend on position and velocity."""
+    """Run the stages of ``mjx.forward`` that depend on position and velocity."""
     for stage in (mjx.kinematics, mjx.com_pos, mjx.crb, contact.collide, mjx.make_constraint):
         data = stage(model, data)
     return mjx.fwd_velocity(model, mjx.transmission(model, data))
 
 
 def accelerate(model: mjx.Model, data: mjx.Data) -> mjx.Data:
-    """The other stages of ``mjx.forward``, those that need the torques."""
+    """Run the remaining stages of ``mjx.forward``, which need the torques."""
     data = mjx.fwd_actuation(model, data)
     data = data.replace(qfrc_smooth=data.qfrc_passive - data.qfrc_bias + data.qfrc_actuator)
     return mjx.sensor_acc(model, contact.solve(model, data))
 
 
 _GEOMETRY = ("geom_pos", "geom_size")
-"""The model's fields in which the pairs differ."""
+"""Fields of the model that differ between pairs."""
 
 
 def stacked_models(scene: Scene) -> tuple[mjx.Model, mjx.Model]:
-    """The nine models as one, with a leading axis on the geometry, and the tree of vmap axes."""
+    """Stack the nine models along a leading axis of the geometry; return them with their vmap axes."""
     contact.require_supported(scene.models[0])
     model = mjx.put_model(scene.models[0])
     stacked = {
@@ -68,5 +69,5 @@ def stacked_models(scene: Scene) -> tuple[mjx.Model, mjx.Model]:
 
 
 def models_of(stacked: mjx.Model, pair: Int[Array, "n"]) -> mjx.Model:
-    """The models of a batch of worlds: the geometry of each world's pair."""
+    """Select the models of a batch of worlds: the geometry of each world's pair."""
     return stacked.replace(**{name: getattr(stacked, name)[pair] for name in _GEOMETRY})

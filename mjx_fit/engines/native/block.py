@@ -1,4 +1,4 @@
-"""A block of worlds in MuJoCo's C engine, and what the controller sees of them: a row of numbers for each."""
+"""Block of worlds in MuJoCo's C engine, with one row of controller inputs per world."""
 
 # MuJoCo's extension module has no stubs.
 # pyright: reportAttributeAccessIssue=false
@@ -13,17 +13,17 @@ from mjx_fit.engines import plausible
 from mjx_fit.scene.build import Scene, pair_index
 from mjx_fit.types import SUBSTEPS, Array, Attempt
 
-# Position- and velocity-dependent fields are current after each step; a persistent batch then continues from
-# them, so that they are computed once.
+# Each step updates the position- and velocity-dependent fields. A persistent batch continues from them, so
+# each is computed only once.
 _OBSERVED = mujoco.mjtStage.mjSTAGE_VEL
 
 
 class Layout:
-    """How the controller's inputs lie in one row of float32 numbers.
+    """Layout of the controller's inputs in one row of float32 numbers.
 
     Attributes:
-        width: Numbers in a row.
-        slices: Where each field lies.
+        width: Number of values in a row.
+        slices: Position of each field in the row.
     """
 
     _FIELDS = ("qpos", "qvel", "qfrc_bias", "M", "xanchor", "xaxis", "site_xpos", "site_xmat")
@@ -51,7 +51,7 @@ class Layout:
         self._mass_index[model.M_colind, rows] = np.arange(model.nM)
 
     def unpack(self, packed: Float[Array, "k *b"]) -> operational_space.ArmState:
-        """The arm's state from one row, or from columns."""
+        """Unpack the arm's state from one row, or from columns."""
         worlds = packed.shape[1:]
         part = {name: packed[where] for name, where in self.slices.items()}
         return operational_space.ArmState(
@@ -69,7 +69,7 @@ class Layout:
 def batch_at_rest(
     scene: Scene, attempts: Attempt, qpos: Float[np.ndarray, "n joints"], threads: int
 ) -> Batch:
-    """A persistent batch of C simulations at the start of these attempts, held at rest against gravity."""
+    """Create a persistent batch of C simulations at the start of these attempts, at rest against gravity."""
     pair = np.asarray(pair_index(attempts.peg_type, attempts.hole_type, scene.n_types))
     batch = Batch(scene.models[0], len(pair), threads, persistent=True)
     batch.set_models([scene.models[i] for i in pair])
@@ -86,23 +86,23 @@ class Block:
 
     Attributes:
         batch: The simulations.
-        tare_sensor: What their sensors read at rest (m, 6), N and N·m.
+        tare_sensor: F/T sensor readings at rest (m, 6), N and N·m.
         qpos: Live view of the joint angles (m, joints), rad.
         qvel: Live view of the joint velocities (m, joints), rad/s.
-        tip_pos_world: Live view of the tips (m, 3), m.
+        tip_pos_world: Live view of the TCP positions (m, 3), m.
     """
 
     def __init__(
         self, scene: Scene, layout: Layout, attempts: Attempt, qpos: Float[np.ndarray, "m joints"], rows: int
     ):
-        """Makes the simulations.
+        """Create the simulations.
 
         Args:
-            scene: Their scene.
-            layout: How they are shown to the controller.
-            attempts: What they are to do (m,).
-            qpos: Joint angles at which they start, rad.
-            rows: Most rows that the controller is shown; those beyond m mean nothing.
+            scene: Scene of the simulations.
+            layout: Layout of the controller's inputs.
+            attempts: Attempts to simulate (m,).
+            qpos: Joint angles at the start, rad.
+            rows: Maximum number of rows for the controller; rows beyond m are meaningless.
         """
         self._robot = scene.robot
         self.batch = batch = batch_at_rest(scene, attempts, qpos, threads=1)
@@ -116,7 +116,7 @@ class Block:
                 field = field[:, layout.tip]
             self._fields.append((where, field.reshape(len(qpos), -1)))
         self._packed = np.zeros((rows, layout.width), np.float32)
-        self._running = None  # all: then no list is looked at, which is some per cent faster
+        self._running = None  # all: a step without an index list is some per cent faster
         self.show(np.arange(len(qpos)), rows)
         self.wrench = np.empty((SUBSTEPS, len(qpos), 6), np.float32)
         self._applied = np.zeros((SUBSTEPS, *qpos.shape), np.float32)
@@ -124,46 +124,46 @@ class Block:
         self.tare_sensor = self._sensordata.astype(np.float32)
 
     def move(self, qpos: Float[np.ndarray, "m joints"], qvel: Float[np.ndarray, "m joints"]) -> None:
-        """Puts the simulations into another state."""
+        """Set the state of the simulations."""
         self.qpos[:], self.qvel[:] = qpos, qvel
         self.batch.forward(stage=_OBSERVED)
 
     def show(self, shown: Int[np.ndarray, "s"], rows: int) -> None:
-        """Chooses the simulations whose inputs the controller is given, in this order.
+        """Select the simulations whose inputs the controller receives, in this order.
 
         Args:
-            shown: Which.
-            rows: Rows that it is given, s or more.
+            shown: Indices of the simulations.
+            rows: Number of rows for the controller, s or more.
         """
-        # A slice where all are shown, since numbers are copied faster without a list.
+        # Use a slice if all are shown: it copies faster than an index list.
         self._shown = slice(None) if len(shown) == len(self.qpos) else shown
         self._rows, self._inputs = self._packed[:rows], self._packed[: len(shown)]
 
     def run_only(self, running: Int[np.ndarray, "r"]) -> None:
-        """Lets only these simulations go on."""
+        """Restrict the following steps to these simulations."""
         self._running = running
 
     def packed(self) -> Float[np.ndarray, "rows k"]:
-        """The controller's inputs of the simulations shown, in a buffer that the next call overwrites."""
+        """Return the controller's inputs in a buffer that the next call overwrites."""
         for where, field in self._fields:
             self._inputs[:, where] = field[self._shown]
         return self._rows
 
     def step(self, torque: Float[np.ndarray, "rows joints"], substep: int) -> None:
-        """One step of the running simulations, under the torques (N·m) of those shown; notes what is felt."""
+        """Step the running simulations under the given torques (N·m), and record the wrenches."""
         self._ctrl[self._shown] = torque[: len(self._inputs)]
         self._applied[substep] = self._ctrl
         self.batch.step(self._running, stage=_OBSERVED)
         self.wrench[substep] = self._sensordata
 
     def finite(self) -> Bool[np.ndarray, "m"]:
-        """Whether the state is finite (m,), and so were all torques of its last action.
+        """Check that the state and all torques of the last action are finite, (m,).
 
-        MuJoCo takes a torque that is not finite for zero: the arm would go limp and nobody would know.
+        MuJoCo replaces a non-finite torque by zero, so the arm would silently go limp.
         """
         state = np.concatenate([self.qpos, self.qvel], 1)
         return np.logical_and(np.isfinite(state).all(1), np.isfinite(self._applied).all((0, 2)))
 
     def at_limit(self) -> Bool[np.ndarray, "m"]:
-        """Whether some joint was at its torque limit (m,) as the last action ended."""
+        """Check whether any joint was at its torque limit at the end of the last action, (m,)."""
         return np.asarray(plausible.at_limit(self._applied[-1], self._robot))

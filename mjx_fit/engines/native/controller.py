@@ -1,6 +1,6 @@
-"""Control and policies of a block of worlds, jitted: what the native engine asks of JAX between two steps.
+"""Control and policies for a block of worlds: jitted functions that the native engine calls between steps.
 
-Every function is compiled for a few numbers of rows; a block is padded to the least of them that it fits.
+Every function is compiled for a few numbers of rows; a block is padded to the smallest one that fits.
 """
 
 from functools import partial
@@ -25,28 +25,33 @@ from mjx_fit.types import Array
 T = TypeVar("T")
 
 CHUNK = 32
-"""Rows that the controller computes at a time: larger intermediate results made a call several times slower.
-Always so many also means the same bits for the torques, whatever the block."""
+"""Number of rows that the controller computes at a time.
+
+Larger intermediate results slow a call down several times. A fixed number also makes the torques
+bit-identical for any block size.
+"""
 
 ROWS = (32, 64, 128, 256, 512)
-"""Rows that the controller is compiled for: a block holds at most the last, and takes the least that it fits.
-The larger the block, the less often a thread changes between physics and control, whose code and data push
-each other out of its cache. What an action starts and ends with is computed for all rows, with the same bits
-too (tests/test_engines.py)."""
+"""Numbers of rows that the controller is compiled for; a block uses the smallest one that fits.
+
+A block holds at most as many worlds as the last one. In a larger block, a thread switches less often between
+physics and control, whose code and data evict each other from its cache. The start and the end of an action
+are computed for all rows, also with bit-identical results (tests/engines/test_engines.py).
+"""
 
 
 class Brain:
-    """The jitted functions.
+    """Jitted functions for control and policy.
 
     Attributes:
         config: The configuration.
-        layout: How the inputs of the controller lie in a row of numbers.
-        start: From attempts (rows,), the joint angles (rows, joints) at which they start, rad.
-        begin: From attempts and what their sensors read in free space (rows, 6), the policy's memory.
-        act: From that memory, packed inputs, the number of the action and the horizon: the policy's state,
-            its command and the goal that it gives the tip, (rows, 3) each, m.
-        torque: From packed inputs and goals, joint torques (rows, joints), N·m.
-        tip: From packed inputs, the tips.
+        layout: Layout of the controller's inputs in a row.
+        start: Function of attempts (rows,): joint angles at the start (rows, joints), rad.
+        begin: Function of attempts and F/T sensor readings in free space (rows, 6): the policy's memory.
+        act: Function of that memory, packed inputs, index of the action and horizon: the policy's state, its
+            command and the resulting goal of the TCP, (rows, 3) each, m.
+        torque: Function of packed inputs and goals: joint torques (rows, joints), N·m.
+        tip: Function of packed inputs: the TCP states.
     """
 
     def __init__(self, scene: Scene, config: Config, policy: Policy):
@@ -81,12 +86,12 @@ class Brain:
 
 
 def rows_for(n: int) -> int:
-    """Rows of the controller for n worlds."""
+    """Return the number of controller rows for n worlds."""
     return next(rows for rows in ROWS if rows >= n)
 
 
 def padded(tree: T, ids: Int[np.ndarray, "m"]) -> T:
-    """The rows of a pytree with these ids, padded to as many as the controller takes."""
+    """Select the rows of a pytree with these ids, padded to the number of controller rows."""
     rows = np.concatenate([ids, np.repeat(ids[-1:], rows_for(len(ids)) - len(ids))])
 
     def take(leaf):

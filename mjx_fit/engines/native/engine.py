@@ -1,8 +1,8 @@
-"""The native engine: MuJoCo's C engine on host threads, with the control and policies of the MJX engine.
+"""Native engine: MuJoCo's C engine on host threads, with the control and policies of the MJX engine.
 
-Each host thread takes a block of worlds through its attempts: few enough to stay in its cache, many enough
-that control, one jitted function over a block, is cheap for each. An attempt's trace does not depend on which
-others are run beside it, nor on how many.
+Each host thread runs the attempts of a block of worlds. A block is small enough for the thread's cache and
+large enough to amortise the control, one jitted function over the block. The trace of an attempt is
+independent of the other attempts in the batch and of their number.
 """
 
 from collections.abc import Callable
@@ -31,7 +31,7 @@ OnStep = Callable[[Int[np.ndarray, "m"], Batch], None]
 
 
 class NativeEngine:
-    """Runs attempts in MuJoCo's C engine; see ``mjx_fit.engines.interface.Engine``."""
+    """Engine that runs attempts in MuJoCo's C engine; see ``mjx_fit.engines.interface.Engine``."""
 
     name = "native"
 
@@ -42,14 +42,14 @@ class NativeEngine:
         policy: Policy | None = None,
         on_step: OnStep | None = None,
     ):
-        """Compiles the scene.
+        """Compile the scene.
 
         Args:
             config: The configuration.
-            threads: Host threads that step the worlds.
-            policy: Gives the commands; None: the one that an attempt names.
-            on_step: Told, after every step of a block, which worlds it holds and their batch; from several
-                threads at once. For benchmarks and experiments.
+            threads: Number of host threads that step the worlds.
+            policy: Custom policy; None: the policy that each attempt names.
+            on_step: Callback after every step of a block, with the ids of its worlds and their batch; several
+                threads call it concurrently. For benchmarks and experiments.
 
         Raises:
             RequestError: The number of threads is invalid.
@@ -98,16 +98,16 @@ class NativeEngine:
         step: int,
         horizon: int,
     ) -> Rollout:
-        """One action of a few attempts, up to 512, from any state: only its row is filled.
+        """Simulate one action of up to 512 attempts from any state; only the row of that action is filled.
 
-        The policy acts as from the state in which it begins, with nothing measured before.
+        The policy acts from its initial state, without earlier measurements.
 
         Args:
-            attempts: A batch (m,).
+            attempts: Batch of attempts (m,).
             qpos: Joint angles, rad.
             qvel: Joint velocities, rad/s.
-            step: Number j of the action.
-            horizon: Actions that the policy plans for: as many rows come back.
+            step: Index j of the action.
+            horizon: Number of actions that the policy plans for, and of rows in the result.
         """
         done = attempt_rules.nothing_done(attempts, horizon, len(self.scene.robot.joints))
         part = self._part(attempts, np.arange(len(qpos)), done)
@@ -116,7 +116,7 @@ class NativeEngine:
         return done
 
     def batch_at_rest(self, attempts: Attempt) -> Batch:
-        """All these attempts as one batch of C simulations on all threads, at rest where they start."""
+        """Create one batch of C simulations for all attempts, on all threads, at rest at their start."""
         ids = np.arange(len(attempts.peg_type))
         parts = parts_of(len(ids), 1, ROWS[-1])
         starts = [np.asarray(self._brain.start(attempts=padded(attempts, part))) for part in parts]
@@ -124,7 +124,7 @@ class NativeEngine:
         return batch_at_rest(self.scene, attempts, qpos, self._threads)
 
     def _part(self, attempts: Attempt, ids: Int[np.ndarray, "m"], done: Rollout) -> "_Part":
-        """The attempts with these ids at their start; what comes of them is written into ``done``."""
+        """Initialise the attempts with these ids; their results are written into ``done``."""
         rows = padded(attempts, ids)
         start = np.asarray(self._brain.start(attempts=rows))[: len(ids)]
         own = jax.tree.map(lambda leaf: leaf[: len(ids)], rows)
@@ -136,16 +136,16 @@ class NativeEngine:
 
 @dataclass
 class _Part:
-    """Some attempts of a batch, run together by one thread.
+    """Part of a batch of attempts, run by one thread.
 
     Attributes:
         brain: Control and policy.
-        block: Their simulations.
-        memory: The policy's, of the simulations that ``brain`` is shown, padded.
-        hole_pos_world: True centres of their holes, m.
-        ids: Which attempts of the batch they are.
-        done: What comes of them: arrays over the whole batch.
-        on_step: See ``NativeEngine``.
+        block: Simulations of the attempts.
+        memory: Memory of the policy for the simulations that ``brain`` receives, padded.
+        hole_pos_world: True centres of the holes, m.
+        ids: Indices of the attempts in the batch.
+        done: Results: arrays over the whole batch, modified in place.
+        on_step: Callback, see ``NativeEngine``.
     """
 
     brain: Brain
@@ -158,15 +158,15 @@ class _Part:
 
     def __post_init__(self) -> None:
         self._limited = np.zeros(len(self.ids), np.int32)
-        # Those shown are the running ones and finished ones, as long as no smaller number of rows would do.
+        # Finished simulations stay among the shown ones until a smaller number of rows suffices.
         self._running = self._shown = np.arange(len(self.ids))
 
     def act(self, step: int, horizon: int) -> bool:
-        """One action of the running attempts, and what it comes to; whether any is left running.
+        """Simulate and record one action of the running attempts; return True if any attempt is unfinished.
 
         Args:
-            step: Number j of the action.
-            horizon: Actions that the policy plans for.
+            step: Index j of the action.
+            horizon: Number of actions that the policy plans for.
         """
         before = self.block.qpos.copy(), self.block.qvel.copy()
         state, command, goal = self.brain.act(self.memory, self.block.packed(), step, horizon)
@@ -181,7 +181,7 @@ class _Part:
         return not bool(over.all())
 
     def _recorded(self, step: int, command: np.ndarray, before: tuple[np.ndarray, np.ndarray]) -> Verdict:
-        """The verdict on the running attempts, once what happened is written."""
+        """Record the action of the running attempts and return the verdict."""
         block, done, running = self.block, self.done, self._running
         place, ids = np.searchsorted(self._shown, running), self.ids[running]
         tip = jax.tree.map(lambda leaf: np.asarray(leaf)[place], self.brain.tip(block.packed()))
@@ -202,7 +202,7 @@ class _Part:
         return verdict
 
     def _leave_out(self, over: Bool[np.ndarray, "r"]) -> None:
-        """Freezes the attempts that are over; the controller is shown fewer rows where fewer will do."""
+        """Freeze the finished attempts, and reduce the number of controller rows where possible."""
         if not over.any() or over.all():
             return
         self._running = self._running[~over]
