@@ -57,8 +57,8 @@ class TrainConfig:
         epochs: Passes over the training data. Each pass takes one window from every episode.
         batch_size: Windows per optimisation step.
         learning_rate: Adam's maximum learning rate. No weight changes by more than this in one step.
-        schedule: Schedule of the learning rate. Either ``constant``, or ``cosine``: half a wave from 1 to 0 over
-            all epochs.
+        schedule: Schedule of the learning rate. Either ``constant``, or ``cosine``: half a wave from 1 to 0
+            over all epochs.
         adam_b2: Adam's β2.
         weight_decay: AdamW's weight decay.
         mirror: Mirror every second window. The mirror plane is the robot's plane of symmetry; it applies only

@@ -26,7 +26,7 @@ Alphas = tuple[
     ],
     ...,
 ]
-"""One number per shape (the diagonal of the matrix α), or one row of the matrix per shape."""
+"""One number per shape (the diagonal of the matrix), or one row of the matrix per shape."""
 
 _ERROR_KNOTS_M = (0.0, 0.001, 0.002, 0.003, 0.005, 0.0075, 0.01, 0.0125, 0.015, 0.0175)
 _SUCCESS_BY_ERROR = (
@@ -57,8 +57,8 @@ class TaskConfig:
             their defaults; for other ``scene.shapes`` it is their mean, a guess. Measure it again after
             changes to the detector, the scene or the control.
         outcome_model: How success is predicted. α is ``constant`` per shape, as in the paper, or computed
-            from the ``covariance`` of the belief: the mean of ``success_by_error`` over the belief if the types
-            match (``mjx_fit.filters.outcome_model``).
+            from the ``covariance`` of the belief: the mean of ``success_by_error`` over the belief if the
+            types match (``mjx_fit.filters.outcome_model``).
         error_knots_m: Errors at which α is known. These are distances between estimate and hole.
         success_by_error: Success rates at these errors. One list per shape, for matched attempts. The default
             (null) was measured by ``experiments/physics/alpha.py error`` for cross, rectangle and square with

@@ -32,8 +32,8 @@ class SceneConfig:
         peg_length_m: Length of the peg below the sensor.
         friction: Coulomb friction, peg and socket. The default is typical of two dry, smooth plastics or
             metals.
-        contact_time_s: MuJoCo's solref time constant. With ten simulation steps the contact force of a sliding peg
-            is mostly smooth; with three it is a train of single-step spikes.
+        contact_time_s: MuJoCo's solref time constant. With ten simulation steps the contact force of a
+            sliding peg is mostly smooth; with three it is a train of single-step spikes.
         contact_width_m: MuJoCo's solimp width. Keep it below a quarter of the clearance.
         max_contacts: Contact slots per world in MJX.
     """
@@ -74,8 +74,9 @@ class ControlConfig:
         kp_position: Position stiffness over inertia. At 2000, a peg caught on an edge reached the joints'
             torque limits and tilted by 36°; at 1400, no peg tilted by more than 3°.
         kp_orientation: Rotation stiffness over inertia.
-        damping_ratio: Damping ratio ζ of both. 1 would be critical if position and rotation were decoupled; they are
-            not, and 1.2 keeps the overshoot of a 2 cm step below 5 % at every possible hole position.
+        damping_ratio: Damping ratio ζ of both. 1 would be critical if position and rotation were decoupled;
+            they are not, and 1.2 keeps the overshoot of a 2 cm step below 5 % at every possible hole
+            position.
         kp_posture: Posture stiffness over inertia. It acts in the null space of the task, critically damped.
     """
 
@@ -124,8 +125,8 @@ class DetectorConfig:
     """Simulated hole detector.
 
     Attributes:
-        kind: Distribution of the error. Either ``square``: uniform per axis, or ``disc``: uniform direction and
-            radius.
+        kind: Distribution of the error. Either ``square``: uniform per axis, or ``disc``: uniform direction
+            and radius.
         half_width_m: Largest error per axis or radius. Per axis for ``square``, radius for ``disc``.
         prior_std_m: Initial σ of the belief per axis. In the paper Σ0 = σ_init I with σ_init = 1 cm².
     """
