@@ -85,7 +85,7 @@ def test_bad_seeds_and_places(refused, data, tmp_path):
     assert "--seed: -1 is out of range" in refused(
         "evaluate", "attempt", "--out", tmp_path / "r", "--seed", -1
     )
-    assert "it is a file, and must be a folder" in refused(
+    assert "it is a file, expected a folder" in refused(
         "collect", "--out", tmp_path / "file" / "sub", "--episodes", 1
     )
     for command in (["evaluate", "attempt"], ["evaluate", "assembly", "--methods", "oracle"]):
