@@ -68,8 +68,8 @@ class TrainConfig:
         sequence: Attempts chained in one example. Consecutive attempts at one hole, each starting from the
             posterior of the previous ones; 1: independent windows, each with its stored prior. Values above 1
             require data collected with as many (``--sequence``) and with a sensor's own beliefs (``--run``);
-            windows should then be whole attempts, since the start of the second depends on the outcome of
-            the first.
+            windows should then be whole attempts, since the start of the second reveals the posterior after
+            the whole first one.
         validation_fraction: Share of validation episodes.
         patience: Epochs without gain; 0: no limit. Training stops early after this many epochs without a
             better validation NLL.

@@ -138,7 +138,7 @@ class DetectorConfig:
 
 @dataclass(frozen=True, config=STRICT)
 class SequenceConfig:
-    """Distribution of the estimates for later attempts of a collected sequence, imitating a filter.
+    """Distribution of the estimates for later attempts of a collected sequence, as from a filter.
 
     Attributes:
         min_std_m: Smallest σ of a drawn estimate. It applies to each principal axis of the covariance.
