@@ -1,16 +1,15 @@
 """Contact-rich assembly under uncertainty, on JAX and MuJoCo.
 
-The names listed here are the public face of the library, and stay as they are within a major version. All
-else is
-private by convention. Modules load when a name is first used: ``import mjx_fit`` loads neither JAX nor
-MuJoCo.
+The names listed here are the public API and stay stable within a major version; everything else is
+private by convention. Modules are imported when a name is first used: ``import mjx_fit`` loads neither JAX
+nor MuJoCo.
 
 - Settings: `configure`, `Config`, `Shape`, `load_config`, `RequestError`.
 - Simulation: `make_engine`, `draw_attempts`, `Attempt`, `Rollout`, `Felt`.
 - Policies: `Policy`, `PolicyInput`, `stateless_policy`.
 - Sensors and filters: `load_sensor`, `TrainedSensor`, `readings`, `Belief`, `filter_update`,
   `kalman_update`.
-- A robot of your own: `BeliefTracker`, `SensorLog`, `felt_from_log`, `log_from_felt`.
+- Your own robot: `BeliefTracker`, `SensorLog`, `felt_from_log`, `log_from_felt`.
 - Data sets: `CollectionPlan`, `collect_dataset`, `load_dataset`.
 - Experiments: `draw_holes`, `try_holes`, `mean_interval`.
 """
@@ -42,7 +41,7 @@ _PUBLIC = {
     "Belief": ("mjx_fit.types", "Belief"),
     "filter_update": ("mjx_fit.task.estimator", "filter_update"),
     "kalman_update": ("mjx_fit.filters.kalman", "update"),
-    # A robot of your own
+    # Your own robot
     "BeliefTracker": ("mjx_fit.task.tracker", "BeliefTracker"),
     "SensorLog": ("mjx_fit.sensors.sensor_log", "SensorLog"),
     "felt_from_log": ("mjx_fit.sensors.resampling", "felt_from_log"),
@@ -56,16 +55,16 @@ _PUBLIC = {
     "try_holes": ("mjx_fit.api", "try_holes"),
     "mean_interval": ("mjx_fit.api", "mean_interval"),
 }
-"""Where each public name is defined, and as what."""
+"""Public name -> (module, attribute) that defines it."""
 
 __all__ = list(_PUBLIC)  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def __getattr__(name: str) -> Any:
-    """A public name, or ``__version__``, looked up when it is asked for.
+    """Resolve a public name, or ``__version__``, on first access.
 
-    The command line chooses OpenGL's back end before MuJoCo loads, and takes Ctrl-C before it imports
-    anything.
+    Imports are deferred because the command line chooses the OpenGL back end before MuJoCo loads, and handles
+    Ctrl-C before it imports anything.
     """
     if name == "__version__":
         from importlib.metadata import version
@@ -80,5 +79,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """The public names."""
+    """List the public names."""
     return [*__all__, "__version__"]

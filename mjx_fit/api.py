@@ -1,4 +1,4 @@
-"""Functions of the public face that put several parts of the library together; see ``mjx_fit``."""
+"""Public functions that combine several parts of the library; see ``mjx_fit``."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -32,11 +32,11 @@ MOST_ATTEMPTS = 100_000
 
 
 def load_config(path: Path | str | None = None, *overrides: str) -> Config:
-    """Load a configuration: the defaults, changed by a YAML file and by ``section.key=value`` strings.
+    """Load a configuration: the defaults, updated by a YAML file and by ``section.key=value`` strings.
 
     Args:
-        path: The file; None: the defaults alone.
-        overrides: Applied after it.
+        path: YAML file; None: no file.
+        overrides: Strings ``section.key=value``, applied after the file.
 
     Raises:
         RequestError: The file cannot be read, or a key or value is invalid; the message names it.
@@ -50,13 +50,13 @@ def load_config(path: Path | str | None = None, *overrides: str) -> Config:
 
 
 def load_sensor(run: Path | str | None = None) -> TrainedSensor:
-    """Load the sensor of a training run.
+    """Load the trained sensor of a training run.
 
     Args:
-        run: Folder of the run; None: the weights that ship with the package.
+        run: Folder of the run; None: the weights shipped with the package.
 
     Raises:
-        RequestError: The folder holds no training run, or a damaged one.
+        RequestError: The folder contains no training run, or a damaged one.
 
     Example:
         >>> import mjx_fit as mf
@@ -69,22 +69,22 @@ def load_sensor(run: Path | str | None = None) -> TrainedSensor:
 def draw_attempts(
     key: Key[Array, ""], n: int, policy: str = "spiral", config: Config | None = None
 ) -> Attempt:
-    """Draw attempts at random holes, started from what the detector says of them.
+    """Draw attempts at random holes, started from the detector's estimates.
 
-    Half of them, in turn, have a peg that matches the hole; pairs take turns. The draws of attempt i depend
-    on the key and on i alone.
+    Attempts alternate between matching and mismatching pegs and cycle through the shape pairs. The draws of
+    attempt i depend on the key and on i alone.
 
     Args:
-        key: Source of the draws.
-        n: How many.
-        policy: ``spiral``, ``random``, or ``mixed``: both in turn.
-        config: Gives the detector; None: the defaults.
+        key: Random key.
+        n: Number of attempts.
+        policy: ``spiral``, ``random``, or ``mixed`` (alternates between both).
+        config: Configuration of scene and detector; None: the defaults.
 
     Returns:
         Attempts (n,).
 
     Raises:
-        RequestError: There is no such policy, or n is out of range.
+        RequestError: The policy is unknown, or n is out of range.
 
     Example:
         >>> import jax, mjx_fit as mf
@@ -103,21 +103,21 @@ def draw_attempts(
 def collect_dataset(
     out: Path | str, plan: Plan, config: Config | None = None, engine: Engine | None = None
 ) -> Path:
-    """Simulate rollouts and store them as a data set; what ``mjx-fit collect`` does.
+    """Simulate rollouts and store them as a data set, as ``mjx-fit collect`` does.
 
-    Call it again with the same arguments to resume a collection that was stopped.
+    Call it again with the same arguments to resume an interrupted collection.
 
     Args:
         out: Folder of the data set.
-        plan: What is collected.
-        config: The configuration; None: the defaults.
-        engine: Simulates; None: the one that the plan names.
+        plan: Number and kind of the episodes.
+        config: Configuration; None: the defaults.
+        engine: Simulation engine; None: the engine named in the plan.
 
     Returns:
-        The folder.
+        Folder of the data set.
 
     Raises:
-        RequestError: A value is invalid, or the folder holds something else, or is in use.
+        RequestError: A value is invalid, or the folder contains other files or is in use.
 
     Example:
         >>> import tempfile, mjx_fit as mf
@@ -131,15 +131,15 @@ def collect_dataset(
 
 
 def load_dataset(folder: Path | str) -> Episode:
-    """Load all episodes of a data set, stacked, as NumPy arrays.
+    """Load all episodes of a data set as stacked NumPy arrays.
 
-    Episodes that were not performed have length 0; those that diverged have ``rollout.truth.valid`` false.
+    Episodes that were not executed have length 0; diverged ones have ``rollout.truth.valid`` set to False.
 
     Args:
-        folder: Of the data set.
+        folder: Folder of the data set.
 
     Raises:
-        RequestError: The folder holds no data set, an unfinished one or a damaged file.
+        RequestError: The folder contains no data set, an unfinished one or a damaged file.
 
     Example:
         >>> import tempfile, mjx_fit as mf
@@ -151,14 +151,14 @@ def load_dataset(folder: Path | str) -> Episode:
 
 
 def draw_holes(seed: int, n: int, config: Config | None = None) -> Holes:
-    """Draw single holes that match the peg in hand, with what the detector says of them.
+    """Draw single holes that match the peg in hand, with the detector's estimates.
 
-    They are those of ``mjx-fit evaluate insertion --seeds 1``; shapes take turns.
+    They are identical to those of ``mjx-fit evaluate insertion --seeds 1`` and cycle through the shapes.
 
     Args:
         seed: Root seed.
-        n: How many.
-        config: Gives the detector and the shapes; None: the defaults.
+        n: Number of holes.
+        config: Configuration of shapes and detector; None: the defaults.
 
     Example:
         >>> import mjx_fit as mf
@@ -176,20 +176,21 @@ def try_holes(
     engine: Engine | None = None,
     max_attempts: int = insertion.ATTEMPTS,
 ) -> dict[str, Outcome]:
-    """Attempt every hole until the peg is in, by the spiral, once for each way to learn from a failure.
+    """Attempt every hole with the spiral search until the peg is inserted, once per belief update.
 
     Args:
-        holes: From ``draw_holes``.
-        updates: By name; each gives the posterior of the holes, given what was felt.
-        config: As of the engine; None: the defaults.
-        engine: Simulates; None: ``make_engine("auto", config)``.
-        max_attempts: At each hole.
+        holes: Holes from ``draw_holes``.
+        updates: Belief updates by name; each returns the posterior of the holes given the measurements of a
+            failed attempt.
+        config: Configuration, the same as the engine's; None: the defaults.
+        engine: Simulation engine; None: ``make_engine("auto", config)``.
+        max_attempts: Maximum number of attempts per hole.
 
     Returns:
-        What came of it, by the names of the updates.
+        Outcome for each update, by name.
 
     Raises:
-        RequestError: ``max_attempts`` is out of range, or the engine refuses the attempts.
+        RequestError: ``max_attempts`` is out of range, or the engine rejects the attempts.
 
     Example:
         >>> import mjx_fit as mf
@@ -209,7 +210,7 @@ def try_holes(
 
 
 def mean_interval(values: Sequence[float] | Float[np.ndarray, "n"]) -> Interval:
-    """The mean of independent trials with its 95 % interval, by bootstrap.
+    """Compute the mean of independent trials and its 95 % bootstrap confidence interval.
 
     Example:
         >>> import mjx_fit as mf

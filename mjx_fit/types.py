@@ -1,8 +1,8 @@
-"""The nouns of the library, as pytree dataclasses.
+"""Core data types of the library, as pytree dataclasses.
 
-SI units throughout. Quaternions are w x y z. ``*batch`` is any number of leading axes; inside one episode
-time comes first: ``J`` actions of ``SUBSTEPS`` simulation steps each. Shape and type indices follow
-``scene.shapes``.
+All quantities are in SI units; quaternions are in w x y z order. ``*batch`` stands for any number of leading
+axes. Time is the first axis within an episode: ``J`` actions of ``SUBSTEPS`` simulation steps each. Shape and
+type indices follow ``scene.shapes``.
 """
 
 from dataclasses import dataclass, field
@@ -18,23 +18,23 @@ from mjx_fit.utils.rates import SUBSTEPS
 T = TypeVar("T")
 
 ACTION_BYTES = 4 * (SUBSTEPS * 6 + 3 + 4 + 3 + 3 + 3)
-"""Size of one action's row of a ``Trace`` in memory."""
+"""Memory per action in a ``Trace``, bytes."""
 
 
 def static() -> Any:
-    """A field of a ``pytree`` that is no child of it: a Python value, known when JAX traces."""
+    """Declare a static ``pytree`` field: a Python value known at trace time, not a child."""
     return field(metadata={"static": True})
 
 
 @dataclass_transform(frozen_default=True, field_specifiers=(static,))
 def pytree(cls: type[T]) -> type[T]:
-    """A frozen dataclass whose fields are the children of a JAX pytree, but for those that are ``static``."""
+    """Make a class a frozen dataclass and a JAX pytree whose children are all fields but ``static`` ones."""
     return jax.tree_util.register_dataclass(dataclass(frozen=True)(cls))
 
 
 @pytree
 class Attempt:
-    """What a world is asked to do: which peg goes to which hole, and where it believes the hole to be.
+    """Specification of an insertion attempt: the peg, the hole, and the estimated hole position.
 
     Example:
         >>> import jax, mjx_fit as mf
@@ -45,9 +45,9 @@ class Attempt:
         peg_type: Index of the peg's shape.
         hole_type: Index of the hole's shape.
         hole_pos_world: True centre of the hole on the table plane, m.
-        estimate_world: Estimate of that centre, over which the attempt starts, m.
+        estimate_world: Estimate of that centre, above which the attempt starts, m.
         policy: Index into ``mjx_fit.control.policies.NAMES``.
-        key: Source of the policy's randomness; it never depends on the batch.
+        key: Random key of the policy, independent of the batch.
     """
 
     peg_type: Int[Array, "*batch"]
@@ -60,16 +60,18 @@ class Attempt:
 
 @pytree
 class Trace:
-    """What the robot measured and did, one row per action.
+    """Trajectory of one attempt: measurements and commands, one row per action.
 
     Attributes:
-        wrench_sensor: Clean force (N) and torque (N·m) that the arm exerts on the peg, in the sensor's frame
-            (z along the tool), 500 Hz. The peg's weight and inertia are in it; subtract ``Felt.tare_sensor``.
-        tip_pos_world: Centre of the peg's lower face at the end of the action, m.
-        tip_quat_world: Its orientation.
-        tip_linvel_world: Its linear velocity, m/s.
-        tip_angvel_world: Its angular velocity, rad/s.
-        action_world: Desired change of the tip's position, as the policy gave it, m.
+        wrench_sensor: Noise-free force (N) and torque (N·m) that the arm exerts on the peg, in the sensor
+            frame (z along the tool), at 500 Hz. It includes the peg's weight and inertia; subtract
+            ``Felt.tare_sensor``.
+        tip_pos_world: Position of the tool centre point (TCP), the centre of the peg's lower face, at the end
+            of the action, m.
+        tip_quat_world: Orientation of the TCP.
+        tip_linvel_world: Linear velocity of the TCP, m/s.
+        tip_angvel_world: Angular velocity of the TCP, rad/s.
+        action_world: Commanded displacement of the TCP, as output by the policy, m.
     """
 
     wrench_sensor: Float[Array, "*batch J 50 6"]
@@ -82,7 +84,7 @@ class Trace:
 
 @pytree
 class Felt:
-    """What a robot has of one attempt: the sensors, filters and the tracker take this alone.
+    """Measurements of one attempt that a robot has access to; the only input of sensors, filters and tracker.
 
     Example:
         >>> import jax, mjx_fit as mf
@@ -91,11 +93,11 @@ class Felt:
         (2, 3)
 
     Attributes:
-        trace: Rows from ``length`` on are padding: zeros.
-        length: Number of actions that were performed.
-        tare_sensor: Reading of the wrist at rest in free space just before the attempt, N and N·m; clean in
-            simulation.
-        estimate_world: Where the attempt started: the estimate μ0 of the hole's centre, m.
+        trace: Trajectory; rows from index ``length`` on are zero padding.
+        length: Number of actions performed.
+        tare_sensor: F/T sensor reading at rest in free space just before the attempt, N and N·m; noise-free
+            in simulation.
+        estimate_world: Estimate μ0 of the hole's centre, above which the attempt started, m.
         peg_type: Index of the shape of the peg in hand.
     """
 
@@ -106,23 +108,24 @@ class Felt:
     peg_type: Int[Array, "*batch"]
 
     def __getitem__(self, rows: Any) -> "Felt":
-        """One attempt of a batch, or several."""
+        """Select one or several attempts of a batch."""
         return jax.tree.map(lambda leaf: leaf[rows], self)
 
 
 @pytree
 class Truth:
-    """What only a simulator knows of one attempt.
+    """Ground truth of one attempt, known only to a simulator.
 
     Attributes:
         hole_type: Index of the hole's shape.
         hole_pos_world: True centre of the hole on the table plane, m.
-        inserted: Whether the tip ended in the hole, ``task.insertion_depth_m`` below the plate's top or more.
-        valid: False where the simulation diverged, or the attempt left what is believed (a peg that tilts too
-            far or leaves its plate, a torque limit for too long: ``mjx_fit.engines.plausible``), in the last
-            action counted by ``Felt.length``.
-        end_qpos: Joint angles at the end, rad; where not valid, before the action that made it so.
-        end_qvel: Joint velocities at the same moment, rad/s.
+        inserted: True if the TCP ended in the hole, at least ``task.insertion_depth_m`` below the top of the
+            socket.
+        valid: False if the simulation diverged or became implausible (the peg tilted too far or left its
+            socket, or a joint stayed at its torque limit for too long: ``mjx_fit.engines.plausible``) in the
+            last action counted by ``Felt.length``.
+        end_qpos: Final joint angles, rad; for invalid attempts, those before the invalid action.
+        end_qvel: Joint velocities at the same time, rad/s.
     """
 
     hole_type: Int[Array, "*batch"]
@@ -134,13 +137,13 @@ class Truth:
 
     @property
     def failed(self) -> Bool[Array, "*batch"]:
-        """Whether the attempt was simulated without fault and the peg is not in: these teach something."""
+        """True for valid attempts that did not insert the peg; only these update the belief."""
         return self.valid & ~self.inserted
 
 
 @pytree
 class Rollout:
-    """One simulated attempt: what was felt, and the truth.
+    """One simulated attempt: measurements and ground truth.
 
     Example:
         >>> import jax, mjx_fit as mf
@@ -153,38 +156,38 @@ class Rollout:
     truth: Truth
 
     def __getitem__(self, rows: Any) -> "Rollout":
-        """One attempt of a batch, or several."""
+        """Select one or several attempts of a batch."""
         return jax.tree.map(lambda leaf: leaf[rows], self)
 
     @property
     def succeeded(self) -> Bool[Array, "*batch"]:
-        """Whether the peg is in a hole of its own type."""
+        """True if the peg was inserted into a hole of its own type."""
         return self.truth.inserted & (self.felt.peg_type == self.truth.hole_type)
 
     @property
     def inserted_wrongly(self) -> Bool[Array, "*batch"]:
-        """Whether the peg is in a hole of another type: no success, and nothing that the robot notices."""
+        """True if the peg was inserted into a hole of another type, a failure the robot cannot detect."""
         return self.truth.inserted & (self.felt.peg_type != self.truth.hole_type)
 
 
 @pytree
 class Reading:
-    """A trace as the sensors are shown it: tared, noisy, relative to the estimate, a fixed number of rows.
+    """Network input of one attempt: the trace tared, with noise, relative to the estimate, padded to L rows.
 
-    Nothing in it depends on the true position or type of the hole except through what was felt.
+    It depends on the true position and type of the hole only through the measurements.
 
     Attributes:
-        wrench_sensor: Tared and noisy wrench, N and N·m.
-        pressure_tip: Centre of pressure on the peg's lower face over the action, from its centre, world x and
-            y, m: follows from the wrench.
-        tip_pos_estimate: Tip position relative to the estimate (x, y) and to the plate's top (z), m.
-        tip_quat_world: Orientation of the tip.
-        tip_linvel_world: m/s.
-        tip_angvel_world: rad/s.
-        contact: Contact bit, as a float 0 or 1, from the measured force (``sensors.preprocess.in_contact``).
-        action_world: m.
-        mask: True where the row is real, False where it is padding.
-        peg_type: Index of the peg's shape, which the robot knows.
+        wrench_sensor: Tared wrench with sensor noise, N and N·m.
+        pressure_tip: Centre of pressure on the peg's lower face over the action, relative to the face's
+            centre, world x and y, m; computed from the wrench.
+        tip_pos_estimate: TCP position relative to the estimate (x, y) and to the top of the socket (z), m.
+        tip_quat_world: Orientation of the TCP.
+        tip_linvel_world: Linear velocity of the TCP, m/s.
+        tip_angvel_world: Angular velocity of the TCP, rad/s.
+        contact: Contact flag, as a float 0 or 1, from the measured force (``sensors.preprocess.in_contact``).
+        action_world: Commanded displacement of the TCP, m.
+        mask: True for real rows, False for padding.
+        peg_type: Index of the peg's shape, known to the robot.
     """
 
     wrench_sensor: Float[Array, "*batch L 50 6"]
@@ -201,7 +204,7 @@ class Reading:
 
 @pytree
 class Belief:
-    """What is believed about one hole.
+    """Belief about the position and the type of one hole.
 
     Example:
         >>> import numpy as np, mjx_fit as mf
@@ -212,7 +215,7 @@ class Belief:
     Attributes:
         pos_mean_world: Mean μ of the hole's position, m.
         pos_cov: Covariance Σ of the hole's position, m².
-        type_logp: Log probability ξ of each shape; its exponentials add up to one.
+        type_logp: Log probability ln ξ of each shape; its exponentials sum to one.
     """
 
     pos_mean_world: Float[Array, "*batch 2"]
@@ -221,19 +224,20 @@ class Belief:
 
     @property
     def type_probability(self) -> Float[Array, "*batch C"]:
-        """ξ: the probability of each shape."""
+        """Probability ξ of each shape."""
         return jnp.exp(self.type_logp)
 
 
 @pytree
 class Observation:
-    """What the virtual sensors make of a reading, in the form in which the filters take it.
+    """Output of the virtual sensors for one reading; input of the filters.
 
     Attributes:
-        innovation: h_pos: estimate of the true position minus the estimate that the attempt started from, m.
-        pos_noise_cov: R: covariance of the innovation's error, m².
-        match_logits: h_match: logits of (mismatch, match).
-        match_model_logp: log H(o_match | c, c_peg) for the peg in hand: rows are hole types, columns o_match.
+        innovation: Output of h_pos: estimated true position minus the estimate used for the attempt, m.
+        pos_noise_cov: Covariance R of the error of the innovation, m².
+        match_logits: Output of h_match: logits of (mismatch, match).
+        match_model_logp: Log of the observation model H(o_match | c, c_peg) for the peg in hand; rows: hole
+            types, columns: o_match.
     """
 
     innovation: Float[Array, "*batch 2"]

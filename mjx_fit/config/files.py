@@ -1,4 +1,4 @@
-"""Configurations from files and ``--set``: strict YAML; unknown keys and values out of range are refused."""
+"""Configurations from files and ``--set``: strict YAML; unknown keys and invalid values are rejected."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,12 +10,12 @@ from mjx_fit.utils.errors import RequestError, shortened, shown
 
 
 def read_config(path: Path | Sequence[Path] | None = None, overrides: Sequence[str] = ()) -> Config:
-    """The configuration of a run.
+    """Read the configuration of a run.
 
     Args:
-        path: YAML file with the values that differ from the defaults, several of which later ones win over
-            earlier ones key by key, or None.
-        overrides: ``section.key=value`` strings, applied after the file.
+        path: YAML file with the values that differ from the defaults, or several files, where later ones take
+            precedence key by key; None: no file.
+        overrides: Strings ``section.key=value``, applied after the files.
 
     Raises:
         RequestError: The file cannot be read, or a key or value is invalid.
@@ -32,10 +32,10 @@ def read_config(path: Path | Sequence[Path] | None = None, overrides: Sequence[s
 
 
 def read_stored_config(path: Path) -> Config:
-    """The configuration that a run was stored with.
+    """Read the stored configuration of a run.
 
     Args:
-        path: Its YAML file.
+        path: YAML file stored with the run.
 
     Raises:
         RequestError: The file cannot be read, or a key or value is invalid.
@@ -54,20 +54,18 @@ def _read(path: Path) -> dict[str, Any]:
     except strict_yaml.StrictYamlError as error:
         raise RequestError(f"config: {shortened(name, 300)} cannot be read: {error}") from None
     except ValueError:
-        raise RequestError(f"config: {name} cannot be read: a path holds no NUL") from None
+        raise RequestError(f"config: {name} cannot be read: a path must not contain NUL") from None
     if not isinstance(loaded, dict | None):
         raise RequestError(
-            f"config: {name} must hold sections such as 'scene:', not a {type(loaded).__name__}"
+            f"config: {name}: a {type(loaded).__name__} is invalid: expected sections such as 'scene:'"
         )
     return loaded or {}
 
 
 def _decoded(content: bytes) -> str:
-    """UTF-8 text, whatever the locale."""
+    """Decode UTF-8 text, independent of the locale."""
     if len(content) > strict_yaml.MOST_BYTES:
-        raise strict_yaml.StrictYamlError(
-            f"it has more than the {strict_yaml.MOST_BYTES} bytes that are allowed"
-        )
+        raise strict_yaml.StrictYamlError(f"it is too large: expected at most {strict_yaml.MOST_BYTES} bytes")
     try:
         return content.decode("utf-8")
     except UnicodeDecodeError as error:
@@ -81,7 +79,7 @@ def _set(tree: dict[str, Any], override: str) -> None:
     keys = path.strip().split(".")
     if not separator or len(keys) != 2 or not all(keys):
         raise RequestError(
-            f"--set: {shown(override)} is invalid: write section.key=value, e.g. scene.clearance_m=0.002"
+            f"--set: {shown(override)} is invalid: expected section.key=value, e.g. scene.clearance_m=0.002"
         )
     section = tree.setdefault(keys[0], {})
     if not isinstance(section, dict):
@@ -89,4 +87,4 @@ def _set(tree: dict[str, Any], override: str) -> None:
     try:
         section[keys[1]] = strict_yaml.load(text)
     except strict_yaml.StrictYamlError as error:
-        raise RequestError(f"--set: {shown(override)} is invalid: it is no YAML value: {error}") from None
+        raise RequestError(f"--set: {shown(override)} is invalid: expected a YAML value: {error}") from None

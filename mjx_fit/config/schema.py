@@ -1,4 +1,4 @@
-"""The whole configuration: its sections, its rules, and its forms as a tree and as YAML."""
+"""Complete configuration: sections, rules, and conversion to and from trees and YAML."""
 
 import dataclasses
 import json
@@ -27,7 +27,7 @@ from mjx_fit.utils.errors import RequestError, shown
 
 @dataclass(frozen=True, config=STRICT)
 class Config:
-    """The whole configuration: sections of numbers, each checked against its range.
+    """Complete configuration: sections of values, each checked against its range.
 
     Example:
         >>> import mjx_fit as mf
@@ -48,7 +48,7 @@ class Config:
 
     @model_validator(mode="after")
     def _rates_of_these_shapes(self) -> "Config":
-        """Fills in rates that were not given; each shape must have its own."""
+        """Fill in missing rates; each shape must have its own."""
         task = self.task.for_shapes(self.scene.shapes)
         for name in ("success_probability", "success_by_error"):
             limits.require_one_for_each_shape(f"task.{name}", getattr(task, name), self.scene)
@@ -57,7 +57,7 @@ class Config:
 
 
 def config_from_stored(tree: dict[str, Any]) -> Config:
-    """The configuration in a stored file; keys that are younger than it mean what went without saying then.
+    """Convert a stored tree to a configuration; keys missing in older files get their original values.
 
     Raises:
         RequestError: A key or value is invalid.
@@ -72,20 +72,20 @@ def config_from_stored(tree: dict[str, Any]) -> Config:
 
 
 def config_from_tree(tree: dict[str, Any]) -> Config:
-    """The configuration that differs from the defaults in the values of a nested dict.
+    """Convert a nested dict to a configuration; missing keys get their defaults.
 
     Raises:
         RequestError: A key or value is invalid.
     """
     try:
-        # JSON, so that lists may stand for tuples; what it cannot say becomes text, which no field takes.
+        # Validate as JSON, so that lists are accepted as tuples; other types become text, which is rejected.
         text = json.dumps(tree, default=shown)
         config = TypeAdapter(Config).validate_json(text)
     except ValidationError as error:
         raise RequestError(f"config: {schema_errors.in_words(error, Config)}") from None
-    except (RecursionError, TypeError, ValueError):  # nested without end, or keys that are no names
+    except (RecursionError, TypeError, ValueError):  # nested too deeply, or keys that are not strings
         raise RequestError(
-            f"config: {shown(tree)} is invalid: it must hold sections of names and values"
+            f"config: {shown(tree)} is invalid: expected sections of names and values"
         ) from None
     limits.require_steady(config.scene, config.control, config.spiral, config.random, config.task)
     require_room(config, "spiral.radius_m", config.spiral.radius_m)
@@ -93,15 +93,15 @@ def config_from_tree(tree: dict[str, Any]) -> Config:
 
 
 def require_room(config: Config, key: str, radius_m: float) -> None:
-    """Make sure that a peg stays over its plate, wherever the detector and the policy may bring it.
+    """Check that the peg stays above its socket for every detector error and policy goal.
 
     Args:
-        config: The configuration.
-        key: What says how far the policy goes from the estimate.
-        radius_m: How far that is.
+        config: Configuration of scene and detector.
+        key: Key that sets the reach of the policy.
+        radius_m: Largest distance of the policy's goal from the estimate, m.
 
     Raises:
-        RequestError: The plate is too small.
+        RequestError: The socket is too small.
     """
     detector, scene = config.detector, config.scene
     error = detector.half_width_m * (math.sqrt(2) if detector.kind == "square" else 1)
@@ -109,25 +109,25 @@ def require_room(config: Config, key: str, radius_m: float) -> None:
     if reach > scene.plate_half_width_m:
         raise RequestError(
             f"config: scene.plate_half_width_m: {scene.plate_half_width_m} is invalid: expected at "
-            f"least {math.ceil(1000 * reach) / 1000}: the detector's error, {key} and half a peg"
+            f"least {math.ceil(1000 * reach) / 1000}: the sum of detector error, {key} and half a peg"
         )
 
 
 def config_to_tree(config: Config) -> dict[str, Any]:
-    """The whole configuration as nested dicts and lists, ready for YAML or JSON."""
+    """Convert a configuration to nested dicts and lists, ready for YAML or JSON."""
     return json.loads(json.dumps(dataclasses.asdict(config)))
 
 
 def config_to_yaml(config: Config) -> str:
-    """The whole configuration as YAML; ``read_config`` reads it back unchanged."""
+    """Convert a configuration to YAML; ``read_config`` reads it back unchanged."""
     return yaml.safe_dump(config_to_tree(config), sort_keys=False)
 
 
 def config_from_yaml(text: str) -> Config:
-    """What ``config_to_yaml`` wrote.
+    """Parse the output of ``config_to_yaml``.
 
     Raises:
-        RequestError: It is something else.
+        RequestError: The text is no valid configuration.
     """
     try:
         tree = strict_yaml.load(text)
@@ -137,7 +137,7 @@ def config_from_yaml(text: str) -> Config:
 
 
 def config_differences(one: Config, other: Config) -> list[str]:
-    """The keys in which two configurations differ, in words: ``section.key is 1 there and 2 here``."""
+    """List the keys in which two configurations differ: ``section.key is 1 there and 2 here``."""
     there, here = config_to_tree(one), config_to_tree(other)
     return [
         f"{section}.{key} is {value} there and {here[section][key]} here"

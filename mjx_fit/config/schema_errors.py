@@ -1,4 +1,4 @@
-"""What pydantic found wrong with a configuration, in one line: where, which value, and what is allowed."""
+"""One-line messages for pydantic's validation errors: key, value, and allowed values."""
 
 import dataclasses
 from types import NoneType, UnionType
@@ -10,34 +10,34 @@ from mjx_fit.utils.errors import shortened, shown
 
 
 def in_words(error: ValidationError, schema: type) -> str:
-    """What is wrong first, where, and what is allowed there.
+    """Describe the first error: its key, its value, and the allowed values.
 
     Args:
-        error: Of validating ``schema``.
-        schema: A dataclass, of dataclasses, tuples, plain values and unions of tagged ones.
+        error: Error of validating ``schema``.
+        schema: Dataclass whose fields are dataclasses, tuples, plain values or tagged unions.
     """
     first = error.errors(include_url=False)[0]
     place, kind, given = _without_tags(first["loc"], schema), first["type"], first["input"]
     field = _dotted(place)
     if kind == "unexpected_keyword_argument":
         return f"{field}: unknown key; allowed here: {', '.join(_keys(_annotation(place[:-1], schema)))}"
-    if kind == "value_error":  # of a section's own check, which names its key
+    if kind == "value_error":  # raised by a section's own check, which names its key
         said = str(first.get("ctx", {}).get("error"))
         return f"{field}.{said}" if field else said
-    if kind == "missing" and isinstance(given, list):  # one error for each that is
+    if kind == "missing" and isinstance(given, list):  # one error per missing item
         missing = sum(one["type"] == "missing" for one in error.errors(include_url=False))
-        return f"{_dotted(place[:-1])}: {len(given)} given, {len(given) + missing} are needed"
+        return f"{_dotted(place[:-1])}: {len(given)} entries given: expected {len(given) + missing}"
     if kind == "missing":
         return f"{field}: it is missing"
     if kind in ("too_long", "too_short") and isinstance(given, list):
         word, key = ("most", "max_length") if kind == "too_long" else ("least", "min_length")
-        return f"{field}: {len(given)} given, at {word} {first.get('ctx', {}).get(key)} are allowed"
+        return f"{field}: {len(given)} entries given: expected at {word} {first.get('ctx', {}).get(key)}"
     allowed = _allowed(_annotation(place, schema))
     return f"{field}: {shown(given)} is invalid: {f'expected {allowed}' if allowed else first['msg']}"
 
 
 def members(annotation: Any) -> tuple[Any, ...]:
-    """What a value that is annotated so may be: the members of a union but for None, or the annotation."""
+    """Return the members of an annotated union except None, or the annotation itself if it is no union."""
     plain = get_args(annotation)[0] if get_origin(annotation) is Annotated else annotation
     if get_origin(plain) not in (Union, UnionType):
         return (annotation,)
@@ -45,11 +45,11 @@ def members(annotation: Any) -> tuple[Any, ...]:
 
 
 def plain_and_limits(annotation: Any) -> tuple[Any, dict[str, Any]]:
-    """An annotation without its metadata, and what those say.
+    """Split an annotation into the plain type and its metadata.
 
     Returns:
-        The plain annotation; of ``ge``, ``le``, ``multiple_of``, ``min_length``, ``max_length`` and ``unit``
-        those that are stated.
+        Plain annotation, and those of ``ge``, ``le``, ``multiple_of``, ``min_length``, ``max_length`` and
+        ``unit`` that the metadata state.
     """
     if get_origin(annotation) is not Annotated:
         return annotation, {}
@@ -73,7 +73,7 @@ def _dotted(place: tuple[int | str, ...]) -> str:
 
 
 def _without_tags(place: tuple[int | str, ...], schema: type) -> tuple[int | str, ...]:
-    """The place without the tags of a union's members, which nobody wrote."""
+    """Remove the tags of union members, which are not part of the user's input, from a location."""
     return tuple(
         part
         for end, part in enumerate(place)
@@ -86,7 +86,7 @@ def _tag(annotation: Any) -> str | None:
 
 
 def _annotation(place: tuple[int | str, ...], schema: type) -> Any:
-    """How the field at a place is annotated, or None; of a union the member that a tag or an index means."""
+    """Return the annotation at a location, or None; a tag or an index selects the member of a union."""
     node: Any = schema
     for part in place:
         among = members(node)
@@ -116,7 +116,7 @@ def _keys(node: Any) -> list[str]:
 
 
 def _allowed(node: Any) -> str:
-    """What a field that is annotated so may be, or nothing."""
+    """Describe the values that an annotation allows; empty if there is no short description."""
     among = members(node)
     if len(among) > 1:
         return " or ".join(_allowed(one) for one in among)
@@ -124,7 +124,7 @@ def _allowed(node: Any) -> str:
     if node in (int, float) and {"ge", "le"} <= limits.keys():
         what = "a whole number" if node is int else "a number"
         times = f" and a multiple of {limits['multiple_of']}" if "multiple_of" in limits else ""
-        return f"{what} {limits['ge']} to {limits['le']}{times}"
+        return f"{what} from {limits['ge']} to {limits['le']}{times}"
     if node is bool:
         return "true or false"
     if get_origin(node) is Literal:

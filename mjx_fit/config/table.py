@@ -1,6 +1,6 @@
-"""Every key of the configuration in a table: its unit, what is allowed, its default and its description.
+"""Table of all configuration keys with unit, allowed values, default and description.
 
-All of it comes from the schema itself, ``mjx_fit.config.sections``: annotations, defaults and docstrings.
+Everything is read from the schema in ``mjx_fit.config.sections``: annotations, defaults and docstrings.
 """
 
 import dataclasses
@@ -12,25 +12,25 @@ from mjx_fit.config.schema import Config, config_to_tree
 from mjx_fit.config.schema_errors import members, plain_and_limits
 
 WIDTH = 110
-"""Columns of the widest line."""
+"""Maximum line width, characters."""
 SUFFIXES = {"m": "m", "s": "s", "n": "N", "nm": "N·m"}
-"""Units by the ends of names, such as ``clearance_m``; other keys state theirs in the schema."""
+"""Units by the suffixes of names such as ``clearance_m``; other keys state theirs in the schema."""
 PURE = "1"
-"""Unit of a number without one."""
+"""Unit of dimensionless numbers."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Key:
-    """One key.
+    """One configuration key.
 
     Attributes:
-        section: Its section.
-        name: Its name in that.
-        unit: Unit of its numbers; ``1`` for pure numbers, ``-`` for words.
-        allowed: Range or choice, in words.
-        default: Its default, JSON-ready.
-        value: Its value in the configuration at hand.
-        description: What it is, in a few sentences.
+        section: Section of the key.
+        name: Name within the section.
+        unit: Unit of the values; ``1`` for dimensionless numbers, ``-`` for words.
+        allowed: Range or choices, as text.
+        default: Default value, JSON-ready.
+        value: Value in the given configuration, JSON-ready.
+        description: Description in a few sentences.
     """
 
     section: str
@@ -43,7 +43,7 @@ class Key:
 
 
 def keys(config: Config) -> list[Key]:
-    """All keys, in the order of the schema, with their values in a configuration."""
+    """List all keys in the order of the schema, with their values in a configuration."""
     default, value = config_to_tree(Config()), config_to_tree(config)
     return [
         Key(
@@ -61,9 +61,9 @@ def keys(config: Config) -> list[Key]:
 
 
 def as_text(table: list[Key]) -> str:
-    """A line for each key, grouped by section; values other than the default have a column of their own."""
+    """Format one line per key, grouped by section; an extra column shows values other than the default."""
     differ = any(key.value != key.default for key in table)
-    head = ("key", "unit", "allowed", "default", *(["here"] * differ), "what it is")
+    head = ("key", "unit", "allowed", "default", *(["value"] * differ), "description")
     rows = [_row(key, differ) for key in table]
     widths = [max(len(row[column]) for row in [head, *rows]) for column in range(len(head) - 1)]
     lines, section = [_line(head, widths)], ""
@@ -76,7 +76,7 @@ def as_text(table: list[Key]) -> str:
 
 
 def as_json(table: list[Key]) -> list[dict[str, Any]]:
-    """A JSON-ready object for each key."""
+    """Convert each key to a JSON-ready object."""
     return [dataclasses.asdict(key) for key in table]
 
 
@@ -96,7 +96,7 @@ def _line(row: tuple[str, ...], widths: list[int]) -> str:
 
 
 def _short(value: Any) -> str:
-    """A value in a few letters."""
+    """Format a value briefly."""
     if not isinstance(value, list):
         return str(value).lower() if isinstance(value, bool) else str(value)
     items = [_short(one.get("name") if isinstance(one, dict) else one) for one in value]
@@ -119,8 +119,8 @@ def _unit(name: str, annotation: Any) -> str:
 
 
 def _allowed(annotation: Any) -> str:
-    """What may stand there: a range, a choice, or how many of what."""
-    plain, limits = plain_and_limits(members(annotation)[0])  # of a union the usual one: a line is short
+    """Describe the allowed values: a range, choices, or the number and type of entries."""
+    plain, limits = plain_and_limits(members(annotation)[0])  # the usual member of a union, for brevity
     if plain is bool:
         return "true, false"
     if get_origin(plain) is Literal:
@@ -142,7 +142,7 @@ def _summary(schema: type) -> str:
 
 
 def _descriptions(schema: type) -> dict[str, str]:
-    """The attributes of a docstring, by name."""
+    """Parse the attribute descriptions of a docstring, by name."""
     text = (inspect.getdoc(schema) or "").partition("Attributes:\n")[2]
     found = re.findall(r"^    (\w+): (.*(?:\n {8}.*)*)", text, re.MULTILINE)
     return {name: re.sub(r"\s+", " ", words).replace("``", "") for name, words in found}

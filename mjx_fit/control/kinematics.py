@@ -1,6 +1,6 @@
-"""Forward and inverse kinematics of the arm in JAX, for the posture in which an attempt starts.
+"""Forward and inverse kinematics of the arm in JAX, for the initial posture of an attempt.
 
-Both engines start from the same joint angles, since these come from here and not from a simulator.
+Both engines start from the same joint angles, since these are computed here and not by a simulator.
 """
 
 # MuJoCo's extension module has no stubs.
@@ -23,12 +23,12 @@ _DAMPING = 1e-6
 
 @pytree
 class Chain:
-    """The arm as a chain of frames.
+    """Kinematic chain of the arm.
 
     Attributes:
-        offset: Position of each joint's frame in the frame before it, m; the last is the tip's.
-        rotation: Orientation of the same, as rotation matrices.
-        robot: Whose arm it is.
+        offset: Position of each joint's frame in the previous frame, m; the last entry is the TCP.
+        rotation: Orientation of each frame in the previous frame, as rotation matrices.
+        robot: Robot that the chain belongs to.
     """
 
     offset: Float[Array, "frames 3"]
@@ -37,7 +37,7 @@ class Chain:
 
 
 def chain_of(model: mujoco.MjModel, robot: Robot = PANDA) -> Chain:
-    """Reads the chain from the base to the robot's tool site off a model."""
+    """Extract the chain from the base to the robot's tool site from a model."""
     offset, rotation = [], []
     position, frame = np.zeros(3), np.eye(3)
     for body in _bodies_from_base(model, model.site(robot.tool_site).bodyid[0]):
@@ -57,7 +57,7 @@ def chain_of(model: mujoco.MjModel, robot: Robot = PANDA) -> Chain:
 def forward(
     chain: Chain, qpos: Float[Array, "joints"]
 ) -> tuple[Float[Array, "3"], Float[Array, "3 3"], Float[Array, "6 joints"]]:
-    """Position (m) and orientation of the tip in the world, and its Jacobian (linear over angular)."""
+    """Compute the TCP's position (m) and orientation in the world, and its Jacobian (linear over angular)."""
     joints = len(chain.robot.joints)
     cos, sin, zero, one = jnp.cos(qpos), jnp.sin(qpos), jnp.zeros_like(qpos), jnp.ones_like(qpos)
     turn = jnp.stack([cos, -sin, zero, sin, cos, zero, zero, zero, one], -1).reshape(joints, 3, 3)
@@ -78,7 +78,7 @@ def jacobian(
     joint_axis_world: Float[Array, "joints 3 *b"],
     point_world: Float[Array, "3 *b"],
 ) -> Float[Array, "6 joints *b"]:
-    """Geometric Jacobian of a point of the last body: linear velocity over angular velocity."""
+    """Compute the geometric Jacobian of a point on the last body: linear over angular velocity."""
     axis, arm = joint_axis_world.swapaxes(0, 1), (point_world - joint_anchor_world).swapaxes(0, 1)
     return jnp.concatenate([cross(axis, arm), axis])
 
@@ -86,16 +86,16 @@ def jacobian(
 def rotation_error(
     frame_world: Float[Array, "3 3 *b"], goal_world: Float[Array, "3 3"]
 ) -> Float[Array, "3 *b"]:
-    """Rotation vector (rad, world frame) that turns one frame towards another, exact to second order.
+    """Compute the rotation vector (rad, world frame) from one frame to another, exact to second order.
 
-    Half the sum of the axes' cross products (Siciliano et al., Robotics, section 3.7.3).
+    The result is half the sum of the axes' cross products (Siciliano et al., Robotics, section 3.7.3).
     """
     goal = jnp.reshape(goal_world, (3, 3, *[1] * (frame_world.ndim - 2)))
     return 0.5 * total(cross(frame_world, goal), 1)
 
 
 def posture_towards(tip_pos_world: Float[Array, "3 *b"], robot: Robot = PANDA) -> Float[Array, "joints *b"]:
-    """The robot's posture (rad), turned towards a point, with the peg's sides still along the axes."""
+    """Turn the robot's posture (rad) towards a point, keeping the peg's sides along the world axes."""
     bearing = jnp.arctan2(tip_pos_world[1], tip_pos_world[0])
     turns = np.array(robot.turns, np.float32)
     rows = jnp.broadcast_to(bearing, (len(turns), *bearing.shape))
@@ -103,11 +103,11 @@ def posture_towards(tip_pos_world: Float[Array, "3 *b"], robot: Robot = PANDA) -
 
 
 def inverse(chain: Chain, tip_pos_world: Float[Array, "3"]) -> Float[Array, "joints"]:
-    """Joint angles (rad) that put the tip at a point, straight down, sides along the world's axes.
+    """Compute joint angles (rad) that place the TCP at a point, straight down, sides along the world axes.
 
-    Gauss-Newton with damped least squares from the robot's posture, turned towards the point. The damping
-    shrinks no step near the solution, so the result is accurate to float32 over the workspace; tests bound it
-    by 20 µm.
+    The solver is Gauss-Newton with damped least squares, started from the robot's posture turned towards the
+    point. Damping does not shorten steps near the solution, so the result is accurate to float32 over the
+    workspace; tests bound the error by 20 µm.
     """
 
     def step(qpos, _):
@@ -119,7 +119,7 @@ def inverse(chain: Chain, tip_pos_world: Float[Array, "3"]) -> Float[Array, "joi
 
 
 STRAIGHT_DOWN = np.diag(HANGING).astype(np.float32)
-"""Orientation of the tip in every attempt: z down, sides along the world's axes, as the holes are."""
+"""Orientation of the TCP in every attempt: z down, sides along the world axes, like those of the holes."""
 
 
 def _bodies_from_base(model: mujoco.MjModel, body: int) -> list[int]:

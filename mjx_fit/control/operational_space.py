@@ -1,19 +1,19 @@
-"""Operational-space control: pure arrays in, joint torques out. Knows no simulator.
+"""Operational-space control as pure functions from arrays to joint torques, independent of any simulator.
 
-Takes one world's arrays or, with the worlds as their last axis, those of many (``mjx_fit.utils.linalg``).
+Arrays belong to one world or, with worlds as their last axis, to many (``mjx_fit.utils.linalg``).
 
 Task-space impedance shaped by the task-space inertia (Khatib, "A unified approach for motion and force
-control of robot manipulators", 1987), in the form of VICES (Martín-Martín et al., 2019) and robosuite, where
-position and rotation have an inertia each:
+control of robot manipulators", 1987), in the form of VICES (Martín-Martín et al., 2019) and robosuite, with
+separate inertias for position and rotation:
 
     Λ = (J M⁻¹ Jᵀ)⁻¹,  Λp = (Jp M⁻¹ Jpᵀ)⁻¹,  Λr = (Jr M⁻¹ Jrᵀ)⁻¹
     a = kp e - 2 ζ √kp v                      desired task acceleration (ap, ar)
     q̈₀ = kp₀ (q₀ - q) - 2 √kp₀ q̇              posture, in the null space
     τ = Jᵀ ((Λp ap, Λr ar) - Λ J q̈₀) + M q̈₀ + h     h: Coriolis and gravity
 
-which is the usual sum of Jᵀ F and the posture torque M q̈₀ projected by I - Jᵀ Λ J M⁻¹. With F = Λ a instead,
-accelerations in free space would be held apart, and not forces: a peg that is pressed on a plate would be
-turned by its own push, and stand on one edge.
+This equals the usual sum of Jᵀ F and the posture torque M q̈₀ projected by I - Jᵀ Λ J M⁻¹. With F = Λ a,
+accelerations in free space would be decoupled instead of forces: pressing the peg on the socket would rotate
+it, so that it stands on one edge.
 """
 
 import jax.numpy as jnp
@@ -34,24 +34,24 @@ from mjx_fit.utils.linalg import (
     total,
 )
 
-# Keeps the Cholesky factors finite at a singular posture; inertias are 1e-2 kg m2 and up, inverse inertias
-# 1e-1 1/kg and up, so the damping moves a torque by less than one part in a thousand.
+# Damping keeps the Cholesky factors finite at singular postures; inertias are at least 1e-2 kg m2, inverse
+# inertias at least 1e-1 1/kg, so it changes torques by less than one part in a thousand.
 _DAMPING_MASS = 1e-6
 _DAMPING_TASK = 1e-5
 
 
 @pytree
 class ArmState:
-    """What the controller needs to know of the arm.
+    """State of the arm that the controller needs.
 
     Attributes:
         qpos: Joint angles, rad.
         qvel: Joint velocities, rad/s.
         mass_matrix: Joint-space inertia M, kg·m².
         bias: Coriolis and gravity torques h, N·m.
-        tip_pos_world: m.
-        tip_frame_world: Orientation of the tip as a rotation matrix.
-        joint_anchor_world: A point on each joint's axis, m.
+        tip_pos_world: Position of the TCP, m.
+        tip_frame_world: Orientation of the TCP as a rotation matrix.
+        joint_anchor_world: Point on each joint's axis, m.
         joint_axis_world: Direction of each joint's axis.
     """
 
@@ -66,14 +66,14 @@ class ArmState:
 
 
 def tip_velocity(arm: ArmState) -> Float[Array, "6 *b"]:
-    """Linear (m/s) over angular (rad/s) velocity of the tip in the world frame."""
+    """Compute linear (m/s) over angular (rad/s) velocity of the TCP in the world frame."""
     return times(jacobian(arm.joint_anchor_world, arm.joint_axis_world, arm.tip_pos_world), arm.qvel)
 
 
 def tip_quaternion(arm: ArmState) -> Float[Array, "4 *b"]:
-    """Orientation of the tip, w x y z, with x not negative.
+    """Compute the orientation of the TCP as a quaternion w x y z with x >= 0.
 
-    Shepperd's method for the branch in which x is largest, as it is near straight down.
+    Shepperd's method is used in the branch with the largest x, which holds near straight down.
     """
     m = arm.tip_frame_world
     x = 0.5 * jnp.sqrt(jnp.maximum(1 + m[0, 0] - m[1, 1] - m[2, 2], 1e-6))
@@ -84,16 +84,16 @@ def tip_quaternion(arm: ArmState) -> Float[Array, "4 *b"]:
 def torque(
     arm: ArmState, goal_pos_world: Float[Array, "3 *b"], gains: ControlConfig, robot: Robot = PANDA
 ) -> Float[Array, "joints *b"]:
-    """Joint torques that pull the tip to a goal, straight down.
+    """Compute joint torques that pull the TCP to a goal, straight down.
 
     Args:
         arm: State of the arm.
-        goal_pos_world: Where the tip should be, m.
-        gains: Stiffnesses.
-        robot: Gives the posture in the null space, and the torque limits.
+        goal_pos_world: Goal position of the TCP, m.
+        gains: Stiffness and damping.
+        robot: Robot with the null-space posture and the torque limits.
 
     Returns:
-        Torques within the robot's limits, N·m.
+        Joint torques within the robot's limits, N·m.
     """
     jac = jacobian(arm.joint_anchor_world, arm.joint_axis_world, arm.tip_pos_world)
     error = jnp.concatenate(
@@ -103,11 +103,11 @@ def torque(
     damping = 2 * gains.damping_ratio * jnp.sqrt(stiffness)
     task_acc = stiffness * error - damping * times(jac, arm.qvel)
 
-    # The posture turns with the first joint, so that it never pulls the arm to the middle of the workspace.
+    # Turn the posture with the first joint, so that it never pulls the arm to the middle of the workspace.
     posture_error = posture_towards(arm.tip_pos_world, robot) - arm.qpos
     posture_acc = gains.kp_posture * posture_error - 2 * jnp.sqrt(gains.kp_posture) * arm.qvel
 
-    # With M = L Lᵀ, J M⁻¹ Jᵀ = (L⁻¹ Jᵀ)ᵀ (L⁻¹ Jᵀ): half a solve, and symmetric by construction.
+    # Given M = L Lᵀ, J M⁻¹ Jᵀ = (L⁻¹ Jᵀ)ᵀ (L⁻¹ Jᵀ): half a solve, and symmetric by construction.
     whitened = solve_lower(cholesky_factor(arm.mass_matrix, _DAMPING_MASS), jac.swapaxes(0, 1))
     inverse_inertia = total(whitened[:, :, None] * whitened[:, None])
     root = cholesky_factor(inverse_inertia, _DAMPING_TASK)

@@ -1,8 +1,8 @@
-"""Low-level policies: pure functions that give the desired change of the tip, action by action.
+"""Low-level policies: pure functions that command a displacement of the TCP for each action.
 
-A policy is a pair of functions, ``Policy(init, act)``, written in JAX: both engines compile it into their
-rollouts. It carries a state of its own from action to action, and sees what a robot can measure. The
-randomness of step j comes from ``fold_in(key, j)``, so it depends on the attempt alone.
+A policy is a pair of JAX functions, ``Policy(init, act)``, which both engines compile into their rollouts.
+It carries its own state from action to action and observes only what a robot can measure. Randomness of
+action j comes from ``fold_in(key, j)``, so it depends on the attempt alone.
 """
 
 from collections.abc import Callable
@@ -19,20 +19,20 @@ from mjx_fit.types import Array, Attempt, pytree, static
 NAMES = ("spiral", "random")
 SPIRAL, RANDOM = range(len(NAMES))
 OWN = len(NAMES)
-"""Index of an engine's own policy, which is none of ``NAMES``."""
+"""Index of a custom policy, which is not among ``NAMES``."""
 
 State = Any
-"""Whatever a policy carries from action to action: a pytree of arrays, the same in shape and type always."""
+"""State of a policy: a pytree of arrays whose shapes and dtypes do not change between actions."""
 
 
 @pytree
 class PolicyStart:
-    """What a policy knows before its first action.
+    """Information available to a policy before its first action.
 
     Attributes:
         peg_type: Index of the peg's shape.
-        estimate_world: Estimate p of the hole's centre, over which the attempt starts, m.
-        policy: The attempt's index into ``NAMES``, for a policy that chooses by it.
+        estimate_world: Estimate p of the hole's centre, above which the attempt starts, m.
+        policy: The attempt's index into ``NAMES``, for policies that switch on it.
     """
 
     peg_type: Int[Array, ""]
@@ -42,7 +42,7 @@ class PolicyStart:
 
 @pytree
 class PolicyInput:
-    """What a policy sees before each action: measurements, the clock, and what it knew from the start.
+    """Input of a policy for each action: measurements, time, and the initial information.
 
     Example:
         >>> import jax.numpy as jnp, mjx_fit as mf
@@ -51,18 +51,18 @@ class PolicyInput:
         >>> policy = mf.stateless_policy(towards_estimate)
 
     Attributes:
-        start: As ``Policy.init`` was given it.
-        attempt_key: The attempt's key, likewise.
-        key: Source of this action's randomness: ``fold_in(attempt_key, step)``.
-        step: Number j of the action, from 0: time is j / 10 s.
+        start: Initial information, as passed to ``Policy.init``.
+        attempt_key: Random key of the attempt, as passed to ``Policy.init``.
+        key: Random key of this action: ``fold_in(attempt_key, step)``.
+        step: Index j of the action, from 0; the time is j / 10 s.
         horizon: Number J of actions to plan for; a Python int, known when the policy is compiled.
-        tip_pos_world: Where the tip is, x, m.
-        tip_quat_world: Its orientation, w x y z.
-        tip_linvel_world: Its linear velocity, m/s.
-        tip_angvel_world: Its angular velocity, rad/s.
-        wrench_sensor: What the wrist measured during the action before, 500 Hz, tared, with the sensor's
-            noise: force (N) and torque (N·m) that the arm exerts on the peg. Noise alone before the first.
-        contact: Whether it says that the peg touched something (``mjx_fit.sensors.preprocess.in_contact``).
+        tip_pos_world: Position x of the tool centre point (TCP), m.
+        tip_quat_world: Orientation of the TCP, w x y z.
+        tip_linvel_world: Linear velocity of the TCP, m/s.
+        tip_angvel_world: Angular velocity of the TCP, rad/s.
+        wrench_sensor: Force (N) and torque (N·m) that the arm exerts on the peg, measured by the F/T sensor
+            during the previous action: 500 Hz, tared, with sensor noise. Noise alone before the first action.
+        contact: True if this wrench indicates contact (``mjx_fit.sensors.preprocess.in_contact``).
     """
 
     start: PolicyStart
@@ -79,10 +79,10 @@ class PolicyInput:
 
 
 class Policy(NamedTuple):
-    """A low-level policy, of one attempt in one world.
+    """Low-level policy for one attempt in one world.
 
     Example:
-        Press down until the wrist says contact, then stay:
+        Press down until the F/T sensor indicates contact, then stay:
 
         >>> import jax, jax.numpy as jnp, mjx_fit as mf
         >>> def act(touched, seen):
@@ -95,10 +95,10 @@ class Policy(NamedTuple):
         [[True, False, False, False], [True, False, False, False]]
 
     Attributes:
-        init: From the start and the attempt's key, the state before the first action.
-        act: From the state and what is seen, the state after the action, and the command: the desired change
-            of the tip's position in the world frame (3,), m.
-        name: What data sets and results call it; they refuse a policy without one.
+        init: Maps the initial information and the attempt's key to the state before the first action.
+        act: Maps the state and the input to the state after the action and the command: the desired
+            displacement of the TCP in the world frame (3,), m.
+        name: Name in data sets and results, which refuse a policy without one.
     """
 
     init: Callable[[PolicyStart, Key[Array, ""]], State]
@@ -107,17 +107,17 @@ class Policy(NamedTuple):
 
 
 def start_of(attempt: Attempt) -> PolicyStart:
-    """The part of an attempt that a policy may know: nothing of the true hole."""
+    """Return the part of an attempt that a policy may use: nothing about the true hole."""
     return PolicyStart(attempt.peg_type, attempt.estimate_world, attempt.policy)
 
 
 def shipped(config: Config) -> Policy:
-    """The policy that an attempt names: ``NAMES[attempt.policy]``."""
+    """Return the policy that follows each attempt's choice, ``NAMES[attempt.policy]``."""
     return by_name(spiral(config.spiral), random(config.random))
 
 
 def by_name(*members: Policy) -> Policy:
-    """A policy that acts as the member with the index ``PolicyStart.policy``."""
+    """Combine policies into one that acts as the member with index ``PolicyStart.policy``."""
 
     def init(start: PolicyStart, key: Key[Array, ""]) -> State:
         return tuple(member.init(start, key) for member in members)
@@ -133,7 +133,7 @@ def by_name(*members: Policy) -> Policy:
 
 
 def stateless(command: Callable[[PolicyInput], Float[Array, "3"]], name: str = "") -> Policy:
-    """A policy without a state: its command follows from what it sees.
+    """Create a stateless policy from a function of its input.
 
     Example:
         >>> import jax.numpy as jnp, mjx_fit as mf
@@ -144,7 +144,7 @@ def stateless(command: Callable[[PolicyInput], Float[Array, "3"]], name: str = "
 
 
 def spiral(config: SpiralConfig) -> Policy:
-    """Algorithm 4 of the paper, around the estimate; see ``spiral_command``."""
+    """Create the spiral search around the estimate, Algorithm 4 of the paper; see ``spiral_command``."""
 
     def command(seen: PolicyInput) -> Float[Array, "3"]:
         return spiral_command(seen.step, seen.horizon, _relative(seen), seen.key, config)
@@ -153,7 +153,7 @@ def spiral(config: SpiralConfig) -> Policy:
 
 
 def random(config: RandomConfig) -> Policy:
-    """Sweeps around the estimate; see ``random_command``."""
+    """Create the policy of random sweeps around the estimate; see ``random_command``."""
 
     def command(seen: PolicyInput) -> Float[Array, "3"]:
         return random_command(seen.step, _relative(seen), seen.key, seen.attempt_key, config)
@@ -162,7 +162,7 @@ def random(config: RandomConfig) -> Policy:
 
 
 def _relative(seen: PolicyInput) -> Float[Array, "2"]:
-    """Where the tip is from the estimate, m."""
+    """Return the TCP position relative to the estimate, m."""
     return seen.tip_pos_world[:2] - seen.start.estimate_world
 
 
@@ -173,16 +173,17 @@ def spiral_command(
     key: Key[Array, ""],
     config: SpiralConfig,
 ) -> Float[Array, "3"]:
-    """Algorithm 4 of the paper: u = u_spiral + u_wiggle + p - x.
+    """Compute the spiral command, Algorithm 4 of the paper: u = u_spiral + u_wiggle + p - x.
 
-    p is two-dimensional, so the vertical part is -δz + |wiggle_z| from where the peg is: a constant push.
+    The estimate p is two-dimensional, so the vertical component is -δz + |wiggle_z| relative to the peg: a
+    constant push.
 
     Args:
-        step: j.
-        horizon: J.
-        tip_pos_estimate: x - p, m.
-        key: Source of this step's wiggle.
-        config: r_max, n_rot, δz and σ.
+        step: Index j of the action.
+        horizon: Number J of actions.
+        tip_pos_estimate: TCP position relative to the estimate, x - p, m.
+        key: Random key of this action's exploration noise.
+        config: Parameters r_max, n_rot, δz and σ.
     """
     progress = step / horizon
     angle = 2 * jnp.pi * config.turns * progress
@@ -198,22 +199,22 @@ def random_command(
     attempt_key: Key[Array, ""],
     config: RandomConfig,
 ) -> Float[Array, "3"]:
-    """Straight sweeps between random way-points around the estimate, pressed on the plate, with wiggle.
+    """Compute the command of straight sweeps between random way-points, pressed on the socket, with noise.
 
-    The paper gives its random policy one line. A pure random walk with steps of its σ hardly moves against
-    friction; sweeps cross the hole's edges from all sides and stay in contact.
+    The paper describes its random policy in one line. A pure random walk with steps of its σ hardly moves
+    against friction; sweeps cross the hole's edges from all sides and stay in contact.
 
     Args:
-        step: j.
-        tip_pos_estimate: x - p, m.
-        key: Source of this step's wiggle.
-        attempt_key: Source of the way-points.
-        config: Reach, pace, push and wiggle.
+        step: Index j of the action.
+        tip_pos_estimate: TCP position relative to the estimate, x - p, m.
+        key: Random key of this action's exploration noise.
+        attempt_key: Random key of the way-points.
+        config: Reach, actions per sweep, push and exploration noise.
     """
     sweep, phase = jnp.divmod(step, config.actions_per_sweep)
 
     def way_point(number):
-        # Offset by 2^20 to keep clear of the steps' keys; the first sweep starts over the estimate.
+        # Offset by 2^20 to avoid the keys of the actions; the first sweep starts above the estimate.
         draw = jax.random.uniform(jax.random.fold_in(attempt_key, 2**20 + number), (2,), minval=-1.0)
         return jnp.where(number == 0, 0.0, config.reach_m * draw)
 

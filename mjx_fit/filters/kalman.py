@@ -1,7 +1,7 @@
-"""Kalman filter for the position of a hole that does not move: Algorithm 2 of the paper.
+"""Kalman filter for the position of a static hole: Algorithm 2 of the paper.
 
-Pure functions of arrays with any number of leading batch axes. A batch member with a covariance that is not
-positive definite gives NaN for itself alone.
+All functions are pure and accept any number of leading batch axes. A covariance that is not positive definite
+gives NaN for its own batch entry only.
 """
 
 import jax.numpy as jnp
@@ -19,21 +19,21 @@ def update(
     innovation: Float[Array, "*batch 2"],
     noise_cov: Float[Array, "*#batch 2 2"],
 ) -> tuple[Float[Array, "*batch 2"], Float[Array, "*batch 2 2"]]:
-    """Condition N(μ, Σ) on an observation o of the state itself (H = I), given as the innovation o - μ.
+    """Condition N(μ, Σ) on a direct observation o of the state (H = I), given as the innovation o - μ.
 
     K = Σ (Σ + R)⁻¹,  μ' = μ + K (o - μ),  Σ' = (I - K) Σ (I - K)ᵀ + K R Kᵀ
 
-    The last is Joseph's form of Algorithm 2's (I - K) Σ: equal on paper, but a sum of two positive
-    semi-definite matrices, so that rounding to float32 cannot make it indefinite.
+    The covariance update is the Joseph form of Algorithm 2's (I - K) Σ: mathematically equal, but a sum of
+    two positive semi-definite matrices, so rounding to float32 cannot make it indefinite.
 
     Args:
-        mean: μ, m.
-        cov: Σ, m², positive definite.
-        innovation: o - μ, m.
-        noise_cov: R, m², positive semi-definite and finite.
+        mean: Prior mean μ, m.
+        cov: Prior covariance Σ, m², positive definite.
+        innovation: Innovation o - μ, m.
+        noise_cov: Observation noise covariance R, m², positive semi-definite and finite.
 
     Returns:
-        μ' (m) and Σ' (m²), symmetric to the last bit.
+        Posterior mean μ' (m) and covariance Σ' (m²), exactly symmetric.
 
     Example:
         >>> import jax.numpy as jnp, mjx_fit as mf
@@ -44,7 +44,7 @@ def update(
     """
     cov, noise_cov = jnp.broadcast_arrays(cov, noise_cov)
     root = cholesky_factor(_axes_first(_symmetric(cov + noise_cov)))
-    # Σ and Σ + R are symmetric, so the solution X of (Σ + R) X = Σ is Kᵀ.
+    # Both Σ and Σ + R are symmetric, so the solution X of (Σ + R) X = Σ is Kᵀ.
     gain = _transpose(jnp.moveaxis(cholesky_solve(root, _axes_first(cov)), (0, 1), (-2, -1)))
     residual = jnp.eye(mean.shape[-1], dtype=mean.dtype) - gain
     new_mean = mean + (gain * innovation[..., None, :]).sum(-1)
@@ -54,10 +54,10 @@ def update(
 def gaussian_nll_terms(
     target: Float[Array, "*batch 2"], mean: Float[Array, "*batch 2"], cov: Float[Array, "*batch 2 2"]
 ) -> tuple[Float[Array, "*batch"], Float[Array, "*batch"]]:
-    """½ ln|Σ| and ½ (p - μ)ᵀ Σ⁻¹ (p - μ): the first two terms of the paper's loss.
+    """Compute ½ ln|Σ| and ½ (p - μ)ᵀ Σ⁻¹ (p - μ), the first two terms of the paper's loss.
 
-    Arguments are in m and m². The density is taken per cm², so that numbers are readable: Σ = (1 cm)² I gives
-    a determinant term of 0 (in m it would be -9.21). The constant ln 2π is left out, as in the paper.
+    Arguments are in m and m². The density is per cm² for readability: Σ = (1 cm)² I gives a determinant term
+    of 0 (in m it would be -9.21). The constant ln 2π is omitted, as in the paper.
     """
     root = cholesky_factor(_axes_first(_symmetric(cov) * CM_PER_M**2))
     whitened = solve_lower(root, jnp.moveaxis((target - mean) * CM_PER_M, -1, 0))
@@ -68,13 +68,13 @@ def gaussian_nll_terms(
 def gaussian_nll(
     target: Float[Array, "*batch 2"], mean: Float[Array, "*batch 2"], cov: Float[Array, "*batch 2 2"]
 ) -> Float[Array, "*batch"]:
-    """Negative log likelihood in nats, per cm² and without ln 2π: the sum of ``gaussian_nll_terms``."""
+    """Compute the negative log-likelihood in nats, per cm², without ln 2π: sum of ``gaussian_nll_terms``."""
     half_logdet, half_mahalanobis = gaussian_nll_terms(target, mean, cov)
     return half_logdet + half_mahalanobis
 
 
 def scale_tril(cov: Float[Array, "*batch 2 2"]) -> Float[Array, "*batch 2 2"]:
-    """Lower triangular L with L Lᵀ = Σ, m: it makes an error of N(0, Σ) of standard normal numbers."""
+    """Compute the lower triangular L with L Lᵀ = Σ, m; it maps standard normal samples to N(0, Σ)."""
     xx, xy, yy = cov[..., 0, 0], cov[..., 0, 1], cov[..., 1, 1]
     first = jnp.sqrt(xx)
     below = xy / first
@@ -91,12 +91,12 @@ def _symmetric(matrix: Float[Array, "*batch n n"]) -> Float[Array, "*batch n n"]
 
 
 def _axes_first(matrix: Float[Array, "*batch n n"]) -> Float[Array, "n n *batch"]:
-    """As ``mjx_fit.utils.linalg`` has it."""
+    """Move the matrix axes to the front, the layout of ``mjx_fit.utils.linalg``."""
     return jnp.moveaxis(matrix, (-2, -1), (0, 1))
 
 
 def _product(a: Float[Array, "*batch n n"], b: Float[Array, "*batch n n"]) -> Float[Array, "*batch n n"]:
-    """A B, added up: an accelerator's matrix products have ten bits (TF32), too few for Joseph's form."""
+    """Compute A B as explicit sums: TF32 matrix products (ten bits) are too coarse for the Joseph form."""
     return (a[..., :, :, None] * b[..., None, :, :]).sum(-2)
 
 

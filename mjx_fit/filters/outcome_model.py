@@ -1,8 +1,8 @@
-"""The outcome model's α: how likely a peg of each type goes into a hole of each type.
+"""Success probability α of the outcome model for each pair of peg and hole types.
 
-The paper takes one number per shape, for holes that match the peg; no peg goes into another hole. It depends
-on how good the estimate is: a spiral that starts 1 mm off hardly ever fails, one that starts 2 cm off always
-does. The second model is the mean, over what is believed of the position, of the success rate by distance.
+The paper uses one number per shape, for holes that match the peg, and zero for mismatches. The true success
+rate depends on the error of the estimate: a spiral that starts 1 mm off hardly ever fails, one that starts
+2 cm off always does. The second model averages the success rate by distance over the position belief.
 """
 
 import math
@@ -17,20 +17,20 @@ from mjx_fit.filters.kalman import scale_tril
 from mjx_fit.types import Array
 
 RINGS, ANGLES = 24, 8
-"""Of the quadrature: radii at equal steps of probability, angles over half a turn; both are symmetric."""
+"""Quadrature points: radii at equal probability steps, angles over half a turn (by symmetry)."""
 
 
 def success_probability(config: Config, pos_cov: Float[Array, "*batch 2 2"]) -> Float[Array, "*batch C C"]:
-    """α[c_peg, c] of an attempt from the mean of a belief, for each type of peg and hole.
+    """Compute α[c_peg, c] of an attempt from the mean of a belief, for each type of peg and hole.
 
-    ``constant``: ``task.success_probability``. ``covariance``: where the types match,
-    ∫ s_c(|e|) N(e; 0, Σ) de, s_c being ``task.success_by_error``, linear between its knots and constant
-    beyond them; but for a position that nothing was learnt of since the detector: its error is no Gaussian,
-    and the constant was measured for it. Pairs that do not match keep the constant in either model.
+    Model ``constant`` returns ``task.success_probability``. Model ``covariance`` returns, for matching types,
+    ∫ s_c(|e|) N(e; 0, Σ) de, where s_c is ``task.success_by_error``, linear between its knots and constant
+    beyond them. Positions not updated since the detector keep the constant, which was measured for the
+    detector's non-Gaussian error. Mismatched pairs keep the constant in both models.
 
     Args:
-        config: ``task`` has the model and its numbers, ``detector`` Σ0.
-        pos_cov: Σ of the belief, m².
+        config: Configuration; ``task`` contains the model and its values, ``detector`` Σ0.
+        pos_cov: Covariance Σ of the belief, m².
     """
     task, variance = config.task, config.detector.prior_std_m**2
     matrix = jnp.asarray(constant_matrix(task))
@@ -48,13 +48,13 @@ def success_probability(config: Config, pos_cov: Float[Array, "*batch 2 2"]) -> 
 
 
 def constant_matrix(task: TaskConfig) -> Float[np.ndarray, "C C"]:
-    """``task.success_probability`` as a matrix, α[c_peg, c]: a number for each shape is its diagonal."""
+    """Convert ``task.success_probability`` to a matrix α[c_peg, c]; one number per shape is its diagonal."""
     alphas = np.asarray(task.success_probability, np.float32)
     return alphas if alphas.ndim == 2 else np.diag(alphas)
 
 
 def _standard_normal() -> Float[np.ndarray, "k 2"]:
-    """Points of equal weight that stand for N(0, I): P(r < R) = 1 - exp(-R² / 2)."""
+    """Return points of equal weight that represent N(0, I): P(r < R) = 1 - exp(-R² / 2)."""
     share = (np.arange(RINGS) + 0.5) / RINGS
     radius = np.sqrt(-2 * np.log1p(-share))
     angle = math.pi * (np.arange(ANGLES) + 0.5) / ANGLES

@@ -1,7 +1,8 @@
-"""The updates of a belief after a failed attempt: lines 10 and 11 of Algorithm 1.
+"""Belief updates after a failed attempt: lines 10 and 11 of Algorithm 1.
 
-``Full`` is ``update_position`` and ``update_type`` with the observation; ``Failure + Position`` is
-``update_position`` with it and ``update_type`` without; ``Failure only`` is ``update_type`` without, alone.
+Method ``Full`` applies ``update_position`` and ``update_type``, both with the observation. ``Failure +
+Position`` applies ``update_position`` with it and ``update_type`` without. ``Failure only`` applies
+``update_type`` without the observation.
 """
 
 from dataclasses import replace
@@ -14,12 +15,12 @@ from mjx_fit.types import Array, Belief, Observation
 
 
 def initial_belief(estimate: Float[Array, "*batch 2"], prior_std_m: float, n_types: int) -> Belief:
-    """What is believed after the detector and before any contact: N(estimate, σ² I) and ξ_c = 1/C.
+    """Create the prior given the detector's estimate: N(estimate, σ² I) and ξ_c = 1/C.
 
     Args:
-        estimate: What the detector says, m.
-        prior_std_m: σ, m.
-        n_types: C.
+        estimate: Estimate of the detector, m.
+        prior_std_m: Standard deviation σ per axis, m.
+        n_types: Number of types C.
     """
     batch, dtype = estimate.shape[:-1], estimate.dtype
     return Belief(
@@ -30,9 +31,9 @@ def initial_belief(estimate: Float[Array, "*batch 2"], prior_std_m: float, n_typ
 
 
 def update_position(belief: Belief, observation: Observation) -> Belief:
-    """Algorithm 2. The attempt must have started from ``belief.pos_mean_world``.
+    """Update the position belief, Algorithm 2; the attempt must have started from ``belief.pos_mean_world``.
 
-    The innovation is measured from where the attempt started; a policy that starts elsewhere (a sampled
+    The innovation is relative to the start of the attempt; a policy that starts elsewhere (a sampled
     estimate) has to add start - mean to it first.
     """
     mean, cov = kalman.update(
@@ -49,14 +50,15 @@ def update_type(
     *,
     hard: bool,
 ) -> Belief:
-    """Algorithm 3, after an attempt that failed.
+    """Update the type belief after a failed attempt, Algorithm 3.
 
     Args:
-        belief: Before.
-        observation: What the virtual sensors say, or None to learn from the failure alone.
+        belief: Prior belief.
+        observation: Output of the virtual sensors, or None to learn from the failure alone.
         peg_type: Type of the peg in hand.
-        success_probability: α[c_peg, c] of the outcome model; zeros to learn from the observation alone.
-        hard: Take h_match's arg max instead of averaging over its probabilities.
+        success_probability: Success probability α[c_peg, c] of the outcome model; zeros to learn from the
+            observation alone.
+        hard: Use the arg max of h_match instead of averaging over its probabilities.
     """
     likelihood_logp = histogram.failure_logp(peg_type, success_probability)
     if observation is not None:

@@ -1,9 +1,9 @@
-"""From models/*.xml and shapes to compiled MuJoCo models with everything addressed by name.
+"""Compilation of models/*.xml and shapes to MuJoCo models whose elements are addressed by name.
 
-The simulation scene holds one arm and one hole box on a mocap body, so that the hole's position is state. All
-peg-hole pairs compile to models of the same layout, which differ in the places and sizes of boxes only:
-a batch may mix them. A shape that needs fewer boxes than the layout has keeps the spare ones buried in its
-own material, where nothing can touch them.
+The simulation scene contains one arm and one socket on a mocap body, so that the hole's position is part of
+the state. All peg-hole pairs compile to models of the same layout that differ only in positions and sizes of
+boxes, so a batch may mix them. Spare boxes of simpler shapes are buried in their own material, where nothing
+can touch them.
 """
 
 # MuJoCo's extension module has no stubs.
@@ -31,12 +31,12 @@ _PLACED_ABOVE_FLOOR_M = 0.002
 
 @dataclass(frozen=True)
 class Scene:
-    """The compiled models of the simulation scene.
+    """Compiled models of the simulation scene.
 
     Attributes:
-        models: One model for each pair; n_types² of them, in the order of ``pair_index``.
-        config: What they were made from.
-        robot: The arm in them.
+        models: One model per peg-hole pair, n_types² in total, in the order of ``pair_index``.
+        config: Configuration of the scene.
+        robot: Robot in the models.
     """
 
     models: tuple[mujoco.MjModel, ...]
@@ -54,12 +54,12 @@ class Scene:
 
 
 def pair_index(peg_type, hole_type, n_types: int):
-    """Index of a pair's model in ``Scene.models``; works on ints and on arrays."""
+    """Compute the index of a pair's model in ``Scene.models``, for ints or arrays."""
     return peg_type * n_types + hole_type
 
 
 def simulation_scene(config: SceneConfig) -> Scene:
-    """The scene that is simulated: one arm, one peg, one hole box, all pairs."""
+    """Compile the simulation scene, one arm, one peg and one socket, for all pairs."""
     n_peg = max(len(peg_boxes(shape, config).centre) for shape in config.shapes)
     n_hole = max(len(hole_boxes(shape, config).centre) for shape in config.shapes)
     models = []
@@ -76,10 +76,10 @@ def simulation_scene(config: SceneConfig) -> Scene:
 def picture_scene(
     config: SceneConfig, hole_types: Sequence[int], hole_pos_world: Float[np.ndarray, "n 2"]
 ) -> mujoco.MjModel:
-    """The scene of a whole assembly, for pictures: nothing in it can touch.
+    """Compile the scene of a complete assembly for rendering, without any contacts.
 
-    One arm and n hole boxes. In the hand is a peg of every shape, geoms ``hand_<shape>_<i>``, and in every
-    hole another, geoms ``placed_<hole>_<shape>_<i>``; a picture colours and hides them.
+    The scene has one arm and n sockets. A peg of every shape is in the hand, geoms ``hand_<shape>_<i>``, and
+    in every hole, geoms ``placed_<hole>_<shape>_<i>``; the renderer colours and hides them.
     """
     spec = _arm_on_table(config)
     for shape in config.shapes:
@@ -92,20 +92,20 @@ def picture_scene(
 
 
 def place_holes(rng: np.random.Generator, n_holes: int, config: SceneConfig) -> Float[np.ndarray, "n 2"]:
-    """Random places for hole boxes in the workspace, no two of which overlap.
+    """Draw random socket positions in the workspace without overlap.
 
-    The workspace is the robot's, 10 cm wider on both sides in y for more than six boxes.
+    The workspace is the robot's, 10 cm wider on both sides in y for more than six sockets.
 
     Args:
-        rng: Source of the draws.
-        n_holes: Number of boxes, up to 8.
-        config: Gives the size of a box.
+        rng: Random generator.
+        n_holes: Number of sockets, up to 8.
+        config: Configuration with the robot and the size of a socket.
 
     Returns:
-        Centres, m.
+        Centres of the sockets, m.
 
     Raises:
-        RequestError: So many boxes of this size do not fit.
+        RequestError: The sockets do not fit into the workspace.
     """
     (x0, x1), (y0, y1) = ROBOTS[config.robot].workspace_m
     wider = 0.1 if n_holes > 6 else 0.0
@@ -120,8 +120,8 @@ def place_holes(rng: np.random.Generator, n_holes: int, config: SceneConfig) -> 
             if len(centres) == n_holes:
                 return centres
     raise RequestError(
-        f"config: task.n_holes: {n_holes} cannot be used: boxes of scene.plate_half_width_m = "
-        f"{config.plate_half_width_m} do not fit side by side in the workspace"
+        f"config: task.n_holes: {n_holes} cannot be used: sockets of scene.plate_half_width_m = "
+        f"{config.plate_half_width_m} do not fit side by side into the workspace"
     )
 
 
@@ -129,7 +129,7 @@ def _arm_on_table(config: SceneConfig) -> mujoco.MjSpec:
     robot = ROBOTS[config.robot]
     spec = mujoco.MjSpec.from_file(str(resources.folder("models") / robot.mjcf))
     spec.body("peg").add_site(name=robot.tool_site, pos=[0, 0, config.peg_length_m], group=4)
-    # MJX sizes its contact arrays by this and looks for it among the numerics.
+    # MJX reads the size of its contact arrays from this numeric.
     spec.add_numeric(name="max_contact_points", data=[config.max_contacts])
     return spec
 
@@ -154,7 +154,7 @@ def _add_picture_peg(body: mujoco.MjsBody, boxes: Boxes, name: str) -> None:
 
 
 def _placed(shape: Shape, config: SceneConfig) -> Boxes:
-    """A peg that stands in its hole, in the frame of the plate's upper face."""
+    """Return the boxes of a peg inserted in its hole, in the frame of the socket's upper face."""
     boxes = peg_boxes(shape, config)
     face_m = config.peg_length_m + _PLACED_ABOVE_FLOOR_M - config.hole_depth_m
     return Boxes(boxes.centre * HANGING + [0, 0, face_m], boxes.half)
@@ -176,7 +176,7 @@ def _add_hole(
 
 
 def _strip_visual_geoms(spec: mujoco.MjSpec) -> None:
-    """Takes away what is only to be looked at: an engine computes the place of every geom in every step."""
+    """Remove visual elements, since engines compute the pose of every geom in every step."""
     seen = [geom for geom in spec.geoms if not geom.contype and not geom.conaffinity]
     for element in (*seen, *spec.lights, *spec.cameras):
         spec.delete(element)
@@ -196,7 +196,7 @@ def _contact(config: SceneConfig, contype: int, conaffinity: int) -> dict:
 
 
 def _padded(boxes: Boxes, n: int) -> Boxes:
-    """Fills up to n boxes with tiny ones inside the last real box."""
+    """Pad to n boxes with tiny ones inside the last real box."""
     spare = n - len(boxes.centre)
     centre = np.vstack([boxes.centre, np.repeat(boxes.centre[-1:], spare, 0)])
     half = np.vstack([boxes.half, np.repeat(np.minimum(boxes.half[-1:], _SPARE_HALF_M), spare, 0)])

@@ -1,4 +1,4 @@
-"""The simulated hole detector: what vision would say about the position of a hole."""
+"""Simulated hole detector: a stand-in for vision-based estimates of hole positions."""
 
 import jax
 import jax.numpy as jnp
@@ -11,16 +11,16 @@ from mjx_fit.types import Array
 def detect(
     key: Key[Array, ""], hole_pos_world: Float[Array, "2"], config: DetectorConfig
 ) -> Float[Array, "2"]:
-    """A noisy estimate of a hole's position.
+    """Draw a noisy estimate of a hole's position.
 
     Args:
-        key: Source of the error.
+        key: Random key of the error.
         hole_pos_world: True centre of the hole, m.
-        config: ``square``: the error is uniform on [-w, w]² (the paper's text); ``disc``: its direction is
-            uniform and so is its length on [0, w] (what the paper's figures look like).
+        config: Error distribution. ``square``: uniform on [-w, w]² (the paper's text); ``disc``: uniform
+            direction, and length uniform on [0, w] (as the paper's figures suggest).
 
     Returns:
-        The estimate, m.
+        Estimated centre of the hole, m.
     """
     if config.kind == "square":
         unit = jax.random.uniform(key, (2,), minval=-1.0)

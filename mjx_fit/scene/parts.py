@@ -1,9 +1,9 @@
-"""From cross-sections to boxes: a peg's, and the complement of its hole in a square plate.
+"""Conversion of cross-sections to boxes: those of a peg, and those of a square socket around its hole.
 
 A box is ``(centre, half)``, both (3,) in metres. Pegs are given in the frame of the body ``peg``: its origin
-is the sensor's face, its z points along the tool to the tip. Hole boxes are given in the frame of the plate's
-upper face, z up. The tool points down with its x along the world's, so its y runs against the world's: in its
-frame a peg is the mirror image of its shape, which is drawn as it stands in the hole.
+is on the sensor's face, its z axis points along the tool to the TCP. Sockets are given in the frame of their
+upper face, z up. The tool points down with its x axis along the world's, so its y axis is opposite to the
+world's: in the tool frame a peg is the mirror image of its shape, which is drawn as inserted in the hole.
 """
 
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from mjx_fit.config.sections.world import SceneConfig
 
 FLOOR_THICKNESS_M = 0.01
 HANGING = np.array([1.0, -1.0, -1.0])
-"""Times a place in the frame of the body ``peg``: the same in the world's axes."""
+"""Signs that convert coordinates in the frame of the body ``peg`` to world axes."""
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class Boxes:
     """Axis-aligned boxes.
 
     Attributes:
-        centre: (n, 3), m.
+        centre: Centres (n, 3), m.
         half: Half sizes (n, 3), m.
     """
 
@@ -34,28 +34,28 @@ class Boxes:
 
     @staticmethod
     def between(low: list, high: list) -> "Boxes":
-        """Boxes that reach from the corners ``low`` to the corners ``high``, both (n, 3)."""
+        """Create boxes from their corners ``low`` and ``high``, both (n, 3)."""
         low_, high_ = np.asarray(low, float), np.asarray(high, float)
         return Boxes((low_ + high_) / 2, (high_ - low_) / 2)
 
 
 def plate_top_m(scene: SceneConfig) -> float:
-    """Height of the plate's upper face over the table."""
+    """Height of the socket's upper face above the table, m."""
     return scene.hole_depth_m + FLOOR_THICKNESS_M
 
 
 def peg_boxes(shape: Shape, scene: SceneConfig) -> Boxes:
-    """The boxes of a peg, one for each rectangle, in the frame of the body ``peg``."""
+    """Create the boxes of a peg, one per rectangle, in the frame of the body ``peg``."""
     low = [[x0, -y1, 0.0] for x0, _, _, y1 in shape.rectangles]
     high = [[x1, -y0, scene.peg_length_m] for _, y0, x1, _ in shape.rectangles]
     return Boxes.between(low, high)
 
 
 def hole_boxes(shape: Shape, scene: SceneConfig) -> Boxes:
-    """The boxes of a plate with a hole that is wider than the peg by the clearance on every side.
+    """Create the boxes of a socket whose hole is wider than the peg by the clearance on every side.
 
-    A floor, four walls around the hole's bounding rectangle, and what of that rectangle the hole leaves.
-    Together they fill the plate but for the hole, and do not overlap.
+    The boxes are a floor, four walls around the hole's bounding rectangle, and the part of that rectangle
+    outside the hole. Together they fill the socket except for the hole, without overlap.
     """
     gap, width, bottom = scene.clearance_m, scene.plate_half_width_m, -scene.hole_depth_m
     open_ = [(x0 - gap, y0 - gap, x1 + gap, y1 + gap) for x0, y0, x1, y1 in shape.rectangles]
@@ -82,12 +82,12 @@ def hole_boxes(shape: Shape, scene: SceneConfig) -> Boxes:
 
 
 _SLIVER_M = 1e-6
-"""What is thinner comes from rounding, not from a shape."""
+"""Thinner strips are rounding errors, not parts of a shape."""
 _Rectangle = tuple[float, float, float, float]
 
 
 def _left_over(open_: list[_Rectangle]) -> list[_Rectangle]:
-    """What rectangles leave of their bounding rectangle, in strips along y."""
+    """Return the uncovered part of the rectangles' bounding rectangle, in strips along y."""
     xs = sorted({edge for x0, _, x1, _ in open_ for edge in (x0, x1)})
     ys = sorted({edge for _, y0, _, y1 in open_ for edge in (y0, y1)})
     found: list[_Rectangle] = []

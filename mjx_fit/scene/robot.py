@@ -1,7 +1,7 @@
-"""Robots: all that the library needs to know of an arm, in one place. The Panda is the one that ships.
+"""Robot descriptions: everything the library needs to know about an arm. The Panda is included.
 
-Another arm is another ``Robot`` in ``ROBOTS`` and its MJCF in ``models/``: hinges in a chain, each about the
-z axis of its frame, with torque motors; a body ``peg`` that starts at the face of the force/torque sensor.
+Add an arm as another ``Robot`` in ``ROBOTS`` with its MJCF in ``models/``: a chain of hinges, each about the
+z axis of its frame, with torque motors, and a body ``peg`` that starts at the face of the F/T sensor.
 """
 
 from dataclasses import dataclass
@@ -11,23 +11,23 @@ Interval = tuple[float, float]
 
 @dataclass(frozen=True)
 class Robot:
-    """An arm with a force/torque sensor at its wrist.
+    """Arm with a wrist force/torque (F/T) sensor.
 
     Attributes:
-        name: As in configurations.
-        mjcf: File in ``models/``: the arm on its table.
+        name: Name in configurations.
+        mjcf: File in ``models/`` with the arm on its table.
         joints: Names of the joints, from the base to the wrist.
-        posture_rad: Joint angles with the tool straight down and the peg's sides along the world's axes; the
-            controller's null space goes to it, and inverse kinematics starts from it.
-        turns: How many radians each joint of that posture turns for one of the bearing of the tip, so that
-            the peg's sides stay along the world's axes.
-        torque_limit_nm: Of each joint.
+        posture_rad: Joint angles with the tool straight down and the peg's sides along the world axes; target
+            of the controller's null space and initial value of inverse kinematics.
+        turns: Rotation of each joint of that posture per rotation of the TCP's bearing (rad/rad) that keeps
+            the peg's sides along the world axes.
+        torque_limit_nm: Torque limit of each joint.
         tool_site: Site in the centre of the peg's lower face, added to the body ``peg``.
-        workspace_m: Where hole centres are drawn: x and y, m from the base.
-        hole_reach_m: Least and largest distance of a hole from the base: there the tip can be held straight
-            down.
-        estimate_reach_m: The same for an estimate, which may be wrong.
-        home_m: Where the tip rests before an assembly, in pictures.
+        workspace_m: Region in which hole centres are drawn: x and y intervals, m from the base.
+        hole_reach_m: Smallest and largest distance of a hole from the base at which the tool can point
+            straight down.
+        estimate_reach_m: Smallest and largest distance of an estimate, which may be wrong, from the base.
+        home_m: Rest position of the TCP before an assembly, in renderings.
     """
 
     name: str
@@ -56,6 +56,6 @@ PANDA = Robot(
     estimate_reach_m=(0.2, 0.95),
     home_m=(0.45, 0.0, 0.28),
 )
-"""Franka Emika Panda with a Robotiq FT 300-S."""
+"""Franka Emika Panda with a Robotiq FT 300-S F/T sensor."""
 
 ROBOTS = {robot.name: robot for robot in (PANDA,)}

@@ -1,4 +1,4 @@
-"""The worlds of the assembly experiment: holes, pegs and what the detector says, drawn by the trial's id."""
+"""Scenarios of the assembly experiment: holes, pegs and detector estimates, drawn from the trial's id."""
 
 from dataclasses import dataclass
 from functools import partial
@@ -16,14 +16,14 @@ from mjx_fit.utils.randomness import root_key
 
 @dataclass(frozen=True)
 class Trials:
-    """What the world holds in each of T trials.
+    """Holes, pegs and detector estimates of T trials with n holes each.
 
     Attributes:
-        trial: (T,), ids, on which all draws depend.
-        hole_type: (T, n).
-        hole_pos_world: (T, n, 2), m.
-        estimate_world: (T, n, 2), what the detector says, m.
-        peg_type: (T, n), pegs in the order in which they are grasped.
+        trial: Ids (T,), which determine all draws.
+        hole_type: Types of the holes (T, n).
+        hole_pos_world: True centres of the holes (T, n, 2), m.
+        estimate_world: Detector estimates of the centres (T, n, 2), m.
+        peg_type: Types of the pegs (T, n) in grasping order.
     """
 
     trial: Int[np.ndarray, "T"]
@@ -34,7 +34,7 @@ class Trials:
 
 
 def draw_trials(config: Config, seed: int, trials: Int[np.ndarray, "T"]) -> Trials:
-    """Draws holes of random types at random places, pegs that match them in random order, and detections."""
+    """Draw holes of random types and positions, matching pegs in random order, and detector estimates."""
     n = config.task.n_holes
     rngs = [np.random.default_rng([seed, trial]) for trial in trials]
     hole_type = np.stack([rng.integers(config.scene.n_types, size=n) for rng in rngs])

@@ -1,7 +1,7 @@
-"""Attention over the real rows of a trace, with a gradient that is written out.
+"""Attention over the real rows of a trace, with a custom gradient.
 
-What a compiler makes of the softmax's own derivative takes longer than all products of matrices together;
-with P kept from the way forward the way back is four products and one pass over P.
+The compiled derivative of the softmax takes longer than all matrix products together; with P stored in the
+forward pass, the backward pass is four products and one pass over P.
 """
 
 import jax
@@ -13,20 +13,20 @@ from mjx_fit.types import Array
 
 _Head = Float[Array, "batch heads L d"]
 MASKED = -1e9
-"""Added to a score that must not count: far below any score, and finite where a whole trace is masked."""
+"""Bias of masked scores: far below any score, yet finite for entirely masked traces."""
 
 
 def attend(
     query: _Head, key: _Head, value: _Head, mask: Bool[Array, "batch L"], *, causal: bool = False
 ) -> Float[jax.Array, "batch heads L d"]:
-    """softmax(Q Kᵀ / √d) V of every head, over the rows that the mask keeps (Vaswani et al., 2017).
+    """Compute softmax(Q Kᵀ / √d) V of every head over the unmasked rows (Vaswani et al., 2017).
 
     Args:
-        query: Q.
-        key: K.
-        value: V.
-        mask: Which rows are real. A trace without any attends to all rows alike.
-        causal: Whether a row attends to itself and to those before it only.
+        query: Queries Q.
+        key: Keys K.
+        value: Values V.
+        mask: True for real rows. A trace without real rows attends to all rows equally.
+        causal: If True, each row attends only to itself and to earlier rows.
     """
     length = query.shape[-2]
     bias = jnp.where(mask, 0.0, MASKED)[:, None, None, :]
@@ -50,7 +50,10 @@ def _forward(query, key, value, bias):
 
 
 def _backward(kept, grad):
-    """DS = P ∘ (dO Vᵀ - rowsum(dO ∘ O)): the sum over d equals that of P ∘ dP over m (Dao et al., 2022)."""
+    """Compute dS = P ∘ (dO Vᵀ - rowsum(dO ∘ O)), where the sum over d equals that of P ∘ dP over m.
+
+    See Dao et al. (2022).
+    """
     query, key, value, weights, result = kept
     of_value = jnp.einsum("bhlm,bhld->bhmd", weights, grad)
     of_weights = jnp.einsum("bhld,bhmd->bhlm", grad, value)

@@ -1,4 +1,4 @@
-"""The learned contact sensor: a reading of an attempt becomes an observation that the filters understand."""
+"""Learned contact sensor, which maps the reading of an attempt to an observation for the filters."""
 
 import math
 from dataclasses import replace
@@ -18,28 +18,28 @@ METRES_PER_CM = 0.01
 ROW_FEATURES = 3 + 4 + 3 + 3 + 1 + 3
 CONTACT_FEATURES = 6 + 6 + 2 + 2
 MIN_INPUT_STD = 1e-4
-"""In SI units; an input that varies less over the training set is taken for constant and not blown up."""
+"""Smallest input standard deviation, SI units: inputs with less variation are not scaled up further."""
 
 
 class InputScale(nnx.Variable):
-    """Mean and standard deviation of inputs over the training set: kept with the model, not trained."""
+    """Mean and standard deviation of inputs over the training set: stored with the model, not trained."""
 
 
 class ContactSensor(nnx.Module):
     """Encoders e1 and e2, virtual sensors h_pos and h_match, noise models R and H (figure 3 of the paper).
 
-    Readings and observations are in SI units. Inside, inputs are standardised and lengths are in cm.
+    Readings and observations are in SI units. Internally, inputs are standardised and lengths are in cm.
 
-    With ``reference: final`` it is the paper's frame-by-frame baseline: it is shown positions relative to the
-    tip's final one instead of relative to the estimate, and says where the hole is from there. What it
-    returns is still measured from the estimate, and its R is the covariance of the hole's position itself.
+    The setting ``reference: final`` gives the paper's frame-by-frame baseline: its input positions and its
+    position estimate are relative to the final TCP position instead of the hole estimate. The returned
+    innovation is still relative to the estimate, and R is the covariance of the hole's position itself.
     """
 
     def __init__(self, config: SensorConfig, rngs: nnx.Rngs, n_types: int = 3):
-        """Build the network; call ``fit_input_scale`` with training readings before it is trained.
+        """Build the network; call ``fit_input_scale`` with training readings before training.
 
         Raises:
-            RequestError: The heads do not divide the width.
+            RequestError: The width is not divisible by the number of heads.
         """
         self.from_final_position = config.reference == "final"
         self.wrench_scale = InputScale(jnp.stack([jnp.zeros(WRENCH_AXES), jnp.ones(WRENCH_AXES)]))
@@ -55,14 +55,14 @@ class ContactSensor(nnx.Module):
         self.match_model = MatchModel(n_types, rngs)
 
     def __call__(self, reading: Reading, rngs: nnx.Rngs | None = None) -> Observation:
-        """Observe.
+        """Compute the observation of a reading.
 
         Args:
-            reading: Any batch axes. What padding rows hold makes no difference.
-            rngs: Source of dropout while training; None at test.
+            reading: Reading with any batch axes; the content of padding rows is ignored.
+            rngs: Random keys of dropout in training; None at test time.
 
         Raises:
-            RequestError: A field of the reading has another shape or is not finite (``sensors.traces``).
+            RequestError: A field of the reading has the wrong shape or is not finite (``sensors.traces``).
         """
         require_reading(reading, self.match_model.n_types)
         batch = reading.mask.shape[:-1]
@@ -72,7 +72,7 @@ class ContactSensor(nnx.Module):
             origin = final_position(flat)
             flat = seen_from(flat, origin)
         peg_type = jnp.asarray(flat.peg_type)
-        # Zeroed before anything is computed, so that not even a NaN in the padding can spread.
+        # Zero the padding before any computation, so that not even a NaN in it can spread.
         wrench = jnp.where(
             flat.mask[..., None, None], _standard(flat.wrench_sensor, self.wrench_scale[...]), 0
         )
@@ -90,7 +90,7 @@ class ContactSensor(nnx.Module):
         return jax.tree.map(lambda x: x.reshape(*batch, *x.shape[1:]), observation)
 
     def fit_input_scale(self, reading: Reading) -> None:
-        """Standardise inputs as the real rows of these readings, (n, L, ...), are distributed."""
+        """Fit the input standardisation to the real rows of readings (n, L, ...)."""
         if self.from_final_position:
             reading = seen_from(reading, final_position(reading))
         self.wrench_scale[...] = _moments(reading.wrench_sensor, reading.mask[..., None])
@@ -102,19 +102,19 @@ class ContactSensor(nnx.Module):
 
 
 def final_position(reading: Reading) -> Float[Array, "n 2"]:
-    """Where the tip was in the last real row, relative to the estimate, m."""
+    """Return the TCP position in the last real row, relative to the estimate, m."""
     last = jnp.maximum(reading.mask.sum(-1) - 1, 0)
     return jnp.take_along_axis(reading.tip_pos_estimate, last[:, None, None], axis=1)[:, 0, :2]
 
 
 def seen_from(reading: Reading, origin: Float[Array, "n 2"]) -> Reading:
-    """The reading with horizontal positions relative to a place, which is given relative to the estimate."""
+    """Shift the horizontal positions of a reading to an origin, given relative to the estimate, m."""
     offset = jnp.pad(origin, ((0, 0), (0, 1)))[:, None]
     return replace(reading, tip_pos_estimate=reading.tip_pos_estimate - offset)
 
 
 def row_features(reading: Reading) -> Float[Array, "*batch L features"]:
-    """All that a token is told beside its wrench window, in SI units."""
+    """Concatenate the inputs of a token other than its wrench window, in SI units."""
     return jnp.concatenate(
         [
             reading.action_world,
@@ -129,14 +129,14 @@ def row_features(reading: Reading) -> Float[Array, "*batch L features"]:
 
 
 def contact_position(reading: Reading) -> Float[Array, "*batch L 2"]:
-    """Centre of pressure of each action relative to the estimate, m."""
+    """Compute the centre of pressure of each action relative to the estimate, m."""
     return reading.tip_pos_estimate[..., :2] + reading.pressure_tip
 
 
 def contact_features(reading: Reading) -> Float[Array, "*batch L features"]:
-    """What the wrench of an action comes to: its mean and spread, and where it pressed, in SI units.
+    """Compute mean and standard deviation of each action's wrench, and the centre of pressure, in SI units.
 
-    A network could compute these itself, but quotients of its inputs are what it learns last.
+    The network could compute these itself, but it learns quotients of its inputs last.
     """
     wrench = reading.wrench_sensor
     return jnp.concatenate(
@@ -149,7 +149,7 @@ def _standard(x: Float[Array, "*batch n"], scale: Float[Array, "2 n"]) -> Float[
 
 
 def _moments(x: Float[Array, "*batch n"], mask) -> Float[Array, "2 n"]:
-    """Mean and standard deviation over all axes but the last, of the entries that the mask keeps."""
+    """Compute mean and standard deviation of the unmasked entries over all axes but the last."""
     axes, where = tuple(range(x.ndim - 1)), mask[..., None]
     std = jnp.std(x, axes, where=where)
     return jnp.stack([jnp.mean(x, axes, where=where), jnp.maximum(std, MIN_INPUT_STD)])

@@ -1,8 +1,8 @@
-"""Encoder e1: a trace of any length becomes one vector.
+"""Encoder e1, which maps a trace of any length to one vector.
 
-Section "Model Architecture and Learning" of the paper. A five-layer convolutional network encodes the wrench
-window of each action; with the other measurements of that action it makes one token; a transformer looks at
-all tokens; a maximum over time ends it.
+It follows section "Model Architecture and Learning" of the paper: a five-layer convolutional network encodes
+the wrench window of each action; together with the other measurements of that action it forms one token; a
+transformer processes all tokens, followed by a maximum over time.
 """
 
 from itertools import pairwise
@@ -25,12 +25,12 @@ PLACE_AXES = 4
 class WrenchEncoder(nnx.Module):
     """Five convolutions over time, kernel 2 and stride 2: 50 -> 25 -> 13 -> 7 -> 4 -> 2 steps.
 
-    With a stride as long as the kernel a convolution is a reshape and a matrix product, and is written so:
-    XLA's convolutions are many times slower on a CPU. An odd number of steps gets a zero in front.
+    A convolution whose stride equals its kernel size is a reshape and a matrix product, and is implemented as
+    such: XLA's convolutions are many times slower on a CPU. Odd lengths are zero-padded in front.
     """
 
     def __init__(self, channels: tuple[int, ...], rngs: nnx.Rngs):
-        """Build one layer for each entry of ``channels``."""
+        """Build one layer per entry of ``channels``."""
         sizes = (WRENCH_AXES, *channels)
         self.layers = nnx.List(
             [nnx.Linear(2 * before, after, rngs=rngs) for before, after in pairwise(sizes)]
@@ -41,23 +41,23 @@ class WrenchEncoder(nnx.Module):
         self.out_features = steps * channels[-1]
 
     def __call__(self, wrench: Float[Array, "*batch 50 6"]) -> Float[Array, "*batch features"]:
-        """Encode scaled wrench windows."""
+        """Encode standardised wrench windows."""
         x = wrench
         for layer in self.layers:
             *batch, steps, channels = x.shape
             if steps % 2:
                 x = jnp.pad(x, [(0, 0)] * len(batch) + [(1, 0), (0, 0)])
-            # As one table of rows: with more axes XLA's gradient takes twice as long on a CPU.
+            # Flatten to one table of rows: with more axes XLA's gradient takes twice as long on a CPU.
             rows = nnx.leaky_relu(layer(x.reshape(-1, 2 * channels)))
             x = rows.reshape(*batch, (steps + 1) // 2, -1)
         return x.reshape(*x.shape[:-2], -1)
 
 
 class DecoderBlock(nnx.Module):
-    """Self-attention and feed-forward, each behind a layer norm and beside a skip connection.
+    """Self-attention and feed-forward layers, each with pre-norm and a skip connection.
 
     The paper's "transformer decoder" has no second sequence to attend to, so this is a decoder-only block.
-    The norm comes first (pre-norm): it trains without a warm-up of the learning rate.
+    Pre-norm trains without learning-rate warm-up.
     """
 
     def __init__(self, config: SensorConfig, rngs: nnx.Rngs):
@@ -76,7 +76,7 @@ class DecoderBlock(nnx.Module):
     def __call__(
         self, x: Float[Array, "rows width"], mask: Bool[Array, "batch L"], rngs: nnx.Rngs | None
     ) -> Float[Array, "rows width"]:
-        """Attend to the real rows only; ``rngs`` switches dropout on. Rows are batch times L."""
+        """Attend to the real rows only; ``rngs`` enables dropout. Rows are batch times L."""
         qkv = self.query_key_value(self.attention_norm(x))
         # (3, batch, heads, L, d)
         query, key, value = qkv.reshape(*mask.shape, 3, self.heads, -1).transpose(2, 0, 3, 1, 4)
@@ -96,14 +96,14 @@ class TraceEncoder(nnx.Module):
         """Build the layers.
 
         Args:
-            config: Sizes.
-            row_features: How many numbers an action has beside its wrench window.
-            rngs: Source of the weights.
+            config: Sizes of the layers.
+            row_features: Number of inputs per action other than its wrench window.
+            rngs: Random keys of the initial weights.
         """
         if config.width % config.heads:
             raise RequestError(
-                f"config: sensor.heads: {config.heads} cannot be used: "
-                f"it must divide sensor.width, {config.width}"
+                f"config: sensor.heads: {config.heads} is invalid: "
+                f"expected a divisor of sensor.width ({config.width})"
             )
         self.positional = config.positional
         self.wrench_encoder = WrenchEncoder(config.conv_channels, rngs)
@@ -121,15 +121,15 @@ class TraceEncoder(nnx.Module):
         mask: Bool[Array, "batch L"],
         rngs: nnx.Rngs | None,
     ) -> Float[Array, "batch features"]:
-        """Encode a trace; one without any real row is encoded as zeros.
+        """Encode traces; traces without real rows are encoded as zeros.
 
         Args:
-            wrench: Scaled windows.
-            rows: Scaled numbers beside them.
-            places: Where the tip was and where it was pressed, of which weighted means join the code: a
-                position passes through them as it is, where the rest of the network has to code it.
-            mask: Which rows are real.
-            rngs: Source of dropout; None switches it off.
+            wrench: Standardised wrench windows.
+            rows: Standardised inputs other than the wrench windows.
+            places: TCP positions and centres of pressure; their weighted means are appended to the code, so
+                that positions reach the heads without being encoded by the network.
+            mask: True for real rows.
+            rngs: Random keys of dropout; None disables it.
         """
         measured = jnp.concatenate([self.wrench_encoder(wrench), rows], axis=-1)
         x = self.token(measured.reshape(mask.size, -1))
@@ -148,6 +148,6 @@ class TraceEncoder(nnx.Module):
 
 
 def _sinusoids(length: int, width: int) -> Float[np.ndarray, "L width"]:
-    """Positional encoding of Vaswani et al. (2017): sin and cos of t / 10000^(2 i / width)."""
+    """Compute the positional encoding of Vaswani et al. (2017): sin and cos of t / 10000^(2 i / width)."""
     angle = np.arange(length)[:, None] / 10000 ** (2 * np.arange(width // 2) / width)
     return np.concatenate([np.sin(angle), np.cos(angle)], axis=-1)

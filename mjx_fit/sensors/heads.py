@@ -1,4 +1,4 @@
-"""Virtual sensors h_pos and h_match, and the models of their noise, R and H."""
+"""Virtual sensors h_pos and h_match, and their noise models R and H."""
 
 import jax
 import jax.numpy as jnp
@@ -6,13 +6,14 @@ from flax import nnx
 from jaxtyping import Array, Float, Int
 
 MIN_STD_CM = 0.01
-"""Floor of R's standard deviations: a tenth of the clearance. Without it a sensor that fits its training set
-exactly would drive the likelihood to infinity."""
+"""Lower bound of R's standard deviations: a tenth of the clearance.
+
+Without it, a sensor that fits its training set exactly would drive the likelihood to infinity."""
 
 H_INIT_LOGIT = 1.0
 
-# A tenth of the usual standard deviation: an untrained sensor says "the estimate is right" and "perhaps", so
-# that training starts near the prior's likelihood and not far above it.
+# The usual standard deviation divided by ten: an untrained sensor outputs a zero innovation and even match
+# odds, so that training starts near the likelihood of the prior.
 _SMALL = nnx.initializers.variance_scaling(0.01, "fan_in", "truncated_normal")
 
 
@@ -33,10 +34,10 @@ class SkipMLP(nnx.Module):
 
 
 class PositionNoise(nnx.Module):
-    """R = L Lᵀ, L lower triangular with a positive diagonal: an embedding of the peg type, as in the paper.
+    """Covariance R = L Lᵀ, L lower triangular with positive diagonal, from an embedding of the peg type.
 
-    With ``of_trace`` a head adds to the embedding what it reads in the trace: some traces tell more than
-    others, and a filter should know which.
+    This is the paper's model. With ``of_trace``, a head adds a term that depends on the trace: some traces
+    are more informative than others, and R should reflect this.
     """
 
     def __init__(self, n_types: int, code_width: int, of_trace: bool, rngs: nnx.Rngs):
@@ -47,7 +48,7 @@ class PositionNoise(nnx.Module):
     def __call__(
         self, peg_type: Int[Array, "*batch"], code: Float[Array, "*batch width"]
     ) -> Float[Array, "*batch 2 2"]:
-        """R for each peg and trace, cm²."""
+        """Compute R for each peg and trace, cm²."""
         raw = self.raw(peg_type) + (0 if self.head is None else self.head(code))
         diagonal = jax.nn.softplus(raw[..., :2]) + MIN_STD_CM
         first = jnp.stack([diagonal[..., 0], jnp.zeros_like(raw[..., 2])], axis=-1)
@@ -57,15 +58,15 @@ class PositionNoise(nnx.Module):
 
 
 class MatchModel(nnx.Module):
-    """H(o_match | c, c_peg), an embedding of the peg type: a (C, 2) table of logits, softmax over o_match."""
+    """Model H(o_match | c, c_peg): an embedding of the peg type to (C, 2) logits, softmax over o_match."""
 
     def __init__(self, n_types: int, rngs: nnx.Rngs):
-        """Start with a sensor that is right 73 times in 100: a flat H would teach h_match nothing."""
+        """Initialise H to 73 % accuracy: a uniform H would give h_match no gradient."""
         self.n_types = n_types
         self.logits = nnx.Embed(n_types, n_types * 2, embedding_init=self._init, rngs=rngs)
 
     def __call__(self, peg_type: Int[Array, "*batch"]) -> Float[Array, "*batch C 2"]:
-        """Log H for the peg in hand: rows hole types, columns (mismatch, match)."""
+        """Compute log H for the peg in hand; rows: hole types, columns: (mismatch, match)."""
         logits = self.logits(peg_type)
         return jax.nn.log_softmax(logits.reshape(*logits.shape[:-1], self.n_types, 2), axis=-1)
 

@@ -1,7 +1,7 @@
-"""What the robot's sensors make of an rollout: a tared, noisy reading relative to the estimate.
+"""Preprocessing of a rollout to a reading: tared, with sensor noise, relative to the estimate.
 
-The simulator stores clean wrenches; noise is drawn when a trace is read, so that training sees it afresh each
-time and an evaluation once per attempt.
+The simulator stores noise-free wrenches; noise is drawn when a trace is read, so training sees new noise each
+time and evaluation draws it once per attempt.
 """
 
 from typing import NamedTuple
@@ -19,23 +19,23 @@ from mjx_fit.types import Array, Felt, Reading
 MIN_PRESS_N = 1.0
 _ATTEMPTS_AT_ONCE = 256
 FACE_M = 0.04
-"""Twice the distance from the centre of a peg's face to its farthest edge along an axis."""
+"""Bound of the centre of pressure: twice the largest distance of a peg's edges from its centre per axis."""
 
 
 def wrench_noise_std(wrist: WristConfig) -> Float[Array, "6"]:
-    """Standard deviation of one sample of (Fx, Fy, Fz, Tx, Ty, Tz), N and N·m."""
+    """Return the noise standard deviation of one sample (Fx, Fy, Fz, Tx, Ty, Tz), N and N·m."""
     return jnp.array([wrist.force_noise_n] * 3 + [wrist.torque_xy_noise_nm] * 2 + [wrist.torque_z_noise_nm])
 
 
 def measured_tare(
     tare_sensor: Float[Array, "6"], key: Key[Array, ""], wrist: WristConfig
 ) -> Float[Array, "6"]:
-    """The mean of n samples at rest, as noisy as any: tare + ε, ε ~ N(0, σ² / n).
+    """Draw the measured tare, the mean of n noisy samples at rest: tare + ε, ε ~ N(0, σ² / n).
 
     Args:
-        tare_sensor: Clean reading at rest in free space, N and N·m.
-        key: Source of the noise.
-        wrist: σ and n.
+        tare_sensor: Noise-free reading at rest in free space, N and N·m.
+        key: Random key of the noise.
+        wrist: F/T sensor with σ and n.
     """
     std = wrench_noise_std(wrist).astype(tare_sensor.dtype) / jnp.sqrt(wrist.tare_samples)
     return tare_sensor + std * jax.random.normal(key, std.shape, std.dtype)
@@ -47,13 +47,13 @@ def measured(
     key: Key[Array, ""],
     wrist: WristConfig,
 ) -> Float[Array, "*batch 6"]:
-    """A tared wrench with the sensor's noise: clean - tare + ε, ε ~ N(0, σ²) per sample.
+    """Tare a wrench and add sensor noise: clean - tare + ε, ε ~ N(0, σ²) per sample.
 
     Args:
-        wrench_sensor: Clean, N and N·m.
-        tare_sensor: As it was measured.
-        key: Source of the noise.
-        wrist: σ.
+        wrench_sensor: Noise-free wrench, N and N·m.
+        tare_sensor: Measured tare, N and N·m.
+        key: Random key of the noise.
+        wrist: F/T sensor with σ.
     """
     dtype = wrench_sensor.dtype
     noise = jax.random.normal(key, wrench_sensor.shape, dtype)
@@ -61,11 +61,11 @@ def measured(
 
 
 def in_contact(wrench_sensor: Float[Array, "*batch samples 6"], wrist: WristConfig) -> Bool[Array, "*batch"]:
-    """Whether the peg touches something during an action: by the root mean square of the measured force.
+    """Detect contact during an action from the root mean square of the measured force.
 
     Args:
-        wrench_sensor: Measured during the action, tared, N and N·m.
-        wrist: Gives the threshold, ``contact_force_n``.
+        wrench_sensor: Measured wrench during the action, tared, N and N·m.
+        wrist: F/T sensor with the threshold ``contact_force_n``.
     """
     force = wrench_sensor[..., :3]
     mean_square = (force * force).sum(-1).mean(-1)
@@ -73,9 +73,9 @@ def in_contact(wrench_sensor: Float[Array, "*batch samples 6"], wrist: WristConf
 
 
 def touched(felt: Felt, wrist: WristConfig) -> Bool[np.ndarray, "n J"]:
-    """The actions of n attempts in which there was contact, by the force without noise; padding has none."""
+    """Find the actions of n attempts with contact, from the noise-free force; padding has none."""
     found = []
-    for first in range(0, len(felt.length), _ATTEMPTS_AT_ONCE):  # what is tared is a copy
+    for first in range(0, len(felt.length), _ATTEMPTS_AT_ONCE):  # taring copies the wrenches
         rows = slice(first, first + _ATTEMPTS_AT_ONCE)
         tare = np.asarray(felt.tare_sensor[rows])[:, None, None]
         found.append(np.asarray(in_contact(np.asarray(felt.trace.wrench_sensor[rows]) - tare, wrist)))
@@ -84,15 +84,16 @@ def touched(felt: Felt, wrist: WristConfig) -> Bool[np.ndarray, "n J"]:
 
 
 def centre_of_pressure(wrench_sensor: Float[Array, "*batch 6"], lever_m: float) -> Float[Array, "*batch 2"]:
-    """Where the resultant force meets the plane of the peg's lower face, from its centre, world x and y, m.
+    """Compute the centre of pressure on the peg's lower face, relative to its centre, world x and y, m.
 
-    The torque about the tip is τ - r × F with r = (0, 0, lever); a force F_z at (x, y) makes (y F_z, -x F_z)
-    of it. The sensor looks down: its x is the world's, its y the world's -y. What lies beyond ``FACE_M`` is
-    brought there: with hardly any force the quotient means nothing.
+    It is the intersection of the resultant force's line of action with the plane of the face. The torque
+    about the TCP is τ - r × F with r = (0, 0, lever); a force F_z at (x, y) causes the torque (y F_z, -x
+    F_z). The sensor points down: its x axis is the world's, its y axis the world's -y. Values are clipped to
+    ``FACE_M``, since the quotient is meaningless for small forces.
 
     Args:
         wrench_sensor: Force (N) that the arm exerts on the peg over torque (N·m), tared.
-        lever_m: From the sensor to the tip, m.
+        lever_m: Distance from the sensor to the TCP, m.
     """
     force_x, force_y, force_z, torque_x, torque_y, _ = jnp.moveaxis(wrench_sensor, -1, 0)
     press = jnp.maximum(force_z, MIN_PRESS_N)
@@ -102,19 +103,19 @@ def centre_of_pressure(wrench_sensor: Float[Array, "*batch 6"], lever_m: float) 
 
 
 def peak_force(felt: Felt) -> Float[np.ndarray, "n"]:
-    """Largest force of each of n attempts, N, tared: what the peg and the arm bear."""
+    """Compute the peak force of each of n attempts, tared, N: the load on peg and arm."""
     wrench = felt.trace.wrench_sensor - felt.tare_sensor[:, None, None]
     real = np.arange(wrench.shape[1]) < np.asarray(felt.length)[:, None]
     return np.where(real[..., None], np.linalg.norm(wrench[..., :3], axis=-1), 0).max((1, 2))
 
 
 class Window(NamedTuple):
-    """Consecutive actions of an attempt, in a fixed number of rows.
+    """Window of consecutive actions of an attempt, in a fixed number of rows.
 
     Attributes:
-        rows: L, static; rows beyond the window are padding: zeros, masked out.
-        start: First action.
-        count: Actions to read; those after the attempt's end are padding. None: all.
+        rows: Number of rows L, static; rows beyond the window are zero padding and masked out.
+        start: Index of the first action.
+        count: Number of actions to read; those after the end of the attempt are padding. None: all.
     """
 
     rows: int
@@ -131,14 +132,14 @@ def read_window(
 ) -> Reading:
     """Read a window of one attempt; vmap for a batch.
 
-    Noise of the tare is drawn once per reading.
+    The noise of the tare is drawn once per reading.
 
     Args:
-        felt: One attempt, without batch axes.
-        key: Source of the noise.
-        wrist: Noise of the force/torque sensor.
-        scene: Gives the height of the plate and the length of the peg.
-        window: The actions to read.
+        felt: Measurements of one attempt, without batch axes.
+        key: Random key of the noise.
+        wrist: F/T sensor with its noise.
+        scene: Scene with the height of the socket and the length of the peg.
+        window: Window of actions to read.
 
     Raises:
         RequestError: The attempt cannot be read (``mjx_fit.sensors.traces``).
@@ -148,7 +149,7 @@ def read_window(
     mask = window.start + offsets < felt.length
     if window.count is not None:
         mask &= offsets < window.count
-    # A gather with clipped indices: a dynamic slice near the end would shift the whole window instead.
+    # Gather with clipped indices: a dynamic slice near the end would shift the whole window instead.
     last = felt.trace.action_world.shape[0] - 1
     trace = jax.tree.map(lambda x: x[jnp.minimum(window.start + offsets, last)], felt.trace)
     trace = jax.tree.map(

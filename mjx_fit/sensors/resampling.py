@@ -1,7 +1,7 @@
-"""From a robot's log to what the sensors read, and back: values at the library's own times.
+"""Resampling of a robot's log to the library's sample times, and the inverse conversion.
 
-The library reads wrenches at 500 Hz and everything else at 10 Hz, as ``Felt`` has them. A log may have any
-rate of its own: 100 Hz to 1 kHz for the wrench, 10 Hz and more for the pose.
+The library uses wrenches at 500 Hz and everything else at 10 Hz, the format of ``Felt``. Logs may have other
+rates: 100 Hz to 1 kHz for the wrench, 10 Hz or more for the pose.
 """
 
 from typing import Any
@@ -29,26 +29,26 @@ LEAST_TARE_SAMPLES = 10
 def felt_from_log(
     log: SensorLog, peg_type: int, estimate_world: Float[np.ndarray, "2"], robot: Robot = PANDA
 ) -> Felt:
-    """What the sensors read of a log: its values at the times at which the library has them.
+    """Convert a robot's log to sensor input, resampled to the library's sample times.
 
-    Action j lasts from ``command_time_s[j]`` for 0.1 s. Its 50 wrenches are those at 0, 2, ..., 98 ms from
-    there: linear interpolation up to 500 Hz, and above it the mean of the samples within 2 ms, with weights
-    that fall linearly to 0. Its pose and twist are those at its end, by linear interpolation, and for the
-    orientation along the great circle. No noise is added.
+    Action j starts at ``command_time_s[j]`` and lasts 0.1 s. Its 50 wrenches are sampled at 0, 2, ..., 98 ms
+    after its start: by linear interpolation for logs up to 500 Hz, and for faster ones as the mean of the
+    samples within 2 ms, with weights that decrease linearly to 0. Its pose and twist are taken at its end, by
+    linear interpolation, and by spherical interpolation (slerp) for the orientation. No noise is added.
 
     Args:
-        log: The attempt.
+        log: Log of one attempt.
         peg_type: Index of the peg's shape.
-        estimate_world: Where the attempt started: the estimate of the hole's centre, m.
-        robot: Gives the workspace.
+        estimate_world: Estimate of the hole's centre, above which the attempt started, m.
+        robot: Robot whose workspace bounds the positions.
 
     Returns:
-        One attempt, without batch axes.
+        Measurements of one attempt, without batch axes.
 
     Raises:
-        RequestError: An array has another shape, a number is not finite, time does not ascend, samples are
-            more than 0.1 s apart, an orientation has no direction, or a position is outside the workspace, as
-            in millimetres it would be. The message names the array and the time.
+        RequestError: An array has the wrong shape, a number is not finite, times do not increase, samples are
+            more than 0.1 s apart, a quaternion is not normalised, or a position is outside the workspace (for
+            example because it is in millimetres). The message names the array and the time.
 
     Example:
         >>> import jax, numpy as np, mjx_fit as mf
@@ -73,7 +73,7 @@ def felt_from_log(
     turns = Rotation.from_quat(log.tip_quat_world, scalar_first=True)
     inside = np.clip(ends, log.pose_time_s[0], log.pose_time_s[-1])
     quaternion = Slerp(log.pose_time_s, turns)(inside).as_quat(scalar_first=True)
-    quaternion *= np.where(quaternion[:, 1:2] < 0, -1, 1)  # q and -q are one orientation; x is not negative
+    quaternion *= np.where(quaternion[:, 1:2] < 0, -1, 1)  # q and -q are the same orientation: choose x >= 0
     linvel, angvel = _twist(log, turns)
     trace = Trace(
         wrench_sensor=_single(wrench.reshape(-1, SUBSTEPS, 6)),
@@ -88,11 +88,11 @@ def felt_from_log(
 
 
 def log_from_felt(felt: Felt, start_s: float = 0.0) -> SensorLog:
-    """The log that a robot would have of a simulated attempt: 500 Hz wrenches, 10 Hz poses, no noise.
+    """Convert a simulated attempt to a robot's log: 500 Hz wrenches, 10 Hz poses, no noise.
 
     Args:
-        felt: One attempt, without batch axes.
-        start_s: Time at which it begins.
+        felt: Measurements of one attempt, without batch axes.
+        start_s: Start time of the attempt, s.
 
     Example:
         >>> import jax, mjx_fit as mf
@@ -119,9 +119,9 @@ def log_from_felt(felt: Felt, start_s: float = 0.0) -> SensorLog:
 def _resampled(
     time: Float[np.ndarray, "n"], values: Float[np.ndarray, "n k"], at: Float[np.ndarray, "m"]
 ) -> Float[np.ndarray, "m k"]:
-    """Means with triangular weights that end a step away; linear interpolation where samples are rarer.
+    """Average with triangular weights of half-width ``STEP_S``; interpolate linearly between sparse samples.
 
-    The weights of evenly spaced samples at 500 Hz are those of linear interpolation.
+    For evenly spaced samples at 500 Hz these weights are those of linear interpolation.
     """
     origin = time[0]
     sums = np.cumsum(np.column_stack([np.ones_like(time), values]), axis=0)
@@ -144,7 +144,7 @@ def _interpolated(
 
 
 def _twist(log: SensorLog, turns: Rotation) -> tuple[Float[np.ndarray, "M 3"], Float[np.ndarray, "M 3"]]:
-    """Linear (m/s) and angular (rad/s) velocity at the times of the poses."""
+    """Compute linear (m/s) and angular (rad/s) velocity at the times of the poses."""
     time, linear, angular = log.pose_time_s, log.tip_linvel_world, log.tip_angvel_world
     if linear is None:
         linear = np.gradient(log.tip_pos_world, time, axis=0)
@@ -159,15 +159,15 @@ def _tare(log: SensorLog) -> Float[np.ndarray, "6"]:
         return _single(log.tare_sensor)
     if log.free_s is None:
         raise RequestError(
-            "log: tare_sensor: none cannot be used: give the reading in free space, or free_s, a stretch "
+            "log: tare_sensor: it is missing: expected the reading in free space, or free_s, an interval "
             "without contact"
         )
     begin, end = log.free_s
     free = (log.wrench_time_s >= begin) & (log.wrench_time_s <= end)
     if free.sum() < LEAST_TARE_SAMPLES:
         raise RequestError(
-            f"log: free_s: [{begin:.3f}, {end:.3f}] s cannot be used: {int(free.sum())} wrenches are in "
-            f"it, and a tare needs {LEAST_TARE_SAMPLES}"
+            f"log: free_s: [{begin:.3f}, {end:.3f}] s cannot be used: it contains {int(free.sum())} "
+            f"wrenches, and a tare needs at least {LEAST_TARE_SAMPLES}"
         )
     return _single(log.wrench_sensor[free].mean(0))
 

@@ -1,4 +1,4 @@
-"""A real attempt, as a robot logged it: plain arrays with sample times, and what they must be."""
+"""Log of an attempt on a real robot: plain arrays with sample times, and their validation."""
 
 from dataclasses import dataclass, fields
 from typing import Any
@@ -11,20 +11,20 @@ from mjx_fit.utils.errors import RequestError
 from mjx_fit.utils.rates import ACTION_S
 
 MOST_GAP_S = 0.1
-"""Longest time between two samples over which a value is interpolated."""
+"""Longest gap between two samples that is bridged by interpolation, s."""
 MOST_ACTIONS = 1000
 HEIGHT_M = (-0.1, 1.2)
-"""Heights over the table at which a tip can be."""
+"""Range of possible TCP heights above the table, m."""
 MOST_OFF_UNIT = 0.01
-"""Largest distance of a quaternion's length from 1."""
+"""Largest deviation of a quaternion's norm from 1."""
 SLACK = 1e-6
 
 
 @dataclass(frozen=True)
 class SensorLog:
-    """One attempt in arrays, each with the times of its samples, s, on one clock of any origin.
+    """Log of one attempt as arrays with sample times in s, on a common clock with any origin.
 
-    Build it from keywords, or from a file: ``SensorLog(**np.load("attempt.npz"))``.
+    Build it from keyword arguments, or from a file: ``SensorLog(**np.load("attempt.npz"))``.
 
     Example:
         >>> import numpy as np, mjx_fit as mf
@@ -41,18 +41,21 @@ class SensorLog:
         ... )
 
     Attributes:
-        wrench_time_s: (N,).
-        wrench_sensor: (N, 6), force (N) and torque (N·m) that the arm exerts on the peg, in the sensor's
-            frame (z along the tool, towards the tip), not tared: to press down makes F_z positive.
-        pose_time_s: (M,).
-        tip_pos_world: (M, 3), centre of the peg's lower face in the frame of the robot's base, m.
-        tip_quat_world: (M, 4), its orientation, w x y z.
-        command_time_s: (J,), when each action began, 0.1 s after the one before.
-        command_world: (J, 3), the displacement of the tip that the policy asked for in each action, m.
-        tare_sensor: (6,), the reading in free space, at rest, just before the attempt; or give ``free_s``.
-        free_s: (2,), begin and end of a stretch without contact; the mean of its samples is the tare.
-        tip_linvel_world: (M, 3), m/s; None: differences of the positions.
-        tip_angvel_world: (M, 3), rad/s; None: differences of the orientations.
+        wrench_time_s: Sample times of the wrenches (N,), s.
+        wrench_sensor: Force (N) and torque (N·m) that the arm exerts on the peg (N, 6), in the sensor frame
+            (z along the tool, towards the TCP), not tared; pressing down makes F_z positive.
+        pose_time_s: Sample times of the poses (M,), s.
+        tip_pos_world: Position of the tool centre point (TCP), the centre of the peg's lower face, in the
+            robot's base frame (M, 3), m.
+        tip_quat_world: Orientation of the TCP (M, 4), w x y z.
+        command_time_s: Start time of each action (J,), 0.1 s apart, s.
+        command_world: Displacement of the TCP commanded by the policy in each action (J, 3), m.
+        tare_sensor: F/T sensor reading in free space, at rest, just before the attempt (6,), N and N·m;
+            alternatively give ``free_s``.
+        free_s: Start and end of an interval without contact (2,), s; the mean of its samples is the tare.
+        tip_linvel_world: Linear velocity of the TCP (M, 3), m/s; None: differentiated from the positions.
+        tip_angvel_world: Angular velocity of the TCP (M, 3), rad/s; None: differentiated from the
+            orientations.
     """
 
     wrench_time_s: Float[np.ndarray, "N"]
@@ -69,10 +72,10 @@ class SensorLog:
 
 
 def require_log(log: SensorLog) -> SensorLog:
-    """The log with NumPy arrays of floats, if their shapes, numbers and times are as they must be.
+    """Convert a log to NumPy float arrays and check their shapes, values and times.
 
     Raises:
-        RequestError: They are not; the message names the array.
+        RequestError: A check fails; the message names the array.
     """
     log = SensorLog(**{field.name: _array(field.name, getattr(log, field.name)) for field in fields(log)})
     _require_shapes(log)
@@ -85,7 +88,7 @@ def _array(name: str, value: Any) -> Any:
     try:
         array = np.asarray(value, np.float64)
     except (TypeError, ValueError):
-        raise RequestError(f"log: {name}: {type(value).__name__} is invalid: it must hold numbers") from None
+        raise RequestError(f"log: {name}: {type(value).__name__} is invalid: expected numbers") from None
     return array
 
 
@@ -111,11 +114,11 @@ def _require_shapes(log: SensorLog) -> None:
             raise RequestError(f"log: {name}: shape {array.shape} is invalid: expected {shape}")
         if not np.isfinite(array).all():
             row = int(np.argwhere(~np.isfinite(array))[0][0])
-            raise RequestError(f"log: {name}: row {row} is not finite: all numbers must be")
+            raise RequestError(f"log: {name}: row {row} is invalid: expected finite numbers")
     for name, least in (("wrench", 2), ("pose", 2), ("command", 1)):
         if rows[name] < least:
             raise RequestError(
-                f"log: {name}_time_s: {rows[name]} samples are not enough: give {least} or more"
+                f"log: {name}_time_s: {rows[name]} samples are not enough: expected at least {least}"
             )
     for name in ("wrench_time_s", "pose_time_s"):
         time = getattr(log, name)
@@ -123,29 +126,30 @@ def _require_shapes(log: SensorLog) -> None:
         if len(back):
             i = int(back[0])
             raise RequestError(
-                f"log: {name}: {time[i + 1]:.6f} s after {time[i]:.6f} s cannot be used: times must ascend"
+                f"log: {name}: {time[i + 1]:.6f} s after {time[i]:.6f} s is invalid: times must increase"
             )
 
 
 def action_times(command_time_s: Float[np.ndarray, "J"]) -> Float[np.ndarray, "J"]:
-    """The begin of each action: on a grid of 0.1 s, within a fifth of which the commands must lie."""
+    """Return the start times of the actions on a 0.1 s grid, which commands must match within 0.02 s."""
     if len(command_time_s) > MOST_ACTIONS:
         raise RequestError(
-            f"log: command_time_s: {len(command_time_s)} actions cannot be used: at most {MOST_ACTIONS}"
+            f"log: command_time_s: {len(command_time_s)} actions are too many: expected at most "
+            f"{MOST_ACTIONS}"
         )
     grid = command_time_s[0] + ACTION_S * np.arange(len(command_time_s))
     off = np.abs(command_time_s - grid)
     if off.max() > ACTION_S / 5:
         i = int(off.argmax())
         raise RequestError(
-            f"log: command_time_s: {command_time_s[i]:.4f} s of action {i} cannot be used: actions begin "
-            f"every {ACTION_S} s, this one at {grid[i]:.4f} s"
+            f"log: command_time_s: {command_time_s[i]:.4f} s of action {i} is invalid: expected "
+            f"{grid[i]:.4f} s, since actions start every {ACTION_S} s"
         )
     return grid
 
 
 def require_covered(name: str, time: Float[np.ndarray, "n"], first: float, last: float) -> None:
-    """Make sure that no sample is missing for longer than can be interpolated, from first to last (s)."""
+    """Check that samples from ``first`` to ``last`` (s) have no gap too long to interpolate."""
     inside = time[(time > first) & (time < last)]
     before, after = time[time <= first][-1:], time[time >= last][:1]
     ends = (before if len(before) else [first]), (after if len(after) else [last])
@@ -154,8 +158,8 @@ def require_covered(name: str, time: Float[np.ndarray, "n"], first: float, last:
     if len(gap) and gap.max() > MOST_GAP_S + SLACK:
         i = int(gap.argmax())
         raise RequestError(
-            f"log: {name}: no sample for {gap[i]:.3f} s from {marks[i]:.3f} s on: at most {MOST_GAP_S} s is "
-            "interpolated"
+            f"log: {name}: no sample for {gap[i]:.3f} s after {marks[i]:.3f} s: at most {MOST_GAP_S} s can "
+            "be interpolated"
         )
 
 
@@ -165,8 +169,8 @@ def require_poses(log: SensorLog, robot: Robot) -> None:
     if wrong.any():
         i = int(wrong.argmax())
         raise RequestError(
-            f"log: tip_quat_world: a quaternion of length {size[i]:.4g} at {log.pose_time_s[i]:.3f} s cannot "
-            f"be used: its length must be 1 within {MOST_OFF_UNIT:.0%}"
+            f"log: tip_quat_world: a quaternion of norm {size[i]:.4g} at {log.pose_time_s[i]:.3f} s is "
+            f"invalid: expected a norm of 1 within {MOST_OFF_UNIT:.0%}"
         )
     low, high = robot.estimate_reach_m
     distance = np.linalg.norm(log.tip_pos_world[:, :2], axis=1)
@@ -177,6 +181,6 @@ def require_poses(log: SensorLog, robot: Robot) -> None:
         x, y, z = log.tip_pos_world[i]
         raise RequestError(
             f"log: tip_pos_world: ({x:.4g}, {y:.4g}, {z:.4g}) at {log.pose_time_s[i]:.3f} s is outside the "
-            f"workspace: it must be in metres, {low} to {high} from the base of {robot.name} and "
-            f"{HEIGHT_M[0]} to {HEIGHT_M[1]} high"
+            f"workspace: expected metres, {low} to {high} from the base of {robot.name} and {HEIGHT_M[0]} to "
+            f"{HEIGHT_M[1]} above the table"
         )

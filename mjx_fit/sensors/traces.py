@@ -1,6 +1,6 @@
-"""What a trace must be for a sensor to read it: checked where interactions come in from outside.
+"""Validation of traces before a sensor reads them, applied to attempts from outside the library.
 
-Shapes are checked always, values only of arrays that have some: not inside ``jax.jit``.
+Shapes are always checked; values only outside ``jax.jit``, where arrays are concrete.
 """
 
 from typing import Any
@@ -27,17 +27,17 @@ _OTHERS = {"peg_type": (), "length": (), "tare_sensor": (WRENCH_AXES,), "estimat
 
 
 def require_readable(felt: Felt, n_types: int, batch: int = 1) -> None:
-    """Makes sure that a sensor can read attempts.
+    """Check that a sensor can read attempts.
 
-    Values count in rows before ``length``.
+    Only values in rows before ``length`` are checked.
 
     Args:
-        felt: With ``batch`` leading axes.
-        n_types: Number of shapes that a peg may have.
-        batch: 0 or 1.
+        felt: Measurements with ``batch`` leading axes.
+        n_types: Number of peg shapes.
+        batch: Number of batch axes, 0 or 1.
 
     Raises:
-        RequestError: A field has another shape, or a value that is invalid; the message names it.
+        RequestError: A field has the wrong shape or an invalid value; the message names it.
     """
     trace = felt.trace
     rows = np.shape(trace.wrench_sensor)[: batch + 1]
@@ -61,14 +61,14 @@ def require_readable(felt: Felt, n_types: int, batch: int = 1) -> None:
 
 
 def require_reading(reading: Reading, n_types: int) -> None:
-    """Makes sure that a sensor can be shown a reading: windows of its size, and numbers that are finite.
+    """Check that a sensor can process a reading: window sizes, peg types, and finite values.
 
     Args:
-        reading: Any batch axes.
-        n_types: Number of shapes that the sensor knows.
+        reading: Reading with any batch axes.
+        n_types: Number of shapes known to the sensor.
 
     Raises:
-        RequestError: It cannot; the message names the field.
+        RequestError: A check fails; the message names the field.
     """
     rows = np.shape(reading.mask)
     _require_shape("reading.wrench_sensor", reading.wrench_sensor, (*rows, SUBSTEPS, WRENCH_AXES))
@@ -108,11 +108,11 @@ def _require_finite(name: str, leaf: np.ndarray, counts: Bool[np.ndarray, "*n"])
     with np.errstate(all="ignore"):
         if np.isfinite(leaf.sum(dtype=leaf.dtype if leaf.dtype.kind == "f" else None)):
             return
-    # One NaN in the padding, or a sum that overflows, is no reason to refuse.
+    # Accept NaN in the padding, and sums that overflow.
     wrong = ~np.isfinite(leaf).reshape(*counts.shape, -1).all(-1) & counts
     if wrong.any():
         place = ", ".join(map(str, np.argwhere(wrong)[0]))
-        raise RequestError(f"{name}: it is not finite at ({place}): numbers that count must be finite")
+        raise RequestError(f"{name}: the value at ({place}) is invalid: expected a finite number")
 
 
 def _require_unit(name: str, quaternion: np.ndarray, counts: Bool[np.ndarray, "*n"]) -> None:
@@ -121,6 +121,6 @@ def _require_unit(name: str, quaternion: np.ndarray, counts: Bool[np.ndarray, "*
     if wrong.any():
         at = tuple(np.argwhere(wrong)[0])
         raise RequestError(
-            f"{name}: {np.round(quaternion[at], 4).tolist()} cannot be used: its length, {size[at]:.4g}, "
-            f"must be 1 within {MOST_OFF_UNIT:.0%}"
+            f"{name}: {np.round(quaternion[at], 4).tolist()} is invalid: its norm is {size[at]:.4g}, "
+            f"expected 1 within {MOST_OFF_UNIT:.0%}"
         )

@@ -1,4 +1,4 @@
-"""A trained sensor with what it was trained for."""
+"""A trained sensor with the configuration that it was trained with."""
 
 import sys
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ from mjx_fit.utils.errors import RequestError
 
 @dataclass(frozen=True)
 class TrainedSensor:
-    """A sensor as a training run left it.
+    """Contact sensor of a finished training run.
 
     Example:
         >>> import mjx_fit as mf
@@ -21,9 +21,9 @@ class TrainedSensor:
         ['scene.friction is 0.3 there and 0.6 here']
 
     Attributes:
-        network: The sensor itself.
-        config: The configuration that it was trained with.
-        fingerprint: Tells it from all others.
+        network: The neural network.
+        config: Configuration of the training run.
+        fingerprint: Unique identifier of the trained weights.
     """
 
     network: ContactSensor
@@ -31,16 +31,16 @@ class TrainedSensor:
     fingerprint: str
 
     def adapt(self, config: Config) -> Config:
-        """The configuration with the sensor and training of this one, which cannot be changed.
+        """Replace the sections ``sensor`` and ``train`` of a configuration by those of the trained sensor.
 
         Raises:
-            RequestError: The configuration asks for others, or for shapes that the sensor does not know.
+            RequestError: The configuration sets other values in them, or has shapes unknown to the sensor.
         """
         trained = self.config
         if trained.scene.shapes != config.scene.shapes:
             there, here = (", ".join(one.scene.names) for one in (trained, config))
             raise RequestError(
-                f"--run: not usable with this scene.shapes ({here}): it was trained on others ({there})"
+                f"--run: cannot be used with scene.shapes ({here}): the sensor was trained on ({there})"
             )
         for section in ("sensor", "train"):
             asked, there = getattr(config, section), getattr(trained, section)
@@ -52,21 +52,21 @@ class TrainedSensor:
         return replace(config, sensor=trained.sensor, train=trained.train)
 
     def differences(self, config: Config) -> list[str]:
-        """In what a configuration differs from the training's, but for the network and its training."""
+        """List the keys outside ``sensor`` and ``train`` that differ from the training configuration."""
         return config_differences(*(_without_network(one) for one in (self.config, config)))
 
     def say_if_away(self, config: Config, doing: str) -> None:
-        """Notes on stderr, where a configuration differs from the training's, what is done with it."""
+        """Print a note to stderr if a configuration differs from that of training."""
         if note := away_from_training(self.differences(config)):
             print(f"{doing}: {note}", file=sys.stderr)
 
 
 def away_from_training(differences: Sequence[str]) -> str:
-    """In what the settings in use differ from those that a sensor was trained with, in a line; or nothing.
+    """Describe in one line how the settings in use differ from those of training; empty if they agree.
 
     Args:
-        differences: Of the training's configuration and the one in use, from ``config.differences``; those of
-            the network and of training are not looked at.
+        differences: Differences between the training configuration and the one in use, from
+            ``config_differences``; those in the sections ``sensor`` and ``train`` are ignored.
     """
     words = [" ".join(str(one).split()) for one in differences]
     words = [one for one in words if not one.startswith(("sensor.", "train."))]

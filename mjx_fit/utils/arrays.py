@@ -1,7 +1,7 @@
-"""Arrays of either kind."""
+"""Array type of the host or the device."""
 
 import jax
 import numpy as np
 
 Array = jax.Array | np.ndarray
-"""What a pytree's leaf may be: on the device inside a computation, on the host outside."""
+"""Leaf of a pytree: on the device inside computations, on the host outside."""

@@ -1,7 +1,7 @@
-"""JSON that others may have written: bounded in size and depth, and without what Python alone reads in it.
+"""Untrusted JSON: bounded in size and depth, without Python's extensions.
 
-Every JSON file that comes from elsewhere goes through here: ``read`` or ``loads``, then ``check`` with a
-schema. All three raise ``ValueError`` with one line that can be printed.
+Every external JSON file is read with ``read`` or ``loads``, then validated against a schema with ``check``.
+All three raise ``ValueError`` with a one-line message that is safe to print.
 """
 
 import json
@@ -15,10 +15,10 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 MAX_DEPTH = 64
-"""Levels of nesting: ours have seven; what walks a tree by recursion has room for this many."""
+"""Largest nesting depth: our files have seven levels, and recursive functions can handle this many."""
 MAX_INTEGER = 2**63 - 1
 MAX_BYTES = 2**20
-"""Size of a file about one thing, such as ``run.json``, unless its reader says otherwise."""
+"""Default size limit, for small files such as ``run.json``."""
 
 _BLOCK = 1 << 24
 _QUOTE = 2
@@ -29,29 +29,29 @@ _SHOWN = 80
 
 
 def read(path: Path, largest: int = MAX_BYTES) -> Any:
-    """What a JSON file holds.
+    """Read a JSON file.
 
     Args:
-        path: The file.
-        largest: Bytes that it may have.
+        path: JSON file.
+        largest: Size limit, bytes.
 
     Raises:
-        OSError: It cannot be read.
-        ValueError: It is larger, or not JSON within the bounds.
+        OSError: The file cannot be read.
+        ValueError: The file is too large, or not JSON within the bounds.
     """
     return loads(read_text(path, largest), largest)
 
 
 def read_text(path: Path, largest: int = MAX_BYTES) -> str:
-    """The text of a file that may not have more bytes; what is no file, such as a pipe, is not opened.
+    """Read a text file of bounded size; other entries, such as pipes, are not opened.
 
     Raises:
-        OSError: It cannot be read.
-        ValueError: It is larger, no regular file, or not UTF-8.
+        OSError: The file cannot be read.
+        ValueError: The file is too large, not a regular file, or not UTF-8.
     """
     told = path.stat()
     if not stat.S_ISREG(told.st_mode):
-        raise ValueError("it is no regular file")
+        raise ValueError("it is not a regular file")
     if told.st_size <= largest:
         with path.open("rb") as file:
             content = file.read(largest + 1)  # it may have grown
@@ -61,16 +61,16 @@ def read_text(path: Path, largest: int = MAX_BYTES) -> str:
 
 
 def loads(text: str, largest: int = MAX_BYTES, *, nan_is_null: bool = False) -> Any:
-    """What a JSON text holds.
+    """Parse a JSON text.
 
     Args:
-        text: The text.
-        largest: Bytes that it may have.
-        nan_is_null: Whether NaN and the infinities, which Python writes of losses, are read as null.
+        text: JSON text.
+        largest: Size limit, bytes.
+        nan_is_null: Read NaN and infinities, which Python writes for losses, as null.
 
     Raises:
-        ValueError: It is larger or nested too deeply, it is not JSON, or holds NaN, an infinite number, an
-            integer of more than 63 bits, a key twice or half a surrogate pair.
+        ValueError: The text is too large or nested too deeply, is not JSON, or contains NaN, an infinite
+            number, an integer of more than 63 bits, a duplicate key or an unpaired surrogate.
     """
     content = text.encode()
     if len(content) > largest:
@@ -90,10 +90,10 @@ def loads(text: str, largest: int = MAX_BYTES, *, nan_is_null: bool = False) -> 
 
 
 def check(schema: TypeAdapter, tree: Any) -> Any:
-    """The tree, where it is as a schema says.
+    """Validate a tree against a schema, and return it.
 
     Raises:
-        ValueError: It is not; the message names the first place where.
+        ValueError: The tree is invalid; the message names the first invalid entry.
     """
     try:
         return schema.validate_python(tree)
@@ -102,7 +102,7 @@ def check(schema: TypeAdapter, tree: Any) -> Any:
 
 
 def what_is_wrong(error: ValidationError) -> str:
-    """The first thing that a schema found, in one line of bounded length."""
+    """Describe the first error of a validation, in one line of bounded length."""
     first = error.errors(include_url=False)[0]
     where = ".".join(_shown(part) for part in first["loc"])
     if first["type"] == "missing":
@@ -110,13 +110,13 @@ def what_is_wrong(error: ValidationError) -> str:
     if first["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
         return f"the key {where} is unknown"
     what = " ".join(first["msg"].split())[: 2 * _SHOWN]
-    if first["type"] == "value_error":  # one of our own checks, which says all
+    if first["type"] == "value_error":  # raised by one of our own checks, whose message is complete
         return f"{where}: {what}".removeprefix(": ")
     return f"{where}: {_shown(first['input'], quoted=True)} cannot be used: {what}"
 
 
 def _shown(value: Any, *, quoted: bool = False) -> str:
-    """A part of a file as it may stand in a message: short, and nothing in it that a terminal acts on."""
+    """Format a part of a file for a message: short, and without control characters."""
     if isinstance(value, str) and not quoted and value.isprintable():
         words = value
     elif isinstance(value, str | int | float | bool | None):
@@ -127,9 +127,9 @@ def _shown(value: Any, *, quoted: bool = False) -> str:
 
 
 def _depth(content: bytes) -> int:
-    """Most brackets that are open at once, strings left out; found before anything recurses."""
+    """Compute the nesting depth of brackets outside strings, without recursion."""
     if b"\\" in content:
-        content = re.sub(rb"\\.", b"__", content, flags=re.DOTALL)  # no quote in it ends a string
+        content = re.sub(rb"\\.", b"__", content, flags=re.DOTALL)  # an escaped quote does not end a string
     deepest = depth = inside = 0
     for start in range(0, len(content), _BLOCK):
         block = np.frombuffer(content, np.uint8, min(_BLOCK, len(content) - start), start)
@@ -147,7 +147,7 @@ def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     if len(tree) < len(pairs):
         seen: set[str] = set()
         twice = next(key for key, _ in pairs if key in seen or seen.add(key))
-        raise ValueError(f"the key {_shown(twice, quoted=True)} stands there twice")
+        raise ValueError(f"the key {_shown(twice, quoted=True)} appears twice")
     return tree
 
 
@@ -165,7 +165,7 @@ def _int(text: str) -> int:
 
 
 def _constant(text: str) -> float:
-    raise ValueError(f"{text} is no number of JSON")
+    raise ValueError(f"{text} is not a JSON number")
 
 
 def _null(_: str) -> None:
@@ -181,4 +181,4 @@ def _require_text(tree: Any) -> None:
         for value in tree:
             _require_text(value)
     elif isinstance(tree, str) and any("\ud800" <= letter <= "\udfff" for letter in tree):
-        raise ValueError(f"the text {_shown(tree, quoted=True)} holds half a surrogate pair")
+        raise ValueError(f"the text {_shown(tree, quoted=True)} contains an unpaired surrogate")

@@ -1,4 +1,4 @@
-"""Linux control groups: where a process finds what it was granted, and reading it."""
+"""Linux control groups: location and reading of a process's resource limits."""
 
 from collections.abc import Callable
 from pathlib import Path, PurePosixPath
@@ -6,11 +6,11 @@ from pathlib import Path, PurePosixPath
 ROOT = PurePosixPath("/sys/fs/cgroup")
 
 Read = Callable[[PurePosixPath], str | None]
-"""Text of a file; None where there is none that can be read."""
+"""Function that returns the text of a file, or None if it cannot be read."""
 
 
 def read_file(path: PurePosixPath) -> str | None:
-    """The text of a file; None where there is none that can be read."""
+    """Read a text file; None if it cannot be read."""
     try:
         return Path(path).read_text(encoding="utf-8")
     except (OSError, ValueError):
@@ -18,6 +18,6 @@ def read_file(path: PurePosixPath) -> str | None:
 
 
 def groups_of(root: PurePosixPath, group: str) -> list[PurePosixPath]:
-    """The folder of a control group, and of all that hold it; within a container the root alone is there."""
+    """List the folders of a control group and its ancestors; in a container only the root exists."""
     names = [name for name in group.split("/") if name not in ("", ".", "..")]
     return [root.joinpath(*names[:depth]) for depth in range(len(names), -1, -1)]

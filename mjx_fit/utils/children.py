@@ -1,4 +1,4 @@
-"""What a command runs in processes of their own, which do not outlive it."""
+"""Child processes of a command, which do not outlive it."""
 
 import multiprocessing
 import os
@@ -9,16 +9,16 @@ from concurrent.futures import ProcessPoolExecutor
 from mjx_fit.utils import environment, interrupts
 
 PATIENCE_S = 3.0
-"""Time that a child has to stop in order when its parent stops, s."""
+"""Time for a child to shut down cleanly when its parent stops, s."""
 
 
 def run(words: list[str]) -> int:
-    """Runs ``mjx-fit`` with these words, in the environment as the user set it.
+    """Run ``mjx-fit`` with these arguments, in the user's original environment.
 
-    However this process ends, the child ends, too.
+    The child ends when this process ends, for whatever reason.
 
     Returns:
-        Its exit code.
+        Exit code of the child.
     """
     own = environment.for_children() | {interrupts.PARENT: str(os.getpid())}
     child = subprocess.Popen([sys.executable, "-m", "mjx_fit", *words], env=own)
@@ -34,6 +34,6 @@ def run(words: list[str]) -> int:
 
 
 def worker() -> ProcessPoolExecutor:
-    """A pool of one new process, for what is measured alone. Ctrl-C is left to this one."""
+    """Create a pool of one new process, for isolated measurements; this process handles Ctrl-C."""
     spawn = multiprocessing.get_context("spawn")
     return ProcessPoolExecutor(1, mp_context=spawn, initializer=interrupts.serve, initargs=(os.getpid(),))

@@ -1,4 +1,4 @@
-"""Compiled computations that are kept from one command to the next: what is damaged is made again."""
+"""Persistent cache of compiled computations; damaged entries are compiled again."""
 
 import contextlib
 import os
@@ -10,18 +10,18 @@ from pathlib import Path
 import platformdirs
 
 CACHE = Path(platformdirs.user_cache_dir("mjx_fit"))
-"""Where what can be made again is kept."""
+"""Folder of cached, reproducible files."""
 
 _DAMAGED = re.compile(r"Error reading persistent compilation cache entry for '([^']+)'")
 
 
 def folder(asked: str | None) -> Path | None:
-    """The folder to keep them in, made; None, and a line on stderr, where none can be.
+    """Create and return the cache folder; if that fails, print a line to stderr and return None.
 
     Args:
-        asked: The user's own choice, ``JAX_COMPILATION_CACHE_DIR``.
+        asked: User's choice, ``JAX_COMPILATION_CACHE_DIR``; None: the default folder.
     """
-    if asked is not None and "://" in asked:  # JAX can keep them in a bucket, too
+    if asked is not None and "://" in asked:  # JAX also supports cloud buckets
         return Path(asked)
     path = CACHE / "xla" if asked is None else Path(asked)
     try:
@@ -35,15 +35,15 @@ def folder(asked: str | None) -> Path | None:
     except OSError as error:
         name = "" if asked is None else f"JAX_COMPILATION_CACHE_DIR={asked}: "
         why = f"{path}: {error.strerror}" if error.strerror else str(error)
-        print(f"mjx-fit: {name}compiled computations are not kept: {why}", file=sys.stderr)
+        print(f"mjx-fit: {name}compiled computations are not cached: {why}", file=sys.stderr)
         return None
     return path
 
 
 def replace_damaged(path: Path) -> None:
-    """Lets damaged entries of a folder be deleted when JAX warns of them, just before it compiles again.
+    """Delete damaged entries of a folder when JAX warns about them, just before it compiles again.
 
-    JAX never overwrites an entry: without this it would warn, and compile, in every process to come.
+    JAX never overwrites an entry: without this, every later process would warn and compile again.
     """
     show = warnings.showwarning
 
@@ -59,8 +59,8 @@ def replace_damaged(path: Path) -> None:
 
 
 def _delete(path: Path, name: str) -> None:
-    """Deletes what is kept of the computation with this name; JAX does not say which entry is damaged."""
-    print(f"mjx-fit: a kept computation ({name}) in {path} is damaged: compiling it again", file=sys.stderr)
+    """Delete all entries of the computation with this name; JAX does not name the damaged one."""
+    print(f"mjx-fit: a cached computation ({name}) in {path} is damaged: compiling it again", file=sys.stderr)
     for entry in path.iterdir():
         if entry.name.startswith(f"{name}-") and entry.name.endswith("-cache"):
             with contextlib.suppress(OSError):

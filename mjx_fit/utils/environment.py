@@ -1,7 +1,7 @@
-"""What the environment asks of JAX, NumPy and MuJoCo, looked at before they are imported.
+"""Checks of environment variables for JAX, NumPy and MuJoCo before these are imported.
 
-They meet a value that they do not know with a traceback, or by ending the process. A command names the
-variable instead.
+The libraries react to unknown values with a traceback or by ending the process. Commands name the variable
+instead.
 """
 
 import contextlib
@@ -22,15 +22,15 @@ _hidden: dict[str, str | None] = {}
 
 
 def relax_warnings() -> None:
-    """Shows warnings that were to be errors: what one library says of another one fails no command."""
+    """Show warnings that Python was asked to raise: one library's warning about another fails no command."""
     if any(option.startswith("e") for option in sys.warnoptions):
         warnings.simplefilter("default")
 
 
 def draw_nothing() -> None:
-    """Lets MuJoCo load no OpenGL, which may be missing or named wrongly: the command draws nothing.
+    """Keep MuJoCo from loading OpenGL, which may be missing or misconfigured, for commands without graphics.
 
-    MuJoCo decides when it is imported. ``for_children`` gives the variable back.
+    MuJoCo decides this on import. ``for_children`` restores the variable.
     """
     if "mujoco" not in sys.modules:
         _hidden[_GL] = os.environ.get(_GL)
@@ -38,7 +38,7 @@ def draw_nothing() -> None:
 
 
 def for_children() -> dict[str, str]:
-    """The environment as the user set it."""
+    """Return the user's original environment."""
     own = dict(os.environ)
     for name, value in _hidden.items():
         own.pop(name, None)
@@ -48,13 +48,13 @@ def for_children() -> dict[str, str]:
 
 
 def require(computes: bool) -> None:
-    """Checks what JAX and NumPy are asked for by the environment.
+    """Check that JAX and NumPy can start in this environment.
 
     Args:
-        computes: Whether JAX's device is needed.
+        computes: True if JAX's device is needed.
 
     Raises:
-        RequestError: They cannot start with it; names the variable.
+        RequestError: They cannot start; the message names the variable.
     """
     if "jax" not in sys.modules:
         _require_flags()
@@ -65,15 +65,15 @@ def require(computes: bool) -> None:
             jax.device_put(1.0).block_until_ready()
     except ImportError:
         raise
-    except Exception as error:  # whatever it is: its cause stands in a variable, or it is raised again
+    except Exception as error:  # blame a variable, or raise it again
         refusal = blame(error)
         raise error if refusal is None else refusal from None
 
 
 def blame(error: Exception) -> RequestError | None:
-    """What to say of an error of JAX or NumPy that a variable of the environment caused; None: none did.
+    """Attribute an error of JAX or NumPy to an environment variable; None if no variable caused it.
 
-    They name the variable, or quote its value; JAX without the device that it was asked for may say nothing.
+    Such errors name the variable or quote its value; JAX may give no reason if a requested device is missing.
     """
     text = f"{error} {error!r}"
     there = [name for name in os.environ if name.startswith(_WATCHED) and os.environ[name]]
@@ -85,20 +85,20 @@ def blame(error: Exception) -> RequestError | None:
         return None
     said = str(error).strip().partition("\n")[0]
     if name in _DEVICES:
-        said = said.partition(" (set JAX_PLATFORMS")[0] or "JAX finds no such device"
+        said = said.partition(" (set JAX_PLATFORMS")[0] or "JAX does not find this device"
     return RequestError(
         f"{name}: {os.environ[name]!r} cannot be used here: {said[:300]}; correct it or unset it"
     )
 
 
 def _require_flags() -> None:
-    """XLA ends the process at a flag that it does not know: a process of its own tries them, once."""
+    """Try XLA's flags once in a separate process, since XLA ends the process if a flag is unknown."""
     flags = os.environ.get("XLA_FLAGS", "").strip()
     if not flags:
         return
     asked = hashlib.sha256(f"{version('jaxlib')} {flags}".encode(errors="replace")).hexdigest()
     known = CACHE / "xla_flags" / asked
-    if flags.startswith("-") and known.exists():  # a file of flags may hold others by now
+    if flags.startswith("-") and known.exists():  # a file of flags may have changed
         return
     others = {name: value for name, value in os.environ.items() if not name.startswith("JAX_")}
     tried = subprocess.run(

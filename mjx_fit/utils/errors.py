@@ -1,9 +1,9 @@
-"""The two errors that the command line turns into one line, and how they show what was asked for."""
+"""The two errors that the command line reports in one line, and the formatting of values in messages."""
 
 import reprlib
 
 MOST_CHARACTERS = 80
-"""Of a value that a refusal quotes."""
+"""Longest quotation of a value in an error message."""
 MOST_OF_A_LINE = 2000
 
 _SHORT = reprlib.Repr()
@@ -12,9 +12,9 @@ _SHORT.maxstring = _SHORT.maxlong = _SHORT.maxother = MOST_CHARACTERS
 
 
 class RequestError(ValueError):
-    """A request that cannot be met as it was made.
+    """Invalid request: a value, file or combination that cannot be used.
 
-    The message is one line that names the field, the value and what is allowed. The command line prints it
+    The message is one line that names the field, the value and the allowed values. The command line prints it
     and exits with code 2.
 
     Example:
@@ -28,21 +28,21 @@ class RequestError(ValueError):
 
 
 class WorkError(RuntimeError):
-    """Work that was asked for rightly and failed all the same; the command line exits with code 1."""
+    """Failure of a valid request at run time; the command line exits with code 1."""
 
 
 def require(field: str, value: float, low: float, high: float, because: str = "") -> None:
-    """Refuse a number that is out of range, or no number.
+    """Check that a number lies within a range; NaN does not.
 
     Args:
-        field: What the user wrote it as, such as ``--trials``.
-        value: The number.
-        low: Least one that is allowed.
-        high: Largest one.
-        because: What the range follows from, where that is not the field alone.
+        field: Name of the field as the user wrote it, such as ``--trials``.
+        value: Number to check.
+        low: Smallest allowed value.
+        high: Largest allowed value.
+        because: Reason for the range, if it does not depend on the field alone.
 
     Raises:
-        RequestError: It is invalid.
+        RequestError: The number is out of range.
     """
     if not low <= value <= high:
         reason = f": {because}" if because else ""
@@ -50,19 +50,19 @@ def require(field: str, value: float, low: float, high: float, because: str = ""
 
 
 def shown(value: object) -> str:
-    """A value as an error message quotes it: its ``repr``, cut to ``MOST_CHARACTERS``, whatever its size."""
+    """Format a value for an error message: its ``repr``, truncated to ``MOST_CHARACTERS``."""
     try:
         text = _SHORT.repr(value)
-    except ValueError:  # Python writes no integer of more than 4,300 digits
-        text = f"a {type(value).__name__} that is too long to write"
+    except ValueError:  # Python refuses to format integers of more than 4,300 digits
+        text = f"a {type(value).__name__} too long to print"
     return shortened(text)
 
 
 def one_line(message: str) -> str:
-    """A message as it is printed: whatever a library put into it, a line that a terminal holds."""
+    """Collapse a message, which may quote a library's error, to one line of bounded length."""
     return shortened(" ".join(message.split()), MOST_OF_A_LINE)
 
 
 def shortened(text: str, most: int = MOST_CHARACTERS) -> str:
-    """Text that is no longer than that: what is left out is where the dots are."""
+    """Shorten text to at most ``most`` characters, with dots in place of the omitted part."""
     return text if len(text) <= most else f"{text[: most - 12]}...{text[-9:]}"

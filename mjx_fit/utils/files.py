@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all."""
+"""Atomic writing of files."""
 
 import errno
 import hashlib
@@ -15,39 +15,39 @@ from mjx_fit.utils.errors import RequestError
 from mjx_fit.utils.filesystem import is_at, naming, open_entry, refuse_dangling, sync, sync_folder, try_lock
 
 LOCK = ".lock"
-"""End of the name of a file that a command locks while it writes."""
+"""Suffix of the lock file that a command holds while it writes."""
 
 _TEMPORARY = re.compile(r"(.+?)(\.[0-9a-f]{8})?\.tmp", re.DOTALL)
 _LONGEST = 230
-"""Bytes of a name that are kept where more is added to it: file systems allow 255."""
+"""Longest file name, bytes, to which a suffix can still be added: file systems allow 255."""
 _SURELY_DEAD_S = 3600.0
-"""Age of a temporary file that nobody writes any more, where no lock can say so."""
+"""Age at which a temporary file counts as abandoned if the file system has no locks, s."""
 
 
 def write_text(path: Path, text: str) -> None:
-    """Writes a text file, in UTF-8, under a temporary name, syncs it, and renames it."""
+    """Write a UTF-8 text file under a temporary name, sync it, and rename it."""
     write_bytes(path, text.encode())
 
 
 def write_bytes(path: Path, content: bytes) -> None:
-    """Writes a file under a temporary name, syncs it, and renames it."""
+    """Write a file under a temporary name, sync it, and rename it."""
     with _placing(path) as (descriptor, _):
         write_all(descriptor, content)
 
 
 def replace_with(path: Path, write: Callable[[Path], object]) -> None:
-    """Lets ``write`` fill an empty file under a temporary name, syncs it, and renames it to ``path``.
+    """Let ``write`` fill an empty file under a temporary name, sync it, and rename it to ``path``.
 
-    A kill at any moment leaves the old file or the new one, never a part of it. What fails leaves no
-    temporary file: on a full disk it would be in the way. Whatever is at the path, a link too, is replaced as
-    an entry of its folder. The temporary name is unpredictable, and made exclusively.
+    A kill at any time leaves either the old or the new file, never a partial one. Failures remove the
+    temporary file, which would take up space on a full disk. The entry at ``path`` is replaced, even if it is
+    a link. The temporary name is unpredictable, and the file is created exclusively.
     """
     with _placing(path) as (_, temporary):
         write(temporary)
 
 
 def append_line(path: Path, line: str) -> None:
-    """Adds a line to a text file and syncs it; if that fails, the file stays as it was.
+    """Append a line to a text file and sync it; on failure the file remains unchanged.
 
     Raises:
         RequestError: The file is a symbolic link.
@@ -67,26 +67,26 @@ def append_line(path: Path, line: str) -> None:
 
 
 def write_all(descriptor: int, content: bytes) -> None:
-    """Writes all of it to an open file."""
+    """Write all bytes to an open file."""
     left = memoryview(content)
     while left:
         left = left[os.write(descriptor, left) :]
 
 
 def make_folder(path: Path) -> list[Path]:
-    """Makes a folder and those above it, and syncs their entries, so that what is in it cannot be lost.
+    """Create a folder and its parents, and sync their entries, so that its content cannot be lost.
 
     Returns:
-        The folders that were not there before, from the outermost.
+        Folders that were created, outermost first.
 
     Raises:
-        RequestError: The folder, or one above it, is a file or a dangling link.
+        RequestError: The folder or one of its parents is a file or a dangling link.
     """
     if path.is_dir():
         return []
     refuse_dangling(path)
     if path.exists():
-        raise RequestError(f"--out: {path} cannot be used: it is a file, and must be a folder")
+        raise RequestError(f"--out: {path} cannot be used: it is a file, expected a folder")
     made = make_folder(path.parent)
     with naming(path):
         path.mkdir(exist_ok=True)
@@ -95,11 +95,11 @@ def make_folder(path: Path) -> list[Path]:
 
 
 def require_writable(path: Path) -> None:
-    """Makes sure that a file can be written, and its folder with it.
+    """Check that a file can be written, and create its folder.
 
     Raises:
-        RequestError: It is a dangling link, or its folder cannot be one.
-        OSError: It cannot; the error names the path.
+        RequestError: The file is a dangling link, or its folder cannot be created.
+        OSError: The folder is not writable; the error names the path.
     """
     refuse_dangling(path)
     make_folder(path.parent)
@@ -108,19 +108,19 @@ def require_writable(path: Path) -> None:
 
 
 def short(name: str) -> str:
-    """A file's name, cut so that an ending can be added to it."""
+    """Truncate a file name so that a suffix can be added."""
     return os.fsdecode(os.fsencode(name)[:_LONGEST])
 
 
 def foreign(folder: Path, ours: Collection[str]) -> list[str]:
-    """Names in a folder, sorted, that are neither ours nor what a kill, or another process, left of them."""
+    """List the names in a folder, sorted, except ours and their temporary and lock files."""
     if not folder.is_dir():
         return []
     return sorted(name for name in os.listdir(folder) if name not in ours and not is_temporary(name, of=ours))
 
 
 def is_temporary(name: str, of: Collection[str]) -> bool:
-    """Whether a name is that of a temporary or lock file of one of these, or of the folder's lock."""
+    """True for names of temporary or lock files of the given files, and of the folder's lock."""
     owners = {short(owner) for owner in of}
     found = _TEMPORARY.fullmatch(name)
     owner = found[1] if found is not None else name[: -len(LOCK)] if name.endswith(LOCK) else None
@@ -128,19 +128,19 @@ def is_temporary(name: str, of: Collection[str]) -> bool:
 
 
 def sha256(path: Path) -> str:
-    """Hexadecimal SHA-256 of a file."""
+    """Compute the hexadecimal SHA-256 of a file."""
     with path.open("rb") as file, naming(path):
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def sha256_of(content: bytes) -> str:
-    """Hexadecimal SHA-256 of what a file holds."""
+    """Compute the hexadecimal SHA-256 of a file's content."""
     return hashlib.sha256(content).hexdigest()
 
 
 @contextmanager
 def _placing(path: Path) -> Iterator[tuple[int, Path]]:
-    """An empty temporary file beside the path, open and locked, which takes its place in the end."""
+    """Create an empty temporary file next to the path, open and locked, that finally replaces it."""
     make_folder(path.parent)
     with naming(path):
         _remove_dead(path)
@@ -161,7 +161,7 @@ def _placing(path: Path) -> Iterator[tuple[int, Path]]:
 
 
 def _create(path: Path) -> tuple[int, Path]:
-    """A new file with a name of its own: open, and locked for as long as its writer lives."""
+    """Create a file with a unique name, open, and locked for the lifetime of its writer."""
     while True:
         temporary = path.with_name(f"{short(path.name)}.{secrets.token_hex(4)}.tmp")
         try:
@@ -171,14 +171,14 @@ def _create(path: Path) -> tuple[int, Path]:
         except OSError as error:
             error.filename = str(path)
             raise
-        # Another process may have taken it for a dead one before it was locked.
+        # Another process may have removed it as abandoned before it was locked.
         if try_lock(descriptor, path) is not False and is_at(descriptor, temporary):
             return descriptor, temporary
         os.close(descriptor)
 
 
 def _remove_dead(path: Path) -> None:
-    """Removes temporary files of a path whose writer was killed, best effort."""
+    """Remove temporary files of a path whose writer was killed, best effort."""
     with suppress(PermissionError):
         for name in os.listdir(path.parent):
             found = _TEMPORARY.fullmatch(name)
@@ -197,5 +197,5 @@ def _remove_if_dead(temporary: Path, is_locked: bool) -> None:
                 os.unlink(temporary)
         finally:
             os.close(descriptor)
-    elif not stat.S_ISDIR(status.st_mode):  # of an earlier version, or planted: a link is not followed
+    elif not stat.S_ISDIR(status.st_mode):  # from an earlier version, or planted: links are not followed
         os.unlink(temporary)

@@ -1,6 +1,6 @@
-"""What is asked of the file system: errors name their path, no link is followed, what it lacks is said once.
+"""File system access: errors name their path, links are not followed, missing features are reported once.
 
-Network and container file systems may have no locks, or refuse to sync a folder. Work goes on there without.
+Network and container file systems may lack locks, or refuse to sync a folder. Work continues there without.
 """
 
 import errno
@@ -22,7 +22,7 @@ _said: set[str] = set()
 
 @contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Give every OSError that names no file the path at which it happened."""
+    """Add the path to every OSError that names no file."""
     try:
         yield
     except OSError as error:
@@ -31,14 +31,14 @@ def naming(path: Path) -> Iterator[None]:
 
 
 def open_entry(path: Path, flags: int) -> int:
-    """Open an entry of a folder that is written to; a new file gets the permissions that the umask leaves.
+    """Open an entry of an output folder; new files get the permissions allowed by the umask.
 
     Args:
-        path: The entry.
-        flags: As of ``os.open``; a link is never followed, and a FIFO never waited for.
+        path: Path of the entry.
+        flags: Flags of ``os.open``; links are never followed, and opening a FIFO never blocks.
 
     Returns:
-        The descriptor.
+        File descriptor.
 
     Raises:
         RequestError: The entry is a symbolic link.
@@ -52,38 +52,38 @@ def open_entry(path: Path, flags: int) -> int:
 
 
 def path_inside(folder: Path, name: str) -> Path:
-    """An entry of a folder that is written to, which is no symbolic link.
+    """Return the path of an entry of an output folder, which must not be a symbolic link.
 
     Raises:
-        RequestError: It is one.
+        RequestError: The entry is a symbolic link.
     """
     refuse_link(folder / name)
     return folder / name
 
 
 def refuse_link(path: Path) -> None:
-    """Refuse a symbolic link where something is to be written.
+    """Refuse a symbolic link as an output path.
 
     Raises:
-        RequestError: The path is one.
+        RequestError: The path is a symbolic link.
     """
     if path.is_symlink():
         raise RequestError(
-            f"--out: {path} cannot be used: it is a symbolic link, and none is followed in a folder that is "
-            "written to; remove it"
+            f"--out: {path} cannot be used: it is a symbolic link, which is not followed in an output "
+            "folder; remove it"
         )
 
 
 def refuse_dangling(path: Path) -> None:
-    """Refuse a symbolic link that leads nowhere.
+    """Refuse a dangling symbolic link.
 
     Raises:
-        RequestError: The path is one.
+        RequestError: The path is a dangling link.
     """
     if path.is_symlink() and not os.path.exists(path):
         raise RequestError(
             f"--out: {path} cannot be used: it is a dangling link (to {os.readlink(path)}); remove it, or "
-            "make what it points to"
+            "create its target"
         )
 
 
@@ -91,7 +91,7 @@ def try_lock(descriptor: int, path: Path) -> bool | None:
     """Lock an open file for this process.
 
     Returns:
-        Whether it is locked now; False if another process holds it, None where there are no locks.
+        True if it is locked now, False if another process holds it, None if the file system has no locks.
     """
     try:
         with naming(path):
@@ -101,13 +101,13 @@ def try_lock(descriptor: int, path: Path) -> bool | None:
     except OSError as error:
         if error.errno not in NO_LOCKS:
             raise
-        _say_once(path.parent, "this file system has no locks", error, "let no second command write there")
+        _say_once(path.parent, "this file system has no locks", error, "run no second command there")
         return None
     return True
 
 
 def is_at(descriptor: int, path: Path) -> bool:
-    """Whether an open file still is the one that others would meet at the path."""
+    """True if an open file is still the one at the path."""
     try:
         return os.path.samestat(os.fstat(descriptor), os.lstat(path))
     except OSError:
@@ -115,7 +115,7 @@ def is_at(descriptor: int, path: Path) -> bool:
 
 
 def sync(descriptor: int, path: Path) -> None:
-    """Let what was written reach the disk, where the file system knows how."""
+    """Sync an open file to disk, if the file system supports it."""
     try:
         with naming(path):
             os.fsync(descriptor)
@@ -126,7 +126,7 @@ def sync(descriptor: int, path: Path) -> None:
 
 
 def sync_folder(path: Path) -> None:
-    """Let the names in a folder reach the disk, where the file system knows how."""
+    """Sync the entries of a folder to disk, if the file system supports it."""
     try:
         with naming(path):
             descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
@@ -142,10 +142,10 @@ def sync_folder(path: Path) -> None:
 
 
 def reserve(descriptor: int, size: int) -> None:
-    """Make an open file so large, without gaps, where the system knows how: later there will be room.
+    """Reserve disk space for an open file, if the system supports it, so that later writes have room.
 
     Raises:
-        OSError: There is no room.
+        OSError: The disk is full.
     """
     if not hasattr(os, "posix_fallocate"):
         return

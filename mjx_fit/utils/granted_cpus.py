@@ -1,6 +1,6 @@
-"""How many CPUs this process was granted: by the scheduler, a container, a cluster or OpenMP.
+"""Number of CPUs granted to this process by the scheduler, a container, a cluster or OpenMP.
 
-A machine has more than a job on it may use. More threads than CPUs are slower, and are other people's CPUs.
+A job may use only some CPUs of a machine. More threads than CPUs are slower, and take CPUs from other users.
 """
 
 import math
@@ -17,16 +17,16 @@ _SLURM, _OPENMP, _XLA = "SLURM_CPUS_PER_TASK", "OMP_NUM_THREADS", "PJRT_NPROC"
 
 
 def limit_to(n: int | None) -> None:
-    """Makes this process, and those that it starts, compute on as many threads as it was granted.
+    """Limit this process and its children to as many threads as it was granted.
 
-    XLA on a CPU makes a pool of as many threads as the scheduler allows the process, whatever else limits it.
-    So call this before JAX computes anything. It still compiles on all of them.
+    XLA on a CPU creates a pool with as many threads as the scheduler allows, regardless of other limits. Call
+    this before JAX computes anything. Compilation still uses all of them.
 
     Args:
-        n: Most threads (``--threads``), in the place of OpenMP's variable; None: as many as are granted.
+        n: Maximum number of threads (``--threads``), replacing OpenMP's variable; None: as many as granted.
 
     Raises:
-        RequestError: It is less than 1, or absurd.
+        RequestError: The number is out of range.
     """
     if n is not None:
         if not 1 <= n <= MOST_THREADS:
@@ -40,14 +40,14 @@ def limit_to(n: int | None) -> None:
 def cpus(
     affinity: int | None = None, environment: Mapping[str, str] | None = None, read: Read | None = None
 ) -> int:
-    """CPUs that this process was granted: the least that anything says, 1 or more.
+    """Return the number of CPUs granted to this process: the smallest limit, at least 1.
 
-    What says nothing that makes sense is not listened to.
+    Invalid limits are ignored.
 
     Args:
-        affinity: CPUs that the scheduler lets it run on; None: as it is now.
-        environment: Variables; None: the process's.
-        read: Reads a file; None: from the system.
+        affinity: Number of CPUs allowed by the scheduler; None: the current value.
+        environment: Environment variables; None: those of the process.
+        read: Function that reads a file; None: from the system.
     """
     affinity = _affinity() if affinity is None else affinity
     environment = os.environ if environment is None else environment
@@ -66,13 +66,13 @@ def _affinity() -> int:
 
 
 def _count(text: str) -> int | None:
-    """A whole positive number; OpenMP allows one for each level of nesting, of which the first counts."""
+    """Parse a positive integer; OpenMP allows one per nesting level, and the first one is used."""
     first = text.split(",", maxsplit=1)[0].strip()
     return int(first) if first.isascii() and first.isdecimal() and len(first) < 10 and int(first) else None
 
 
 def _quota(read: Read) -> int | None:
-    """CPUs of the smallest quota among the control groups that hold this process, rounded up."""
+    """Return the smallest CPU quota among the control groups of this process, rounded up."""
     shares = []
     for line in (read(PurePosixPath("/proc/self/cgroup")) or "").splitlines():
         parts = line.split(":", 2)
@@ -102,4 +102,4 @@ def _share(quota: str, period: str) -> float | None:
     sound = all(
         word.isascii() and word.isdecimal() and len(word) < 16 and int(word) for word in (quota, period)
     )
-    return int(quota) / int(period) if sound else None  # "max" and -1: no limit
+    return int(quota) / int(period) if sound else None  # "max" and -1 mean no limit

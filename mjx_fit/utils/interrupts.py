@@ -1,9 +1,9 @@
-"""A request to stop that cannot be lost: SIGINT, SIGTERM and SIGHUP of a command.
+"""Reliable handling of requests to stop a command: SIGINT, SIGTERM and SIGHUP.
 
-The first one raises ``StoppedError`` in the main thread. That may come to nothing: an exception in a callback
-of a C library, or of the garbage collector, is dropped, and the main thread may be within a computation for
-minutes. So the request is noted as well: long work asks ``check()`` whenever it gets on, and a thread, which
-Python's own C handler wakes at once, ends the process a few seconds later, or at a second signal.
+The first signal raises ``StoppedError`` in the main thread. This may have no effect: exceptions in callbacks
+of a C library or the garbage collector are dropped, and the main thread may spend minutes in a computation.
+The request is therefore also recorded: long work calls ``check()`` on every progress, and a thread, woken
+immediately by Python's C handler, ends the process a few seconds later, or at a second signal.
 """
 
 import atexit
@@ -19,22 +19,22 @@ from types import FrameType
 from typing import NoReturn
 
 GRACE_S = 5.0
-"""Time to stop in order, s. Files are written whole or not at all, so nothing is lost without it."""
+"""Time for a clean shutdown, s. Files are written atomically, so nothing is lost if it is exceeded."""
 
 _STOP = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 _SETTLED = 0
-"""No signal has this number: it says that the one before was met."""
+"""Message that the previous signal was handled; no signal has this number."""
 
 PARENT = "MJX_FIT_PARENT"
-"""Variable that tells a command which process it must not outlive."""
+"""Environment variable with the id of the process that a command must not outlive."""
 
 
 class StoppedError(KeyboardInterrupt):
-    """Somebody asked this process to stop."""
+    """Request to stop this process."""
 
 
 class _Process:
-    """What is known of this process: a signal's handler can be given nothing."""
+    """State of this process, global since signal handlers take no arguments of their own."""
 
     asked: int | None = None
     kept = ""
@@ -45,7 +45,7 @@ class _Process:
 
 
 def install() -> None:
-    """Takes the signals that ask to stop, but for those that whoever started this process had ignored."""
+    """Install the signal handlers, except for signals that the parent process had set to be ignored."""
     if threading.current_thread() is not threading.main_thread():
         return
     taken = [number for number in _STOP if signal.getsignal(number) is not signal.SIG_IGN]
@@ -59,12 +59,12 @@ def install() -> None:
         signal.signal(number, _on_signal)
     atexit.register(_leave)  # registered first, called last
     if PARENT in os.environ:
-        _Process.quiet = True  # the parent says it
+        _Process.quiet = True  # the parent reports it
         serve(int(os.environ.pop(PARENT)))
 
 
 def follow(parent: int) -> None:
-    """Lets this process stop when its parent is gone, however that ended."""
+    """Stop this process when its parent has ended, for whatever reason."""
 
     def look() -> None:
         while os.getppid() == parent:
@@ -75,23 +75,23 @@ def follow(parent: int) -> None:
 
 
 def serve(parent: int) -> None:
-    """Makes this process a worker of another one: it leaves Ctrl-C to it, and does not outlive it."""
+    """Make this process a worker of another one, which handles Ctrl-C and which it does not outlive."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     follow(parent)
 
 
 def say_when_stopped(kept: str) -> None:
-    """Says what is kept when the command is stopped from here on."""
+    """Set the words that describe what is kept if the command is stopped from here on."""
     _Process.kept = kept
 
 
 def asked() -> bool:
-    """Whether the process was asked to stop."""
+    """True if the process was asked to stop."""
     return _Process.asked is not None
 
 
 def check() -> None:
-    """Raises again what may have been lost; long work calls it whenever it gets on.
+    """Raise a recorded request again in case it was dropped; long work calls this on every progress.
 
     Raises:
         StoppedError: The process was asked to stop.
@@ -101,41 +101,41 @@ def check() -> None:
 
 
 def settle() -> None:
-    """The request was met: a viewer was closed by it, say."""
+    """Mark the request as handled, for example when it closed a viewer."""
     if _Process.asked is not None:
         _Process.asked = None
         os.write(_Process.waker, bytes([_SETTLED]))
 
 
 def finished(result: int) -> None:
-    """Notes that the work is done, with this exit code; to ask for its end now ends the process at once."""
+    """Record that the work is done, with its exit code; requests to stop now end the process immediately."""
     _Process.result = result
 
 
 def _leave() -> None:
-    """Ends a process that is done before Python takes itself apart: signals would kill it meanwhile."""
+    """End a finished process before Python's own teardown, during which signals would kill it."""
     if _Process.result is not None:
         os._exit(_Process.result)
 
 
 def end(done: bool = False) -> NoReturn:
-    """Says in one line what became of the work, and ends the process with 128 and the signal's number.
+    """Report the state of the work in one line, and exit with 128 plus the signal's number.
 
-    At once: XLA may still be compiling in a thread of its own, and an orderly exit would crash in it.
+    The exit is immediate: XLA may still be compiling in its own thread, and a regular exit would crash in it.
     """
-    with _Process.ending:  # not released: it is said once
+    with _Process.ending:  # never released: reported once
         for stream in (sys.stdout, sys.stderr):
             try:
                 if stream is sys.stderr:
                     stream.write(_words(done))
                 stream.flush()
             except (AttributeError, OSError, ValueError, RuntimeError):
-                continue  # no stream, one that is closed, or one in the middle of a write
+                continue  # no stream, a closed one, or one in the middle of a write
         os._exit(_code(_Process.asked or signal.SIGINT))
 
 
 def _end_from_outside(number: int) -> NoReturn:
-    """The same from another thread, which waits for nothing that the main thread holds, such as a stream."""
+    """End the process from another thread, without waiting for locks of the main thread, as on streams."""
     if _Process.ending.acquire(timeout=1):
         with contextlib.suppress(OSError):
             os.write(2, _words(done=False).encode(errors="replace"))
@@ -158,7 +158,7 @@ def _code(number: int) -> int:
 
 
 def _without_requests(hook: Callable) -> Callable:
-    """Python reports exceptions that it drops; a request to stop is noted, and needs no report."""
+    """Suppress Python's report of dropped requests to stop, since these are recorded."""
 
     def unraisablehook(unraisable) -> None:
         if not issubclass(unraisable.exc_type, StoppedError):
@@ -177,7 +177,7 @@ def _on_signal(number: int, frame: FrameType | None) -> None:
 
 
 def _watch(reader: int, taken: list[int]) -> None:
-    """Waits for a signal, and then for the process to end; sees to its end at a second one."""
+    """Wait for a signal, then for the process to end; end it after the grace period or at a second signal."""
     while True:
         number = os.read(reader, 1)[0]
         if number not in taken:

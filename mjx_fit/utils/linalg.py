@@ -1,12 +1,11 @@
-"""Small matrices and vectors, with the worlds as the last axis, written out entry by entry.
+"""Linear algebra of small matrices and vectors with worlds as the last axis, written out entry by entry.
 
-Every number is then a contiguous row of worlds, and a sum that is written out term by term is plain
-arithmetic on such rows, which a compiler turns into vector instructions and fuses with what surrounds it.
-XLA's own reductions and batched products of small matrices handle one number at a time on a CPU, many times
-slower; a library's batched Cholesky is one call for each matrix on a CPU and a kernel launch of its own on a
-GPU.
+Every matrix entry is a contiguous row of worlds, and a sum written term by term is plain arithmetic on such
+rows, which a compiler vectorises and fuses with surrounding operations. XLA's own reductions and batched
+products of small matrices process one number at a time on a CPU, many times slower; a library's batched
+Cholesky is one call per matrix on a CPU and a separate kernel launch on a GPU.
 
-Most functions take any number of world axes, including none; ``largest`` takes one.
+Most functions accept any number of world axes, including none; ``largest`` requires one.
 """
 
 from collections.abc import Callable
@@ -23,37 +22,37 @@ from mjx_fit.utils.arrays import Array
 
 
 def total(x: Float[Array, "*n"], axis: int = 0) -> Float[Array, "*m"]:
-    """The sum along an axis."""
+    """Sum along an axis."""
     index = (slice(None),) * axis
     return reduce(add, (x[(*index, i)] for i in range(x.shape[axis])))
 
 
 def times(matrix: Float[Array, "n m *b"], vector: Float[Array, "m *b"]) -> Float[Array, "n *b"]:
-    """Matrix times vector."""
+    """Multiply a matrix by a vector."""
     return reduce(add, (matrix[:, i] * vector[i] for i in range(len(vector))))
 
 
 def cross(a: Float[Array, "3 *b"], b: Float[Array, "3 *b"]) -> Float[Array, "3 *b"]:
-    """The cross product along the first axis."""
+    """Compute the cross product along the first axis."""
     return jnp.stack([a[i - 2] * b[i - 1] - a[i - 1] * b[i - 2] for i in range(3)])
 
 
 def column(values: Float[Array, "n"], like: Float[Array, "n *b"]) -> Float[Array, "n *ones"]:
-    """One value for each row of an array, the same for all worlds."""
+    """Reshape one value per row to broadcast over the worlds of an array."""
     return jnp.reshape(jnp.asarray(values, like.dtype), (-1, *[1] * (like.ndim - 1)))
 
 
 def largest(
     value: Float[Array, "n b"], fields: Float[Array, "f n b"], count: int
 ) -> Float[Array, "{count} f b"]:
-    """The fields that go with the largest positive values, the largest first; zeros where there are no more.
+    """Select the fields of the largest positive values, in descending order, padded with zeros.
 
-    Values are compared up to some parts in 100,000; the first of equals comes first. A scan, since all that
-    enters one is computed once, where XLA would compute it anew in each of the places that use it.
+    Values are compared to within a few parts in 100,000; ties keep their order. A scan is used because its
+    inputs are computed once, whereas XLA would recompute them in each place that uses them.
     """
     places = len(value) - 1
     room = (1 << places.bit_length()) - 1
-    # The bits of positive numbers are in the order of the numbers: the last of them can say which one it is.
+    # Bits of positive floats sort like the floats, so the lowest bits can store the index.
     bits = jax.lax.bitcast_convert_type(value, jnp.int32) & ~room
     rank = jnp.arange(room, room - len(value), -1, dtype=jnp.int32)
     keys = jnp.where(value > 0, bits | rank[:, None], 0)
@@ -69,7 +68,7 @@ def largest(
 
 
 def worlds_last(function: Callable[..., Any]) -> Callable[..., Any]:
-    """A function of pytrees of arrays (..., worlds) as one of arrays (...) that vmap runs in that layout."""
+    """Wrap a function of arrays (..., worlds) as one of arrays (...) that vmap runs with worlds last."""
 
     def of_worlds(*args):
         last = jax.tree.map(lambda x: jnp.moveaxis(x, 0, -1), args)
@@ -91,11 +90,11 @@ def worlds_last(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 class CholeskyFactor(NamedTuple):
-    """A Cholesky factor A = L Lᵀ.
+    """Cholesky factor of A = L Lᵀ.
 
     Attributes:
-        lower: ``lower[i][j]`` for j < i: the entries of L below its diagonal.
-        inverse_diagonal: 1 / L_ii.
+        lower: Entries of L below its diagonal, ``lower[i][j]`` for j < i.
+        inverse_diagonal: Reciprocals 1 / L_ii of the diagonal.
     """
 
     lower: list[list[Float[Array, "*b"]]]
@@ -103,13 +102,13 @@ class CholeskyFactor(NamedTuple):
 
 
 def cholesky_factor(matrix: Float[Array, "n n *b"], damping: float = 0.0) -> CholeskyFactor:
-    """The Cholesky factor of a matrix, of which only the lower triangle is read.
+    """Compute the Cholesky factor of a matrix, reading only its lower triangle.
 
-    A matrix that is not positive definite gives NaN, in its own world alone.
+    A matrix that is not positive definite gives NaN in its own world only.
 
     Args:
-        matrix: A.
-        damping: Is added to the diagonal.
+        matrix: Symmetric matrix A.
+        damping: Value added to the diagonal.
     """
     lower, inverse_diagonal = [], []
     for i in range(len(matrix)):
@@ -123,7 +122,7 @@ def cholesky_factor(matrix: Float[Array, "n n *b"], damping: float = 0.0) -> Cho
 
 
 def solve_lower(a: CholeskyFactor, b: Float[Array, "n *b"]) -> Float[Array, "n *b"]:
-    """X with L x = b."""
+    """Solve L x = b."""
     x = []
     for i, scale in enumerate(a.inverse_diagonal):
         x.append((b[i] - sum(a.lower[i][k] * x[k] for k in range(i))) * scale)
@@ -131,7 +130,7 @@ def solve_lower(a: CholeskyFactor, b: Float[Array, "n *b"]) -> Float[Array, "n *
 
 
 def cholesky_solve(a: CholeskyFactor, b: Float[Array, "n *b"]) -> Float[Array, "n *b"]:
-    """X with A x = b."""
+    """Solve A x = b."""
     y = solve_lower(a, b)
     n = len(a.inverse_diagonal)
     x = [jnp.zeros(())] * n

@@ -1,4 +1,4 @@
-"""Who writes where: a command holds its folder, or the file that it makes, until it ends."""
+"""Locks on output: a command holds its folder, or the file it creates, until it ends."""
 
 import errno
 import os
@@ -16,27 +16,27 @@ _READ_ONLY = {errno.EROFS, *NOT_ALLOWED}
 
 
 class Hold:
-    """What is held: ``place``, by the lock file ``path``, open as ``descriptor``; None without locks."""
+    """Lock on ``place`` by the lock file ``path``, open as ``descriptor``; None without locks."""
 
     def __init__(self, place: Path, path: Path, descriptor: int | None):
         self.place, self.path, self.descriptor = place, path, descriptor
 
     def is_there(self) -> bool:
-        """Whether the place is as it was: neither removed nor replaced."""
+        """True if the place was neither removed nor replaced."""
         return self.descriptor is None or is_at(self.descriptor, self.path)
 
     def require(self) -> None:
-        """Make sure that the place is as it was.
+        """Check that the place was neither removed nor replaced.
 
         Raises:
-            WorkError: It was taken away.
+            WorkError: The place was removed or replaced.
         """
         if not self.is_there():
             raise WorkError(f"{self.place} was removed or replaced while this command was writing to it")
 
 
 class _Mine(threading.local):
-    """What this thread holds, by the file systems' numbers of the lock files."""
+    """Locks held by this thread, by device and inode of their lock files."""
 
     def __init__(self):
         self.holds: dict[tuple[int, int], Hold] = {}
@@ -46,10 +46,10 @@ _mine = _Mine()
 
 
 def require_all() -> None:
-    """Make sure that every place that this thread holds is as it was.
+    """Check that no place held by this thread was removed or replaced.
 
     Raises:
-        WorkError: One was taken away.
+        WorkError: A place was removed or replaced.
     """
     for hold in _mine.holds.values():
         hold.require()
@@ -57,18 +57,20 @@ def require_all() -> None:
 
 @contextmanager
 def holding(folder: Path, *, even_if_read_only: bool = False) -> Iterator[Hold]:
-    """Hold a folder, which is made if it is not there, against all other processes.
+    """Lock a folder, which is created if missing, against all other processes.
 
-    A thread may hold it several times, one inside the other: commands call others. The lock file is removed
-    in the end, and so is a folder that was made and stayed empty.
+    A thread may hold it several times, nested, since commands call others. The lock file is finally removed,
+    and so is a created folder that is still empty.
 
     Args:
-        folder: The folder.
-        even_if_read_only: Go on without where nothing can be written: what is finished can still be read.
+        folder: Folder to lock.
+        even_if_read_only: Continue without a lock on read-only file systems, where finished results can still
+            be read.
 
     Raises:
-        RequestError: Another process holds it, or it or its lock file is a link that cannot be followed.
-        WorkError: The folder was taken away inside.
+        RequestError: Another process holds the folder, or the folder or its lock file is a link that cannot
+            be followed.
+        WorkError: The folder was removed or replaced while it was held.
     """
     made = files.make_folder(folder)
     try:
@@ -82,7 +84,7 @@ def holding(folder: Path, *, even_if_read_only: bool = False) -> Iterator[Hold]:
 
 @contextmanager
 def holding_file(path: Path) -> Iterator[Hold]:
-    """Hold a file that is to be made, and what is kept for it until it is, as ``holding`` does a folder."""
+    """Lock a file to be created, and its intermediate files, as ``holding`` does for a folder."""
     files.require_writable(path)
     with _held(path, path.with_name(f"{files.short(path.name)}{files.LOCK}"), False) as hold:
         yield hold
@@ -110,7 +112,7 @@ def _held(place: Path, path: Path, even_if_read_only: bool) -> Iterator[Hold]:
     finally:
         del _mine.holds[number]
         try:
-            if hold.is_there():  # before it is released: who comes later makes a new one
+            if hold.is_there():  # before it is released: later processes create a new one
                 with suppress(OSError):
                     os.unlink(path)
         finally:
@@ -138,7 +140,7 @@ def _take(place: Path, path: Path, even_if_read_only: bool) -> int | None:
             raise
         if locked and is_at(descriptor, path):
             return descriptor
-        os.close(descriptor)  # who had it removed it between opening and locking
+        os.close(descriptor)  # its holder removed it between opening and locking
         if locked is None:
             with suppress(OSError):
                 os.unlink(path)

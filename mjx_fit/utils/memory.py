@@ -1,7 +1,7 @@
-"""How much memory can be had, and refusing work that certainly needs more of it before the work begins.
+"""Available memory, and early refusal of work that certainly needs more.
 
-What cannot be said, as off Linux, refuses nothing; and nothing is refused that might have worked: needs are
-what work holds at least, and what can be had counts swap and what the system can drop from its caches.
+Nothing is refused where memory is unknown, such as on systems other than Linux, or where work might succeed:
+needs are lower bounds, and available memory includes swap and caches that the system can drop.
 """
 
 from collections.abc import Callable
@@ -16,40 +16,41 @@ except ImportError:  # not on Windows
     resource = None
 
 _UNLIMITED = 2**60
-"""More than this is no limit: control groups write it with numbers of their own."""
+"""Values above this mean no limit; control groups use various numbers for it."""
 
 START_BYTES = 1_800_000_000
-"""Address space without which no command that computes gets through: with 1.74e9 bytes none did, on one CPU
-or two (MuJoCo 3.17, JAX 0.10); with 1.95e9 the smallest did."""
+"""Smallest address space in which commands that compute can succeed.
+
+With 1.74e9 bytes none did, on one CPU or two (MuJoCo 3.17, JAX 0.10); with 1.95e9 the smallest did."""
 
 Limit = Callable[[str], int | None]
-"""Soft limit of the process by its name in ``resource``, bytes; None: there is none."""
+"""Function that returns a soft limit by its name in ``resource``, bytes; None: unlimited."""
 
 
 def require(needed: int, what: str, remedy: str) -> None:
-    """Makes sure that there can be memory for some work.
+    """Check that there may be enough memory for some work.
 
     Args:
-        needed: Bytes that it holds at once, at least.
-        what: What it is, as the line of refusal begins, such as ``--batch: 250``.
-        remedy: What to change.
+        needed: Lower bound of the peak memory, bytes.
+        what: Start of the error message, such as ``--batch: 250``.
+        remedy: Advice on what to change.
 
     Raises:
-        RequestError: There is less.
+        RequestError: Less memory is available.
     """
     there = available()
     if there is not None and needed > there:
         raise RequestError(
             f"{what} cannot be used: it needs {_size(needed)} of memory or more, "
-            f"and {_size(there)} can be had: {remedy}"
+            f"and {_size(there)} are available: {remedy}"
         )
 
 
 def require_start(limit: Limit | None = None) -> None:
-    """Makes sure that the process may be as large as the libraries need, which otherwise abort it.
+    """Check that the address space suffices for the libraries, which would otherwise abort the process.
 
     Raises:
-        RequestError: ``ulimit -v`` leaves less.
+        RequestError: The limit ``ulimit -v`` is too small.
     """
     most = (limit or soft_limit)("RLIMIT_AS")
     if most is not None and most < START_BYTES:
@@ -60,14 +61,14 @@ def require_start(limit: Limit | None = None) -> None:
 
 
 def available(read: Read | None = None, limit: Limit | None = None) -> int | None:
-    """Bytes that this process could still use: the least that its limits, groups and machine leave.
+    """Return the memory that this process can still use: the smallest remainder of all its limits.
 
     Args:
-        read: Reads a file; None: from the system.
-        limit: Says the process's limits; None: as they are.
+        read: Function that reads a file; None: from the system.
+        limit: Function that returns the process's limits; None: the actual ones.
 
     Returns:
-        None where nothing is known.
+        Memory available under process limits, control groups and machine, bytes; None if unknown.
     """
     read, limit = read or read_file, limit or soft_limit
     swap = _of_table(read(PurePosixPath("/proc/meminfo")), "SwapFree") or 0
@@ -96,7 +97,7 @@ def _under_limits(read: Read, limit: Limit) -> int | None:
 
 
 def _in_groups(read: Read) -> int | None:
-    """What the smallest of the control groups that hold this process leaves; caches of files do not count."""
+    """Return the smallest memory left in the control groups of this process, counting file caches as free."""
     left = []
     for line in (read(PurePosixPath("/proc/self/cgroup")) or "").splitlines():
         parts = line.split(":", 2)
@@ -125,7 +126,7 @@ def _in_group(read: Read, folder: PurePosixPath, most: str, used: str, cache: st
 
 
 def _of_table(text: str | None, field: str) -> int | None:
-    """A field of a file as /proc has them, "MemAvailable:   12 kB", in bytes."""
+    """Parse a field of a /proc table, "MemAvailable:   12 kB", in bytes."""
     for line in (text or "").splitlines():
         name, _, value = line.partition(":")
         if name == field:

@@ -1,7 +1,7 @@
-"""Settings of the process that draws and arithmetic depend on: commands set them, the library checks them.
+"""Process-wide settings that random draws and arithmetic depend on: set by commands, checked by the library.
 
 JAX and NumPy keep them for the whole process: an environment variable, or a line in a notebook, would
-otherwise change every number without a word.
+otherwise silently change every number.
 """
 
 import enum
@@ -16,18 +16,18 @@ from jaxtyping import Array, Key
 from mjx_fit.utils.errors import RequestError
 
 KEY_IMPL = "threefry2x32"
-"""How keys make random bits: named wherever a key is made."""
+"""Random number generator of JAX keys, stated explicitly wherever a key is created."""
 
 _UNGUARDED = (None, "allow", "log", "log_explicit")
 
 PINNED: dict[str, tuple[Any, ...]] = {
-    # What changes draws:
+    # Options that change random draws:
     "jax_enable_x64": (False,),
     "jax_default_prng_impl": (KEY_IMPL,),
     "jax_threefry_partitionable": (True,),
     "jax_random_seed_offset": (0,),
     "jax_high_dynamic_range_gumbel": (False,),
-    # What changes arithmetic:
+    # Options that change arithmetic:
     "jax_default_matmul_precision": (None,),
     "jax_numpy_dtype_promotion": ("standard",),
     "jax_disable_jit": (False,),
@@ -40,7 +40,7 @@ PINNED: dict[str, tuple[Any, ...]] = {
     "jax_use_direct_linearize": (True,),
     "jax_compiler_enable_remat_pass": (True,),
     "eager_constant_folding": (False,),
-    # What makes correct code raise:
+    # Options that make correct code raise:
     "jax_numpy_rank_promotion": ("allow", "warn"),
     "jax_explicit_x64_dtypes": ("warn", "allow"),
     "jax_legacy_prng_key": ("allow", "warn"),
@@ -61,8 +61,8 @@ PINNED: dict[str, tuple[Any, ...]] = {
     "jax_no_tracing": (False,),
     "jax_no_execution": (False,),
 }
-"""Options of JAX, each with the values that are allowed; commands set the first. Those that an installed
-version of JAX lacks are left out."""
+"""Options of JAX with their allowed values; commands set the first. Options unknown to the installed JAX are
+ignored."""
 
 _CARRIED = {
     "NPY_DISABLE_CPU_FEATURES",
@@ -71,7 +71,7 @@ _CARRIED = {
     "OPENBLAS_CORETYPE",
     "XLA_FLAGS",
 }
-"""Variables that change arithmetic and that users set for good reasons."""
+"""Environment variables that change arithmetic but have legitimate uses."""
 
 _HARMLESS = {
     "JAX_PLATFORMS",
@@ -87,7 +87,7 @@ _HARMLESS = {
     "JAX_INCLUDE_FULL_TRACEBACKS_IN_LOCATIONS",
     "JAX_RAISE_PERSISTENT_CACHE_ERRORS",
     "JAX_ENABLE_COMPILATION_CACHE",
-    "JAX_ENABLE_CUSTOM_PRNG",  # another type for keys of the old kind, which are not used
+    "JAX_ENABLE_CUSTOM_PRNG",  # changes the type of legacy keys, which are not used
     "JAX_DUMP_IR_TO",
     "JAX_INCLUDE_DEBUG_INFO_IN_DUMPS",
     "JAX_TRACEBACK_IN_LOCATIONS_LIMIT",
@@ -99,14 +99,14 @@ _HARMLESS = {
     "JAX_CAPTURED_CONSTANTS_REPORT_FRAMES",
 }
 _HARMLESS_BEGINNINGS = ("JAX_COMPILATION_CACHE_", "JAX_PERSISTENT_CACHE_")
-"""Variables of JAX that choose devices, caches and words. Any other that is set may change arithmetic."""
+"""Variables of JAX for devices, caches and messages. Any other variable may change arithmetic."""
 
 
 def pin() -> dict[str, Any]:
-    """Sets every option of ``PINNED`` for the process, and NumPy's handling of overflow and the like.
+    """Set every option of ``PINNED`` for the process, and NumPy's handling of floating-point errors.
 
     Returns:
-        The options that would have changed something, with the value that each has now.
+        Options whose values were not allowed, with their new values.
     """
     changed = {}
     for name, allowed in _present().items():
@@ -119,7 +119,7 @@ def pin() -> dict[str, Any]:
 
 
 def require() -> None:
-    """Check the process before anything is drawn or computed; called wherever users come in.
+    """Check the process before anything is drawn or computed; called by every public entry point.
 
     Raises:
         RequestError: An option of JAX or NumPy would change draws or arithmetic, or let correct code raise.
@@ -127,27 +127,26 @@ def require() -> None:
     for name, allowed in _present().items():
         if (value := _value(name)) not in allowed:
             raise RequestError(
-                f"{name}: {value!r} cannot be used in a process that uses mjx_fit, whose numbers depend on "
-                f"it: it must be {' or '.join(map(repr, allowed))}; "
-                f"jax.config.update({name!r}, {allowed[0]!r}) sets it"
+                f"{name}: {value!r} cannot be used with mjx_fit, whose results depend on it: "
+                f"expected {' or '.join(map(repr, allowed))}; "
+                f"set it with jax.config.update({name!r}, {allowed[0]!r})"
             )
     raising = sorted(name for name, what in np.geterr().items() if what == "raise")
     if raising:
         raise RequestError(
-            f"numpy.seterr: {raising[0]}='raise' cannot be used in a process that uses mjx_fit: it must be "
-            "'ignore' or 'warn'"
+            f"numpy.seterr: {raising[0]}='raise' cannot be used with mjx_fit: expected 'ignore' or 'warn'"
         )
 
 
 def key(seed: int) -> Key[Array, ""]:
-    """A random key, whatever implementation JAX would take by default."""
+    """Create a random key, independent of JAX's default implementation."""
     return jax.random.key(seed, impl=KEY_IMPL)
 
 
 def carried() -> dict[str, str]:
-    """Variables of the environment that are set and change arithmetic: results of others do not mix.
+    """List the environment variables that change arithmetic; results with different ones must not be mixed.
 
-    Empty in an ordinary shell.
+    The result is empty in an ordinary shell.
     """
     found = {name: " ".join(os.environ[name].split()) for name in os.environ if _is_carried(name)}
     if "XLA_FLAGS" in found:
@@ -162,7 +161,7 @@ def _present() -> dict[str, tuple[Any, ...]]:
 
 
 def _value(name: str) -> Any:
-    """What holds here and now: within ``with jax.enable_x64(True)``, too."""
+    """Return the current value of an option, also inside ``with jax.enable_x64(True)``."""
     value = getattr(jax.config, name) if hasattr(jax.config, name) else jax.config.values[name]
     return value.name.lower() if isinstance(value, enum.Enum) else value
 
@@ -175,7 +174,7 @@ def _is_carried(name: str) -> bool:
 
 
 def _flags(text: str) -> str:
-    """Flags of XLA in one order; the variable may name a file that holds them, and dumps change nothing."""
+    """Sort XLA's flags, which may be in a file named by the variable; dump flags change nothing."""
     text = text.strip()
     if text and not text.startswith("-"):
         try:

@@ -1,4 +1,4 @@
-"""Settings of the process that a command runs in. The library itself leaves them to its caller."""
+"""Process-wide settings that commands apply. The library itself leaves them to its caller."""
 
 # MuJoCo's extension module has no stubs.
 # pyright: reportAttributeAccessIssue=false
@@ -13,7 +13,7 @@ from mjx_fit.utils import compilation_cache, numerics
 
 
 def pin() -> None:
-    """Sets what draws and arithmetic depend on, whatever the environment asks for, and says so if it does."""
+    """Pin the settings that random draws and arithmetic depend on; name overridden variables."""
     for name, value in numerics.pin().items():
         asked = os.environ.get(name.upper())
         if asked is not None:
@@ -23,22 +23,23 @@ def pin() -> None:
 
 
 def configure() -> None:
-    """Sets JAX and MuJoCo up for a command. Call it before anything is computed.
+    """Set up JAX and MuJoCo for a command. Call it before anything is computed.
 
-    - What draws and arithmetic depend on is pinned (``pin``).
-    - Compiled computations are kept in ``compiled.CACHE``, unless the user's own setting names another place;
-      what is damaged there is made again.
-    - On a CPU, computations run in the thread that asks for them. Handing each of them to another thread
-      costs the native engine a tenth of its speed.
-    - Memory that is freed stays with the process. XLA takes all that a computation needs at once and gives it
-      back; from the system it comes page by page, which took a quarter of the time of a training step.
-    - MuJoCo's warnings do not end up in a file in the working folder: a broken world is reported by name.
+    - Settings that determine random draws and arithmetic are pinned (``pin``).
+    - Compiled computations are cached in ``compilation_cache.CACHE``, unless the user's settings name another
+      folder; damaged entries are compiled again.
+    - CPU computations run in the calling thread. Dispatching each of them to another thread costs the native
+      engine a tenth of its speed.
+    - Freed memory stays with the process. XLA allocates all memory of a computation at once and frees it
+      afterwards; getting it page by page from the system took a quarter of the time of a training step.
+    - MuJoCo's warnings are not written to a file in the working folder: diverged simulations are reported by
+      name.
 
     Example:
         >>> import mjx_fit as mf
         >>> mf.configure()  # first in a script; commands do so by themselves
     """
-    import mujoco  # here, so that commands that only look at files need not wait for it
+    import mujoco  # here, so that commands that only read files need not wait for it
 
     pin()
     _keep_compiled()
@@ -56,11 +57,11 @@ def _keep_compiled() -> None:
 
 
 _M_TRIM_THRESHOLD, _M_MMAP_MAX = -1, -4
-"""Parameters of glibc's ``mallopt``; see malloc.h."""
+"""Parameters of glibc's ``mallopt``, from malloc.h."""
 
 
 def _keep_memory() -> None:
-    """Asks the C library, if it can be asked, neither to map large blocks nor to return them."""
+    """Configure malloc, where it is glibc's, neither to map large blocks nor to return them to the system."""
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None) if sys.platform == "linux" else None
     if mallopt is not None:
         mallopt(_M_MMAP_MAX, 0)

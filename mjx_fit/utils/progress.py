@@ -1,6 +1,6 @@
-"""How far long work is: a bar with the time left on a terminal, plain lines elsewhere. On stderr.
+"""Progress reports on stderr: a bar with the remaining time on a terminal, plain lines elsewhere.
 
-A watchdog ends the process when the work stands still.
+A watchdog ends the process if the work stalls.
 """
 
 import time
@@ -14,17 +14,17 @@ from mjx_fit.utils.watchdog import Watchdog
 
 SECONDS_BETWEEN_LINES = 5.0
 COMPILING = "compiling: the first part takes longest"
-"""Words to begin with where the first part may take minutes."""
+"""Initial text for work whose first part may take minutes."""
 
 
 class Progress:
-    """A context manager; call it with what is done so far and a few words.
+    """Context manager that reports progress; call it with the amount done and a short text.
 
     Args:
-        name: What the work is called.
-        total: How much there is to do.
-        done: How much was done before.
-        begins: A few words for the time before the first call.
+        name: Name of the work.
+        total: Total amount of work.
+        done: Amount done before.
+        begins: Text shown before the first call.
     """
 
     def __init__(self, name: str, total: int, done: int = 0, begins: str = ""):
@@ -53,7 +53,7 @@ class Progress:
             self._bar.stop()
 
     def __call__(self, done: int, text: str = "") -> None:
-        """Shows that ``done`` of the total is done.
+        """Report that ``done`` of the total is complete.
 
         Raises:
             StoppedError: The process was asked to stop.
@@ -64,7 +64,7 @@ class Progress:
             self._bar.update(self._task, completed=done, description=text)
             return
         now = time.monotonic()
-        # What was done before took no time, and the first part was compiled for: neither tells of the pace.
+        # Exclude earlier work and the first part, which includes compilation, from the pace.
         if self._paced_from is None and done > self._before:
             self._paced_from = now, done
         if now - self._last_line < SECONDS_BETWEEN_LINES and done < self._total:
@@ -78,5 +78,5 @@ class Progress:
             return ""
         since, first = self._paced_from or (now, done)
         if done == first:
-            return "just begun"
+            return "just started"
         return f"{(now - since) / (done - first) * (self._total - done):.0f} s left"

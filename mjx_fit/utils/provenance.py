@@ -1,4 +1,4 @@
-"""What a result was made with: versions, device, data."""
+"""Provenance of results: versions, device, data."""
 
 import hashlib
 import platform
@@ -30,10 +30,10 @@ PACKAGES = (
 
 
 def versions() -> dict[str, str]:
-    """Version of Python and of each library that a number may depend on.
+    """Return the versions of Python and of each library that results may depend on.
 
-    A setting of the process that changes arithmetic, such as ``XLA_FLAGS``, is an entry of its own, in
-    capitals; there is none in an ordinary shell.
+    Process settings that change arithmetic, such as ``XLA_FLAGS``, are separate entries in capitals; an
+    ordinary shell has none.
     """
     libraries = {name: version(name) for name in PACKAGES}
     hdf5 = {"hdf5": h5py.version.hdf5_version}
@@ -41,19 +41,19 @@ def versions() -> dict[str, str]:
 
 
 def differing(one: dict[str, str], other: dict[str, str]) -> list[tuple[str, str, str]]:
-    """The entries in which two records of ``versions`` differ, whichever side has them: name and values."""
+    """List the entries that differ between two records of ``versions``, with name and both values."""
     names = sorted(one.keys() | other.keys())
     pairs = [(name, one.get(name, "not set"), other.get(name, "not set")) for name in names]
     return [(name, first, second) for name, first, second in pairs if first != second]
 
 
 def settings_of(record: dict[str, str]) -> dict[str, str]:
-    """The entries of a record of ``versions`` that are settings of the process."""
+    """Return the entries of a record of ``versions`` that are process settings."""
     return {name: value for name, value in record.items() if name.isupper()}
 
 
 def device() -> str:
-    """Platform and kind of the device that JAX computes on; of a CPU its model, as far as it is told."""
+    """Return platform and kind of JAX's device; for a CPU its model, if known."""
     first = jax.devices()[0]
     kind = first.device_kind
     if first.platform == "cpu" and CPU_INFO.is_file():
@@ -63,7 +63,7 @@ def device() -> str:
 
 
 def fingerprint(tree) -> str:
-    """SHA-256 over all arrays of a pytree, with their types and shapes."""
+    """Compute the SHA-256 over all arrays of a pytree, including their types and shapes."""
     digest = hashlib.sha256()
     for leaf in jax.tree.leaves(tree):
         array = np.ascontiguousarray(leaf)

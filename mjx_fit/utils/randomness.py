@@ -1,7 +1,7 @@
-"""Where randomness comes from: one seed, and a root key for each use of it.
+"""Random keys: one seed, with a separate root key for each use.
 
-``jax.random.fold_in(key, i)`` and ``jax.random.split(key)[i]`` are the same key. So no key is both split and
-folded into in this library; a draw would show through in another one.
+Keys ``jax.random.fold_in(key, i)`` and ``jax.random.split(key)[i]`` are identical. No key in this library is
+both split and folded into, since different draws would then be correlated.
 """
 
 import zlib
@@ -14,23 +14,23 @@ from mjx_fit.utils.errors import require
 
 
 def root_key(seed: int, use: str) -> Key[jax.Array, ""]:
-    """The key that everything random in one use of a seed comes from.
+    """Create the root key of all random draws in one use of a seed.
 
     Args:
-        seed: As given on the command line.
-        use: What for: data sets and evaluations of the same seed must not meet the same episodes.
+        seed: Seed from the command line.
+        use: Name of the use, so that data sets and evaluations with the same seed have different episodes.
 
     Raises:
-        RequestError: A setting of the process would change what is drawn.
+        RequestError: A process setting would change random draws.
     """
     numerics.require()
     return jax.random.fold_in(numerics.key(seed), zlib.crc32(use.encode()))
 
 
 def require_seed(seed: int) -> None:
-    """Checks a seed.
+    """Check a seed.
 
     Raises:
-        RequestError: It does not fit 32 bits.
+        RequestError: The seed does not fit into 32 bits.
     """
     require("--seed", seed, 0, 2**32 - 1)

@@ -1,10 +1,10 @@
-"""The two rates that everything runs at: torques and wrenches at 500 Hz, commands at 10 Hz."""
+"""Sample rates: torques and wrenches at 500 Hz, commands at 10 Hz."""
 
 STEP_S = 0.002
-"""Duration of one simulation step."""
+"""Duration of one simulation step, s."""
 
 SUBSTEPS = 50
-"""Simulation steps in one action: the samples of one wrench window."""
+"""Simulation steps per action, equal to the samples per wrench window."""
 
 ACTION_S = 0.1
-"""Duration of one action."""
+"""Duration of one action, s."""

@@ -1,7 +1,7 @@
-"""Standard streams that never raise: whatever a shell made of them, a command's work goes on.
+"""Standard streams that never raise, so that a command's work continues whatever the shell did to them.
 
-Closed ones (``>&-``), readers that leave (``| head -1``), full devices, encodings without the characters that
-are printed, and pipes that do not wait are all met here. Knows nothing of what is printed.
+This module handles closed streams (``>&-``), readers that exit (``| head -1``), full devices, encodings that
+lack printed characters, and non-blocking pipes, independent of the content.
 """
 
 import errno
@@ -14,7 +14,7 @@ _failed: dict[int, OSError] = {}
 
 
 class _Raw(io.FileIO):
-    """A file descriptor that drops what it cannot write, and notes why."""
+    """File descriptor that drops what it cannot write, and records the error."""
 
     def write(self, content, /) -> int:
         size = memoryview(content).nbytes
@@ -22,17 +22,17 @@ class _Raw(io.FileIO):
             return size
         try:
             written = super().write(content)
-            if written is None:  # not now: whoever shares the pipe made it non-blocking
+            if written is None:  # full: another process made the shared pipe non-blocking
                 select.select([], [self], [])
                 return self.write(content)
-        except (OSError, ValueError) as error:  # select has a limit of its own
+        except (OSError, ValueError) as error:  # select limits descriptors
             _failed[self.fileno()] = error if isinstance(error, OSError) else OSError(str(error))
             return size
         return written
 
 
 def prepare() -> None:
-    """Makes the standard streams of this process usable. Call it before any file is opened."""
+    """Make the standard streams of this process usable. Call it before any file is opened."""
     _open_closed()
     if sys.stdin is None:
         sys.stdin = io.TextIOWrapper(io.FileIO(0, closefd=False), encoding="utf-8")
@@ -41,10 +41,10 @@ def prepare() -> None:
 
 
 def finish() -> OSError | None:
-    """Writes what is buffered.
+    """Flush the buffers.
 
     Returns:
-        Why standard output could not be written, unless its reader just left.
+        Error of writing to standard output; None if there was none, or if the reader exited.
     """
     for stream in (sys.stdout, sys.stderr):
         if stream is not None:
@@ -54,10 +54,10 @@ def finish() -> OSError | None:
 
 
 def _open_closed() -> None:
-    """Opens the null device in the place of closed descriptors.
+    """Open the null device in place of closed descriptors.
 
-    The next file that is opened would get the lowest free number: data written to a file that is descriptor 1
-    are mixed with whatever prints.
+    Otherwise the next file would get the lowest free descriptor: data in a file opened as descriptor 1 would
+    be mixed with printed text.
     """
     for number in range(3):
         try:
@@ -76,7 +76,7 @@ def _tolerant(stream, number: int):
     else:
         try:
             if stream.fileno() != number:
-                return stream  # a program that embeds this one has put its own there
+                return stream  # replaced by an embedding program
             stream.flush()
         except (OSError, ValueError, AttributeError):
             pass

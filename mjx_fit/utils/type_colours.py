@@ -1,13 +1,14 @@
-"""A colour for each type of peg and hole, in figures and in pictures."""
+"""Colours of peg and hole types in figures and renderings."""
 
 _MORE = (
     "#0000FF", "#000088", "#AAEE88", "#443300", "#7766FF", "#EEDD00", "#441155", "#CCCCFF", "#334444"
 )  # fmt: skip
-"""Each as far as possible from the others, from white, black and the colour of mismatched pairs: 27 or more
-in CIELAB, for normal eyes and, by Machado's matrices, without red or green cones."""
+"""Colours at a CIELAB distance of at least 27 from each other, white, black and the mismatch colour.
+
+The distance holds for normal vision and, by Machado's matrices, without red or green cones."""
 
 FIGURE_COLOURS = ("#0072B2", "#009E73", "#CC79A7", *_MORE)
-"""Of the types in figures, on white."""
+"""Colours of the types in figures, on white."""
 
 
 def _rgb(colour: str) -> tuple[float, float, float]:
@@ -16,4 +17,4 @@ def _rgb(colour: str) -> tuple[float, float, float]:
 
 
 TYPE_RGB = ((0.90, 0.38, 0.05), (0.00, 0.60, 0.45), (0.80, 0.30, 0.62), *map(_rgb, _MORE))
-"""Of the types in pictures: pegs have them, and beliefs turn to them as they grow sure."""
+"""Colours of the types in renderings: of pegs, and of beliefs as they become certain."""

@@ -1,4 +1,4 @@
-"""Ends a process that stands still, so that a job which nobody looks at does not wait for ever."""
+"""Watchdog that ends a stalled process, so that an unattended job does not hang forever."""
 
 import os
 import sys
@@ -10,15 +10,15 @@ _IDLE_SHARE = 0.01
 
 
 class Watchdog:
-    """Watches work that says ``beat`` whenever it gets on.
+    """Watchdog of work that calls ``beat`` on every progress.
 
-    Work stands still when, for ``patience_s`` seconds on end, it says nothing and the process uses no
-    processor time either. Long compilations use it; a deadlock does not. Seconds in which the process is
-    suspended do not count, since nobody counts them.
+    Work has stalled if, for ``patience_s`` consecutive seconds, it does not call ``beat`` and the process
+    uses no CPU time. Long compilations use CPU time; a deadlock does not. Time while the process is suspended
+    does not count.
 
     Args:
-        name: What the work is called.
-        patience_s: Seconds.
+        name: Name of the work.
+        patience_s: Time without progress after which work has stalled, s.
     """
 
     def __init__(self, name: str, patience_s: int = PATIENCE_S):
@@ -34,7 +34,7 @@ class Watchdog:
         self._over.set()
 
     def beat(self) -> None:
-        """The work got on."""
+        """Record progress."""
         self._idle_s = 0
 
     def _watch(self) -> None:
@@ -44,9 +44,9 @@ class Watchdog:
             self._idle_s = self._idle_s + 1 if used - before < _IDLE_SHARE else 0
             if self._idle_s >= self._patience_s:
                 print(
-                    f"mjx-fit: {self._name} stands still: no progress and no work for {self._patience_s} s; "
-                    "what was complete is saved: give the same command again",
+                    f"mjx-fit: {self._name} has stalled: no progress and no CPU time for {self._patience_s} "
+                    "s; completed work is saved: rerun the command to resume",
                     file=sys.stderr,
                     flush=True,
                 )
-                os._exit(1)  # an orderly exit would wait for what stands still
+                os._exit(1)  # a regular exit would wait for the stalled work

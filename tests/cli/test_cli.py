@@ -62,11 +62,11 @@ def test_unknown_config_key(refused, tmp_path):
 def test_config_of_wrong_type_or_range(refused, tmp_path):
     out = ["collect", "--out", tmp_path / "d"]
     assert "'wide'" in refused(*out, "--set", "scene.clearance_m=wide")
-    assert "expected a number 0.0001 to 0.005" in refused(*out, "--set", "scene.clearance_m=1")
+    assert "expected a number from 0.0001 to 0.005" in refused(*out, "--set", "scene.clearance_m=1")
     assert "'blob'" in refused(*out, "--set", "detector.kind=blob")
     assert "True" in refused(*out, "--set", "scene.friction=true")
     assert "section.key=value" in refused(*out, "--set", "clearance")
-    assert "no YAML value" in refused(*out, "--set", "scene.friction=[")
+    assert "expected a YAML value" in refused(*out, "--set", "scene.friction=[")
     assert "2020-01-01" in refused(*out, "--set", "scene.friction=2020-01-01")
     assert "cannot be read" in refused(*out, "--config", tmp_path / "missing.yaml")
 
@@ -85,7 +85,7 @@ def test_bad_seeds_and_places(refused, data, tmp_path):
     assert "--seed: -1 is out of range" in refused(
         "evaluate", "attempt", "--out", tmp_path / "r", "--seed", -1
     )
-    assert "it is a file, and must be a folder" in refused(
+    assert "it is a file, expected a folder" in refused(
         "collect", "--out", tmp_path / "file" / "sub", "--episodes", 1
     )
     for command in (["evaluate", "attempt"], ["evaluate", "assembly", "--methods", "oracle"]):

@@ -33,7 +33,7 @@ def test_later_files_win_key_by_key(tmp_path):
     assert both.scene.clearance_m == 0.002
     with pytest.raises(RequestError, match=r"no\.yaml cannot be read: No such file or directory$"):
         read_config([tmp_path / "a.yaml", tmp_path / "no.yaml"])
-    with pytest.raises(RequestError, match=r"^config: scene\.shapes: 0 given, at least 1 are allowed$"):
+    with pytest.raises(RequestError, match=r"^config: scene\.shapes: 0 entries given: expected at least 1$"):
         read_config(None, ["scene.shapes=[]"])
 
 

@@ -182,16 +182,16 @@ UNREADABLE = {
         d, tip_pos_world=d.trace.tip_pos_world[:, :2]
     ),
     r"tare_sensor: shape \(4, 3\)": lambda d: dataclasses.replace(d, tare_sensor=d.tare_sensor[:, :3]),
-    r"trace.wrench_sensor: it is not finite at \(1, 2\)": lambda d: traced(
+    r"trace.wrench_sensor: the value at \(1, 2\) is invalid: expected a finite": lambda d: traced(
         d, wrench_sensor=poisoned(d.trace.wrench_sensor, np.inf)
     ),
-    r"trace.tip_linvel_world: it is not finite at \(1, 2\)": lambda d: traced(
+    r"trace.tip_linvel_world: the value at \(1, 2\) is invalid": lambda d: traced(
         d, tip_linvel_world=poisoned(d.trace.tip_linvel_world)
     ),
-    r"tare_sensor: it is not finite at \(1, 0\)": lambda d: dataclasses.replace(
+    r"tare_sensor: the value at \(1, 0\) is invalid": lambda d: dataclasses.replace(
         d, tare_sensor=poisoned(d.tare_sensor)
     ),
-    r"tip_quat_world: \[0.0, 2.0, 0.0, 0.0\] cannot be used: its length, 2, must be 1 within 1%": lambda d: (
+    r"tip_quat_world: \[0.0, 2.0, 0.0, 0.0\] is invalid: its norm is 2, expected 1 within 1%": lambda d: (
         traced(d, tip_quat_world=d.trace.tip_quat_world * 2)
     ),
     "length: 4 is invalid: expected a whole number from 0 to 3": lambda d: dataclasses.replace(
@@ -257,7 +257,7 @@ def test_one_trace_is_read_as_it_is_or_refused():
     for what, wrong in (
         (r"shape \(3, 12, 6\)", traced(one, wrench_sensor=one.trace.wrench_sensor[:, :12])),
         (
-            r"wrench_sensor: it is not finite at \(0, 2\)",
+            r"wrench_sensor: the value at \(0, 2\) is invalid",
             traced(one, wrench_sensor=poisoned(one.trace.wrench_sensor, place=(2,))),
         ),
     ):
@@ -275,7 +275,7 @@ def test_a_sensor_refuses_readings_that_are_none(sensor):
             {"wrench_sensor": reading.wrench_sensor[:, :, :12]},
         ),
         (
-            "reading.tip_pos_estimate: it is not finite",
+            "reading.tip_pos_estimate: the value at",
             {"tip_pos_estimate": reading.tip_pos_estimate * np.nan},
         ),
         ("reading.peg_type: 5", {"peg_type": at(reading.peg_type, 5)}),

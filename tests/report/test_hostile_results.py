@@ -159,7 +159,7 @@ def test_json_that_is_hostile_is_one_line(name, tmp_path, capsys):
 
 def test_what_is_no_file_or_too_large_is_not_read(tmp_path, monkeypatch):
     (tmp_path / "r.json").symlink_to("/dev/zero")
-    with pytest.raises(RequestError, match="no regular file"):
+    with pytest.raises(RequestError, match="not a regular file"):
         results.read(tmp_path / "r.json")
     with (tmp_path / "large.json").open("wb") as file:
         file.truncate(2**33)

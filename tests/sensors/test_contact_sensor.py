@@ -197,7 +197,7 @@ def test_dropout_is_off_without_rngs_and_random_with():
 
 def test_heads_that_do_not_divide_the_width_are_refused():
     with pytest.raises(
-        RequestError, match=r"sensor\.heads: 3 cannot be used: it must divide sensor\.width, 16"
+        RequestError, match=r"sensor\.heads: 3 is invalid: expected a divisor of sensor\.width"
     ):
         make_sensor(replace(SMALL, heads=3))
 

@@ -86,7 +86,7 @@ def test_a_folder_that_cannot_be_is_said_once(asked, tmp_path, monkeypatch, caps
     assert compilation_cache.folder(asked and str(tmp_path / "file" / "sub")) is None
     said = capsys.readouterr().err
     assert said.count("\n") == 1
-    assert "compiled computations are not kept" in said
+    assert "compiled computations are not cached" in said
     assert (asked or "") in said
 
 

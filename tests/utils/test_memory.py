@@ -111,7 +111,7 @@ def test_a_collection_that_cannot_fit_is_refused_before_anything_is_made(monkeyp
     assert main.main(huge) == 2
     assert capsys.readouterr().err == (
         "mjx-fit: --batch: 65536 with up to 1000 actions cannot be used: it needs 91.1 GB of memory or more, "
-        "and 4.0 GB can be had: lower it\n"
+        "and 4.0 GB are available: lower it\n"
     )
     assert not out.exists()
 

@@ -24,7 +24,7 @@ def test_work_that_stands_still_is_ended():
     done = run("time.sleep(30)")
     assert done.returncode == 1
     assert done.stdout == ""
-    assert "work stands still: no progress and no work for 2 s" in done.stderr
+    assert "work has stalled: no progress and no CPU time for 2 s" in done.stderr
 
 
 def test_work_that_computes_or_speaks_is_left_alone():

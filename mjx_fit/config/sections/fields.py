@@ -1,4 +1,4 @@
-"""Types of configuration values that several sections share: a range, and a unit where the name has none."""
+"""Types shared by several configuration sections: ranges, and units for keys whose names carry none."""
 
 from typing import Annotated, Any
 
@@ -13,4 +13,4 @@ EPOCHS_UNIT: dict[str, Any] = {"unit": "epochs"}
 
 LEAST_PROBABILITY = 1e-6
 Probability = Annotated[float, Field(ge=LEAST_PROBABILITY, le=0.999999)]
-"""As near to 0 and 1 as single precision can tell well."""
+"""Probability bounded away from 0 and 1 by what single precision resolves well."""

@@ -1,4 +1,4 @@
-"""Sections on what is learned: the sensor and its training."""
+"""Configuration sections of the learned sensor and its training."""
 
 from typing import Annotated, Literal
 
@@ -14,24 +14,25 @@ Channels = Annotated[int, Field(ge=1, le=512)]
 
 @dataclass(frozen=True, config=STRICT)
 class SensorConfig:
-    """The learned sensors: encoders e1 and e2, heads h_pos and h_match.
+    """Learned sensors: encoders e1 and e2, heads h_pos and h_match.
 
     Attributes:
         width: Size of encoder outputs and tokens.
-        conv_channels: Channels of the wrench encoder. One for each of its five layers.
-        layers: Transformer layers.
-        heads: Attention heads.
+        conv_channels: Channels of the wrench encoder. One number for each of its five layers.
+        layers: Number of transformer layers.
+        heads: Number of attention heads.
         feedforward: Width of the feed-forward part.
         dropout: Dropout rate of the transformer.
-        positional: Encode the place in time.
+        positional: Add positional encodings.
         causal: Attend to the past only.
-        noise: What the noise model R depends on. The ``peg`` alone, as in the paper, or the ``trace``, too.
-        reference: Origin of measured positions. The ``estimate``, or the ``final`` position of the end
-            effector, which makes it the frame-by-frame baseline. ``mjx-fit train`` trains both.
-        contact_features: Add contact features to tokens. Mean and spread of the wrench, and the centre of
-            pressure; the paper's tokens hold the wrench alone.
-        places: Weighted mean positions; 0: none. Means, over the attempt, of where the end effector was and
-            where it was pressed, that join what the maximum over time gives. The paper has none.
+        noise: Input of the noise model R. The ``peg`` alone, as in the paper, or also the ``trace``.
+        reference: Origin of measured positions. Either the ``estimate``, or the ``final`` position of the end
+            effector, which gives the frame-by-frame baseline. ``mjx-fit train`` trains both.
+        contact_features: Add contact features to tokens. These are mean and standard deviation of the wrench,
+            and the centre of pressure; the paper's tokens contain the wrench alone.
+        places: Weighted mean positions; 0: none. Each is an attention-weighted mean, over the attempt, of the
+            TCP position and the centre of pressure; they are appended to the maximum over time. The paper has
+            none.
     """
 
     width: Annotated[int, Field(ge=4, le=512, multiple_of=4)] = 64
@@ -53,26 +54,27 @@ class TrainConfig:
     """Training of the differentiable filters.
 
     Attributes:
-        epochs: Passes over the training data. One window from each episode per pass.
-        batch_size: Windows in one step.
-        learning_rate: Adam's largest learning rate. No weight moves farther than that in a step.
-        schedule: Schedule of the learning rate. ``constant``, or ``cosine``: a half wave from 1 to 0 over all
-            epochs.
+        epochs: Passes over the training data. Each pass takes one window from every episode.
+        batch_size: Windows per optimisation step.
+        learning_rate: Adam's maximum learning rate. No weight changes by more than this in one step.
+        schedule: Schedule of the learning rate. Either ``constant``, or ``cosine``: half a wave from 1 to 0
+            over all epochs.
         adam_b2: Adam's β2.
         weight_decay: AdamW's weight decay.
-        mirror: Mirror every second window. In the robot's plane of symmetry; for shapes that are their own
-            mirror image alone.
+        mirror: Mirror every second window. The mirror plane is the robot's plane of symmetry; it applies only
+            to shapes that are their own mirror image.
         min_window: Shortest window.
-        max_window: Longest window. Shorter ones are padded to this.
-        sequence: Attempts chained in one example. In a row at one hole, each with the belief that the ones
-            before have left; 1: every window alone, from the prior that was stored with it. For more the
-            data must be collected with as many (``--sequence``) and with a sensor's own beliefs (``--run``),
-            and windows should be whole attempts: where the second began says what the first had said.
+        max_window: Longest window. Shorter ones are padded to this length.
+        sequence: Attempts chained in one example. Consecutive attempts at one hole, each starting from the
+            posterior of the previous ones; 1: independent windows, each with its stored prior. Values above 1
+            require data collected with as many (``--sequence``) and with a sensor's own beliefs (``--run``);
+            windows should then be whole attempts, since the start of the second reveals the posterior after
+            the whole first one.
         validation_fraction: Share of validation episodes.
-        patience: Epochs without gain; 0: no limit. Training stops early after this many without a better
-            validation NLL.
+        patience: Epochs without gain; 0: no limit. Training stops early after this many epochs without a
+            better validation NLL.
         baseline_share: Baseline's share of the epochs. The frame-by-frame baseline is trained after the
-            sensor; 0: leave it out.
+            sensor; 0: skip it.
     """
 
     epochs: Annotated[int, Field(ge=1, le=MAX_EPOCHS, json_schema_extra=EPOCHS_UNIT)] = 30
@@ -100,4 +102,4 @@ FIRST_TRAIN = TrainConfig(
     mirror=False,
     baseline_share=1.0,
 )
-"""The paper's, which were the first defaults: what a key means where a stored file is older than the key."""
+"""Settings of the paper, the original defaults: values of keys that older stored files do not contain."""

@@ -11,12 +11,12 @@ from mjx_fit.config.sections.fields import STRICT
 Metres = Annotated[float, Field(ge=-0.03, le=0.03, json_schema_extra={"unit": "m"})]
 Corners = tuple[Metres, Metres, Metres, Metres]
 LEAST_SIDE_M = 0.001
-"""Of a rectangle: what is thinner bends, and a rigid body does not."""
+"""Shortest side of a rectangle: thinner parts would bend, and the simulated bodies are rigid."""
 
 
 @dataclass(frozen=True, config=STRICT)
 class Shape:
-    """The cross-section of a peg: a union of rectangles, which is extruded. Its hole is wider on every side.
+    """Cross-section of an extruded peg as a union of rectangles; its hole adds the clearance on every side.
 
     Example:
         >>> import mjx_fit as mf
@@ -24,10 +24,10 @@ class Shape:
         0.02
 
     Attributes:
-        name: What it is called in files and figures.
-        rectangles: Of each the lower and the upper corner, x, y, x, y in m from the axis of the tool, along
-            the world's axes: as the peg stands in its hole, seen from above. They may stand apart, like the
-            prongs of a plug: the tool holds each.
+        name: Name in files and figures.
+        rectangles: Lower and upper corner (x, y, x, y) of each rectangle, in m from the tool axis, along the
+            world axes, as the inserted peg is seen from above. Rectangles may be disjoint, like the prongs of
+            a plug.
     """
 
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$", max_length=40)]
@@ -38,23 +38,23 @@ class Shape:
         for x0, y0, x1, y1 in self.rectangles:
             if min(x1 - x0, y1 - y0) < LEAST_SIDE_M:
                 raise ValueError(
-                    f"rectangles: {[x0, y0, x1, y1]} is invalid in {self.name!r}: it must be a lower "
+                    f"rectangles: {[x0, y0, x1, y1]} is invalid in {self.name!r}: expected a lower "
                     f"and an upper corner, and no side shorter than {LEAST_SIDE_M}"
                 )
         return self
 
     @property
     def half_width_m(self) -> float:
-        """Half the side of the square around the axis that holds it: pegs and plates are never turned."""
+        """Half the side of the bounding square centred on the axis; pegs and sockets are never rotated."""
         return max(abs(edge) for rectangle in self.rectangles for edge in rectangle)
 
     def covers(self, x: float, y: float) -> bool:
-        """Whether a point lies in it, in m from the axis."""
+        """Check whether a point, in m from the axis, lies in the shape."""
         return any(x0 <= x <= x1 and y0 <= y <= y1 for x0, y0, x1, y1 in self.rectangles)
 
     @property
     def is_its_own_mirror_image(self) -> bool:
-        """In the plane y = 0."""
+        """True if the shape is symmetric about the plane y = 0."""
         xs = sorted({edge for x0, _, x1, _ in self.rectangles for edge in (x0, x1)})
         ys = sorted({edge for _, y0, _, y1 in self.rectangles for edge in (y0, y1, -y0, -y1)})
         middles = [((a + b) / 2, (c + d) / 2) for a, b in pairwise(xs) for c, d in pairwise(ys)]

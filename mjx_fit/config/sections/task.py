@@ -1,4 +1,4 @@
-"""The section on the task: holes, attempts, and the outcome model."""
+"""Configuration section of the task: holes, attempts, and the outcome model."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -26,7 +26,7 @@ Alphas = tuple[
     ],
     ...,
 ]
-"""A number for each shape, the diagonal of a matrix, or a row of it for each."""
+"""One number per shape (the diagonal of the matrix), or one row of the matrix per shape."""
 
 _ERROR_KNOTS_M = (0.0, 0.001, 0.002, 0.003, 0.005, 0.0075, 0.01, 0.0125, 0.015, 0.0175)
 _SUCCESS_BY_ERROR = (
@@ -37,35 +37,35 @@ _SUCCESS_BY_ERROR = (
 
 _SUCCESS_PROBABILITY = (0.118, 0.162, 0.117)
 LEAST_STEP_M = 0.00001
-"""Between distances, for single precision to tell them apart."""
+"""Smallest spacing of the error knots that single precision resolves, m."""
 
 
 @dataclass(frozen=True, config=STRICT)
 class TaskConfig:
-    """The high-level task.
+    """High-level assembly task.
 
     Attributes:
         n_holes: Holes, and pegs, in one assembly.
-        max_attempts: Attempts before a human helps. At one peg.
+        max_attempts: Attempts before a human helps. The limit applies to each peg.
         attempt_actions: Length J of one attempt.
-        insertion_depth_m: Depth that counts as inserted. The end effector is at least this far below the
-            plate's top, in the hole.
-        success_probability: Success rates α by shape. Those of the outcome model: a number for
-            each shape, the success rate of a matched attempt; or a matrix, a row for each peg with a number
-            for each hole, where a peg goes into holes of other types, too. The default (null) is what
-            ``evaluate attempt --trials 1000`` measured for cross, rectangle and square with everything else
-            at its default, and their mean for each shape of other ``scene.shapes``: a guess. Measure it again
-            when you change the detector, the scene or the control.
-        outcome_model: How success is predicted. α is ``constant`` per shape, as in the paper, or follows
-            from the ``covariance`` of the belief: the mean of ``success_by_error`` over the belief where the
+        insertion_depth_m: Depth that counts as inserted. The TCP must be at least this far below the top of
+            the socket, in the hole.
+        success_probability: Success rates α by shape. The outcome model uses either one number per shape, the
+            success rate of a matched attempt, or a matrix with one row per peg and one column per hole, if
+            pegs also fit into holes of other types. The default (null) was measured by
+            ``evaluate attempt --trials 1000`` for cross, rectangle and square with all other settings at
+            their defaults; for other ``scene.shapes`` it is their mean, a guess. Measure it again after
+            changes to the detector, the scene or the control.
+        outcome_model: How success is predicted. α is ``constant`` per shape, as in the paper, or computed
+            from the ``covariance`` of the belief: the mean of ``success_by_error`` over the belief if the
             types match (``mjx_fit.filters.outcome_model``).
-        error_knots_m: Errors at which α is known. Distances of the estimate from the hole.
-        success_by_error: Success rates at these errors. A list for each shape, of matched attempts. The
-            default (null) is what ``experiments/physics/alpha.py error`` measured for cross, rectangle and
-            square with everything else at its default, and their mean for each shape of other
-            ``scene.shapes``.
-        hard_match: Update the type by the arg max. h_match's, as in Algorithm 3; otherwise by the mean over
-            its probabilities, as in training. H is learned with the latter, and is too sure for the former.
+        error_knots_m: Errors at which α is known. These are distances between estimate and hole.
+        success_by_error: Success rates at these errors. One list per shape, for matched attempts. The default
+            (null) was measured by ``experiments/physics/alpha.py error`` for cross, rectangle and square with
+            all other settings at their defaults; for other ``scene.shapes`` it is their mean.
+        hard_match: Update the type by the arg max. Use the arg max of h_match, as in Algorithm 3; otherwise
+            average over its probabilities, as in training. H is learned with the latter, and is overconfident
+            with the former.
     """
 
     n_holes: Annotated[int, Field(ge=1, le=8, json_schema_extra={"unit": "holes"})] = 5
@@ -85,14 +85,14 @@ class TaskConfig:
         knots = self.error_knots_m
         if any(after - before < LEAST_STEP_M for before, after in pairwise(knots)):
             raise ValueError(
-                f"error_knots_m: {shown(list(knots))} is invalid: they must ascend, by {LEAST_STEP_M} "
-                "at least"
+                f"error_knots_m: {shown(list(knots))} is invalid: expected increasing values at least "
+                f"{LEAST_STEP_M} apart"
             )
         for rates in self.success_by_error or _SUCCESS_BY_ERROR:
             if len(rates) != len(knots):
                 raise ValueError(
-                    f"success_by_error: {shown(list(rates))} is invalid: there must be a rate for "
-                    f"each of error_knots_m, {len(knots)}"
+                    f"success_by_error: {shown(list(rates))} is invalid: expected one rate for "
+                    f"each of the {len(knots)} error_knots_m"
                 )
         return self
 
@@ -102,19 +102,19 @@ class TaskConfig:
         rows = [row for row in alphas if isinstance(row, tuple)]
         if rows and [len(row) for row in rows] != [len(alphas)] * len(alphas):
             raise ValueError(
-                f"success_probability: {shown(list(alphas))} is invalid: it must hold a number for each "
-                "shape, or a row for each with a number for each"
+                f"success_probability: {shown(list(alphas))} is invalid: expected one number per shape, "
+                "or one row per shape with one number per shape"
             )
         for i, row in enumerate(rows):
             if row[i] < LEAST_PROBABILITY:
                 raise ValueError(
-                    f"success_probability.{i}.{i}: {row[i]} cannot be used: a peg that matches its hole "
-                    f"must have {LEAST_PROBABILITY} at least"
+                    f"success_probability.{i}.{i}: {row[i]} is invalid: expected at least "
+                    f"{LEAST_PROBABILITY} for a peg that matches its hole"
                 )
         return self
 
     def for_shapes(self, shapes: tuple[Shape, ...]) -> "TaskConfig":
-        """The same with rates where there were none (null): the default ones for these shapes."""
+        """Replace missing rates (null) by the defaults for these shapes."""
         alphas, by_error = self.success_probability, self.success_by_error
         if alphas is None:
             mean = round(float(np.mean(_SUCCESS_PROBABILITY)), 6)

@@ -1,4 +1,4 @@
-"""Sections on the world: robot, geometry, contact, control, policies, detector and wrist sensor."""
+"""Configuration sections of robot, geometry, contact, control, policies, detector and F/T sensor."""
 
 from typing import Annotated, Literal
 
@@ -9,10 +9,10 @@ from mjx_fit.config.sections.fields import ACTIONS_UNIT, PER_S2_UNIT, STRICT
 from mjx_fit.config.sections.shape import SHAPES, Shape
 
 RobotName = Literal["panda"]
-"""The keys of ``mjx_fit.scene.robot.ROBOTS``; a test holds them equal."""
+"""Keys of ``mjx_fit.scene.robot.ROBOTS``; a test checks that they agree."""
 
 MOST_TYPES = 12
-"""Shapes of one scene: as many as colours tell apart."""
+"""Maximum number of shapes in a scene, limited by the number of distinguishable colours."""
 Push = Annotated[float, Field(ge=0.0005, le=0.02)]
 Wiggle = Annotated[float, Field(ge=0, le=0.01)]
 Spread = Annotated[float, Field(ge=0.0001, le=0.02)]
@@ -23,18 +23,19 @@ class SceneConfig:
     """Robot, geometry and contact.
 
     Attributes:
-        robot: Name of the arm. ``mjx_fit.scene.robot`` describes it.
-        shapes: Cross-sections of pegs and holes. One for each type, 1 to 12; their names differ.
+        robot: Name of the arm. It is defined in ``mjx_fit.scene.robot``.
+        shapes: Cross-sections of pegs and holes. One per type, 1 to 12, with distinct names.
         clearance_m: Gap between peg and hole per side.
-        plate_half_width_m: Half the side of the square socket. A detector error of 2.83 cm, a spiral of
-            1.5 cm and half a peg (2 cm for ours) must stay inside it.
+        plate_half_width_m: Half the side of the square socket. It must cover the largest detector error
+            (2.83 cm), the spiral radius (1.5 cm) and half a peg (2 cm for the default shapes).
         hole_depth_m: Depth of the hole to its floor.
         peg_length_m: Length of the peg below the sensor.
-        friction: Coulomb friction, peg and socket. As of two dry, smooth plastics or metals.
-        contact_time_s: MuJoCo's solref time constant. At ten simulation steps the force of a sliding peg is
-            mostly smooth; at three it is a train of single-step spikes.
+        friction: Coulomb friction, peg and socket. The default is typical of two dry, smooth plastics or
+            metals.
+        contact_time_s: MuJoCo's solref time constant. With ten simulation steps the contact force of a
+            sliding peg is mostly smooth; with three it is a train of single-step spikes.
         contact_width_m: MuJoCo's solimp width. Keep it below a quarter of the clearance.
-        max_contacts: Contact slots of one world in MJX.
+        max_contacts: Contact slots per world in MJX.
     """
 
     robot: RobotName = "panda"
@@ -56,7 +57,7 @@ class SceneConfig:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the shapes."""
+        """Names of the shapes."""
         return tuple(shape.name for shape in self.shapes)
 
     @property
@@ -70,11 +71,12 @@ class ControlConfig:
     """Operational-space control, 500 Hz torque.
 
     Attributes:
-        kp_position: Position stiffness over inertia. At 2000 a peg that was caught on an edge met the joints'
-            torque limits, and tilted by 36°; at 1400 none did by more than 3°.
+        kp_position: Position stiffness over inertia. At 2000, a peg caught on an edge reached the joints'
+            torque limits and tilted by 36°; at 1400, no peg tilted by more than 3°.
         kp_orientation: Rotation stiffness over inertia.
-        damping_ratio: Damping ratio ζ of both. 1 would be critical if position and rotation did not move each
-            other; they do, and 1.2 keeps the overshoot of a 2 cm step below 5 % wherever a hole may be.
+        damping_ratio: Damping ratio ζ of both. 1 would be critical if position and rotation were decoupled;
+            they are not, and 1.2 keeps the overshoot of a 2 cm step below 5 % at every possible hole
+            position.
         kp_posture: Posture stiffness over inertia. It acts in the null space of the task, critically damped.
     """
 
@@ -86,13 +88,13 @@ class ControlConfig:
 
 @dataclass(frozen=True, config=STRICT)
 class SpiralConfig:
-    """Algorithm 4 of the paper.
+    """Spiral search policy, Algorithm 4 of the paper.
 
     Attributes:
-        radius_m: Radius r_max at the end.
-        turns: Revolutions n_rot in one attempt. 40 are already more than the end effector follows.
+        radius_m: Final radius r_max.
+        turns: Revolutions n_rot in one attempt. 40 are already more than the end effector can follow.
         push_m: Depth δz of the goal below the TCP.
-        wiggle_m: Exploration noise σ per axis. At most ``push_m``, since 0.8 σ of it points up.
+        wiggle_m: Exploration noise σ per axis. At most ``push_m``, since its mean upward component is 0.8 σ.
     """
 
     radius_m: Annotated[float, Field(ge=0.0001, le=0.18)] = 0.015
@@ -103,7 +105,7 @@ class SpiralConfig:
 
 @dataclass(frozen=True, config=STRICT)
 class RandomConfig:
-    """The random policy of data collection: sweeps between random way-points, pressed on the plate.
+    """Random policy of data collection: sweeps between random way-points, pressed on the socket.
 
     Attributes:
         reach_m: Half width of the way-point square. Way-points are uniform in it, around the estimate.
@@ -120,12 +122,13 @@ class RandomConfig:
 
 @dataclass(frozen=True, config=STRICT)
 class DetectorConfig:
-    """The simulated hole detector.
+    """Simulated hole detector.
 
     Attributes:
-        kind: Distribution of the error. ``square``: uniform per axis; ``disc``: direction and radius uniform.
+        kind: Distribution of the error. Either ``square``: uniform per axis, or ``disc``: uniform direction
+            and radius.
         half_width_m: Largest error per axis or radius. Per axis for ``square``, radius for ``disc``.
-        prior_std_m: Initial σ of the belief per axis. Σ0 = σ_init I with σ_init = 1 cm².
+        prior_std_m: Initial σ of the belief per axis. In the paper Σ0 = σ_init I with σ_init = 1 cm².
     """
 
     kind: Literal["square", "disc"] = "square"
@@ -135,12 +138,12 @@ class DetectorConfig:
 
 @dataclass(frozen=True, config=STRICT)
 class SequenceConfig:
-    """Estimates from which later attempts of a collected sequence start, spread as a filter's may be.
+    """Distribution of the estimates for later attempts of a collected sequence, as from a filter.
 
     Attributes:
-        min_std_m: Smallest σ of a drawn estimate. It is the one along an axis of the covariance.
-        max_std_m: Largest σ of a drawn estimate. Both are drawn between these, log-uniform, their direction
-            uniform.
+        min_std_m: Smallest σ of a drawn estimate. It applies to each principal axis of the covariance.
+        max_std_m: Largest σ of a drawn estimate. Both principal σ are log-uniform between these bounds, the
+            direction of the axes is uniform.
     """
 
     min_std_m: Spread = 0.001
@@ -155,14 +158,15 @@ class SequenceConfig:
 
 @dataclass(frozen=True, config=STRICT)
 class WristConfig:
-    """The force/torque sensor. Noise: Robotiq FT 300-S, 1 σ per sample.
+    """Wrist force/torque (F/T) sensor. Noise: Robotiq FT 300-S, 1 σ per sample.
 
     Attributes:
         force_noise_n: Noise σ of Fx, Fy and Fz.
         torque_xy_noise_nm: Noise σ of Tx and Ty.
         torque_z_noise_nm: Noise σ of Tz.
         tare_samples: Samples averaged for the tare. 100,000 take 200 s.
-        contact_force_n: RMS force that counts as contact. Over one action, tared; noise alone is √3 σ.
+        contact_force_n: RMS force that counts as contact. It is tared and taken over one action; noise alone
+            gives √3 σ.
     """
 
     force_noise_n: Annotated[float, Field(ge=0, le=30)] = 0.1
