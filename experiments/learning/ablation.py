@@ -23,7 +23,7 @@ from mjx_fit.evaluation.calibration import calibrate
 from mjx_fit.evaluation.results import Result
 from mjx_fit.report import script
 from mjx_fit.training.loop import train
-from mjx_fit.training.run_folder import Run
+from mjx_fit.training.run import Run
 from mjx_fit.training.split import usable_sides
 from mjx_fit.utils import process_setup, provenance, resources
 

@@ -29,7 +29,7 @@ from mjx_fit.evaluation import held_out
 from mjx_fit.report import script
 from mjx_fit.training.checkpoint import load_sensor
 from mjx_fit.training.loop import train
-from mjx_fit.training.run_folder import Run
+from mjx_fit.training.run import Run
 from mjx_fit.types import Array, Trace
 from mjx_fit.utils import process_setup
 

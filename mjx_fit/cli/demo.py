@@ -15,7 +15,7 @@ from mjx_fit.evaluation.request import Request
 from mjx_fit.report.build import build
 from mjx_fit.report.figures.training_run import read_metrics
 from mjx_fit.report.terminal import print_summary
-from mjx_fit.training.run_folder import Run
+from mjx_fit.training.run import Run
 from mjx_fit.training.train import train_from
 from mjx_fit.utils import children, files, locks, resources
 from mjx_fit.utils.errors import RequestError

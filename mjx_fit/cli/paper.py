@@ -24,7 +24,7 @@ from mjx_fit.evaluation.request import Request
 from mjx_fit.evaluation.results import Result
 from mjx_fit.report.build import build
 from mjx_fit.task.estimator import filter_update
-from mjx_fit.training.run_folder import Run
+from mjx_fit.training.run import Run
 from mjx_fit.training.sensor_loader import load_trained_sensor
 from mjx_fit.training.train import train_from
 from mjx_fit.utils import files, locks

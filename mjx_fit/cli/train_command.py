@@ -44,18 +44,19 @@ def add_train(parsers: argparse._SubParsersAction) -> None:
 def train(args: argparse.Namespace) -> None:
     """Run ``train``."""
     from mjx_fit.data.manifest import read_manifest
-    from mjx_fit.training import run_files, run_folder
+    from mjx_fit.training import run_files
+    from mjx_fit.training.run import Run, require_members
     from mjx_fit.training.train import train_from
 
     config = config_of(args)
-    run_folder.require_members(args.members)
+    require_members(args.members)
     if args.epochs is not None:
         require("--epochs", args.epochs, 1, MAX_EPOCHS)
         config = replace(config, train=replace(config.train, epochs=args.epochs))
     index, of = read_manifest(args.data).part
     if of > 1:
         print(f"{args.data}: part {index} of {of} of a data set; data merge joins them")
-    run = run_folder.Run(args.out, args.seed, args.members, args.init)
+    run = Run(args.out, args.seed, args.members, args.init)
     was_left = train_from(args.data, config, run)
     for folder in run.folders():
         print(f"{folder}: {run_files.summary(folder)}")

@@ -27,7 +27,7 @@ from mjx_fit.training import checkpoint, run_files, run_folder, start
 from mjx_fit.training.compatibility import first_hole
 from mjx_fit.training.epoch import run_epoch
 from mjx_fit.training.loss import Loss
-from mjx_fit.training.run_folder import Lineage, Run
+from mjx_fit.training.run import Lineage, Run, held
 from mjx_fit.training.saver import Saver
 from mjx_fit.training.split import usable_sides
 from mjx_fit.training.step import Recipe, TrainState, optimizer
@@ -41,7 +41,7 @@ SCALE_WINDOWS = 512
 """Maximum number of windows from which the input normalisation is estimated."""
 
 
-@run_folder.held
+@held
 def train(
     data: Episode,
     config: Config,

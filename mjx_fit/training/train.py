@@ -10,11 +10,10 @@ from mjx_fit.config.schema import Config
 from mjx_fit.data import reader
 from mjx_fit.data.episode import Episode
 from mjx_fit.data.manifest import read_manifest
-from mjx_fit.training import run_folder
 from mjx_fit.training.checkpoint import FRAME_BY_FRAME
 from mjx_fit.training.compatibility import require_world
 from mjx_fit.training.loop import train
-from mjx_fit.training.run_folder import Run
+from mjx_fit.training.run import Run, held
 from mjx_fit.training.split import require_chains, require_symmetric
 from mjx_fit.types import ACTION_BYTES
 from mjx_fit.utils import memory
@@ -44,7 +43,7 @@ def train_from(folder: Path, config: Config, run: Run) -> bool:
     return train_with_baseline(reader.load(folder), config, run)
 
 
-@run_folder.held
+@held
 def train_with_baseline(data: Episode, config: Config, run: Run) -> bool:
     """Train the sensor, then the frame-by-frame baseline on the same episodes, or resume either.
 

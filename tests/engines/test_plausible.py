@@ -20,7 +20,7 @@ from mjx_fit.engines import failures, plausible
 from mjx_fit.engines.native.engine import NativeEngine
 from mjx_fit.scene.robot import PANDA
 from mjx_fit.training import train
-from mjx_fit.training.run_folder import Run
+from mjx_fit.training.run import Run
 
 CONFIG = Config()
 SCENE = CONFIG.scene

@@ -12,7 +12,7 @@ from mjx_fit.config.sections.shape import SHAPES, Shape
 from mjx_fit.data import reader
 from mjx_fit.data.manifest import read_manifest
 from mjx_fit.training import compatibility
-from mjx_fit.training.run_folder import Run
+from mjx_fit.training.run import Run
 from mjx_fit.training.sensor_loader import TrainedSensor
 from mjx_fit.training.train import train_from
 from mjx_fit.utils import provenance

@@ -18,7 +18,7 @@ from mjx_fit.training import compatibility, run_files
 from mjx_fit.training.checkpoint import BEST, LAST, fingerprint_of, load, load_sensor
 from mjx_fit.training.loop import train
 from mjx_fit.training.loss import Loss
-from mjx_fit.training.run_folder import Run
+from mjx_fit.training.run import Run
 from mjx_fit.training.train import FRAME_BY_FRAME, train_with_baseline
 from mjx_fit.utils.errors import RequestError
 

@@ -14,6 +14,7 @@ from synthetic import make_episodes
 from mjx_fit.config.schema import Config, config_to_yaml
 from mjx_fit.training import checkpoint, compatibility, run_files, run_folder, saver
 from mjx_fit.training.loop import train
+from mjx_fit.training.run import Lineage, Run
 from mjx_fit.training.train import train_with_baseline
 from mjx_fit.utils import locks
 from mjx_fit.utils.errors import RequestError
@@ -43,7 +44,7 @@ RUNS = [b"", b"{", b"null", b"[]", b'"seed"', b"7", b"\xff\xfe", DEEP.encode(), 
 @pytest.mark.parametrize(
     ("read", "option"),
     [
-        (lambda run: run_folder.check(run, Config(), run_folder.Lineage(0, "d")), "--out"),
+        (lambda run: run_folder.check(run, Config(), Lineage(0, "d")), "--out"),
         (run_files.summary, "--out"),
         (lambda run: compatibility.require_new(run, make_episodes(2), "d"), "--run"),
     ],
@@ -60,7 +61,7 @@ def test_a_damaged_run_json_is_named_in_a_line(read, option, content, run):
 @pytest.mark.parametrize(
     ("content", "read"),
     [
-        (b'{"seed": 0}', lambda run: run_folder.check(run, Config(), run_folder.Lineage(0, "d"))),
+        (b'{"seed": 0}', lambda run: run_folder.check(run, Config(), Lineage(0, "d"))),
         (b'{"training": 7}', run_files.summary),
         (b'{"training": {"interactions": "many", "holes": 1}}', run_files.summary),
     ],
@@ -122,7 +123,7 @@ def test_a_damaged_configuration_is_refused(content, run):
     (run / "config.yaml").write_bytes(content)
     changed = Config() if content else Config(train=Config().train.__class__(batch_size=7))
     with pytest.raises(RequestError) as caught:
-        run_folder.check(run, changed, run_folder.Lineage(0, "d"))
+        run_folder.check(run, changed, Lineage(0, "d"))
     assert str(run) in str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -131,14 +132,14 @@ def test_a_start_that_was_killed_is_no_other_run(tmp_path):
     (tmp_path / "config.yaml").write_text(config_to_yaml(Config()))
     for name in ("config.yaml.tmp", "config.yaml.0123abcd.tmp", "run.json.89abcdef.tmp", ".lock"):
         (tmp_path / name).write_bytes(b"{")
-    run_folder.check(tmp_path, Config(), run_folder.Lineage(0, "d"))
+    run_folder.check(tmp_path, Config(), Lineage(0, "d"))
     (tmp_path / "config.yaml").write_text("mine: 1")
     with pytest.raises(RequestError, match=r"it holds other files \(config\.yaml\)"):
-        run_folder.check(tmp_path, Config(), run_folder.Lineage(0, "d"))
+        run_folder.check(tmp_path, Config(), Lineage(0, "d"))
     (tmp_path / "config.yaml").unlink()
     (tmp_path / "thesis.tex").write_text("")
     with pytest.raises(RequestError, match=r"it holds other files \(thesis\.tex\)"):
-        run_folder.check(tmp_path, Config(), run_folder.Lineage(0, "d"))
+        run_folder.check(tmp_path, Config(), Lineage(0, "d"))
 
 
 @pytest.mark.parametrize("members", [1, 2])
@@ -159,7 +160,7 @@ def test_two_trainings_in_a_folder(begin, members, tmp_path):
         held.wait(60)
         try:
             with pytest.raises(RequestError, match=f"{place} is in use: another process"):
-                begin(NO_DATA, Config(), run_folder.Run(tmp_path, 0, members))
+                begin(NO_DATA, Config(), Run(tmp_path, 0, members))
         finally:
             done.set()
             other.join()

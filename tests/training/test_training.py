@@ -27,7 +27,7 @@ from mjx_fit.training import run_files
 from mjx_fit.training.checkpoint import LAST, from_arrays, load_sensor, to_arrays
 from mjx_fit.training.loop import train
 from mjx_fit.training.loss import filter_loss
-from mjx_fit.training.run_folder import Run
+from mjx_fit.training.run import Run
 from mjx_fit.training.saver import Saver
 from mjx_fit.training.split import require_chains
 from mjx_fit.training.step import TrainState, optimizer

@@ -13,7 +13,7 @@ from faults import Faults, without
 from mjx_fit.cli import main
 from mjx_fit.config.schema import Config
 from mjx_fit.evaluation import parts, result_file
-from mjx_fit.training import run_files, run_folder
+from mjx_fit.training import run, run_files, run_folder
 from mjx_fit.utils import files, filesystem, locks
 from mjx_fit.utils.errors import RequestError, WorkError
 
@@ -219,11 +219,11 @@ def linked(folder: Path, name: str, target: Path) -> Path:
         ("r.parts", lambda out: parts.kept(out / "r.json")),
         ("r.parts", lambda out: parts.finish(out / "r.json")),
         ("r.broken", lambda out: result_file.broken(out / "r.json")),
-        ("member-1", lambda out: run_folder.members(out, 2)),
-        ("frame_by_frame", lambda out: run_folder.members(out, 1, "frame_by_frame")),
-        ("member-0/frame_by_frame", lambda out: run_folder.members(out, 2, "frame_by_frame")),
+        ("member-1", lambda out: run.members(out, 2)),
+        ("frame_by_frame", lambda out: run.members(out, 1, "frame_by_frame")),
+        ("member-0/frame_by_frame", lambda out: run.members(out, 2, "frame_by_frame")),
         *[
-            (name, lambda out: run_folder.check(out, Config(), run_folder.Lineage(0, "")))
+            (name, lambda out: run_folder.check(out, Config(), run.Lineage(0, "")))
             for name in ("config.yaml", "run.json", "metrics.jsonl", "checkpoints", "checkpoints/last")
         ],
     ],
