@@ -12,7 +12,7 @@ _EXPERIMENTS = {
     "whether it is calibrated.",
 }
 _AT_HOLES = {
-    "full": "filters the measurements of the learned sensor",
+    "full": "fuses the learned sensor's measurements of all attempts",
     "frame_by_frame": "uses the sensor's measurement of the last attempt only",
     "no_update": "keeps the detector's estimate",
     "sample": "samples from the prior at each attempt",

@@ -81,7 +81,9 @@ def test_the_claim_of_an_assembly_is_computed_from_its_trials():
 )
 def test_a_difference_is_claimed_only_where_the_intervals_show_one(other, ratio, said: str):
     rows = [*mean("full", 10.0, 9.5, 10.5), *mean("b", *other)]
-    rows += [Row("full", "attempts_ratio", "b", *ratio, 8)] if ratio else []
+    if ratio:
+        value, low, high = ratio
+        rows.append(Row("full", "attempts_ratio", "b", value, low, high, 8))
     first, second = of("assembly", *rows)
     assert first == "full needs 10.0 attempts on average for two pegs (95 % interval 9.5 to 10.5; n = 8)."
     assert second.startswith(said)
@@ -113,7 +115,8 @@ def test_the_claim_of_a_position_result():
     error = {"full": (1.5, 0.25), "frame_by_frame": (1.5, 0.5), "no_update": (1.5, 1.5), "oracle": (0.0, 0.0)}
     trials = [
         {"trial": i, "method": name, "pair": ["a", "b"],
-         "error_cm": [first * (1 + i / 50), last * (1 + i / 50)], "squared_mahalanobis": [1.0, 1.0], "inserted_at": None, "peak_force_n": [1.0]}
+         "error_cm": [first * (1 + i / 50), last * (1 + i / 50)],
+         "squared_mahalanobis": [1.0, 1.0], "inserted_at": None, "peak_force_n": [1.0]}
         for name, (first, last) in error.items()
         for i in range(5)
     ]  # fmt: skip
