@@ -94,7 +94,7 @@ def test_what_cannot_be_played_is_refused(result):
     with pytest.raises(RequestError, match="--method: 'oracle,full' is invalid"):
         record(CONFIG, "oracle,full", 0, 0)
     result.trials[0]["tried"][0][0] += 1
-    with pytest.raises(RequestError, match="does not come out as in the result"):
+    with pytest.raises(RequestError, match="differs from the result"):
         replay(result, "failure_only", 0)
 
 
