@@ -10,6 +10,8 @@ from mjx_fit.utils.type_colours import FIGURE_COLOURS
 
 _OTHERS = ("data set", "training run", "video")
 """Kinds of sections that are not experiments."""
+_BY_PAIR = ("attempt", "data set")
+"""Kinds of sections with figures in the colours of matched and mismatched pairs."""
 
 
 @dataclass(frozen=True)
@@ -51,8 +53,9 @@ def marks(sections: Sequence[Section]) -> list[Mark]:
             Mark("bars, bands", "95 % interval of a point or a line, unless the caption says otherwise"),
             Mark("dashed line", "reference, named in the legend or the caption of the figure"),
             Mark("line colour, marker", "method, named above each figure"),
-            Mark("matched, mismatched", _PAIRS, (MATCHED_COLOUR, MISMATCHED_COLOUR)),
         ]
+    if any(one.kind in _BY_PAIR for one in sections):
+        found.append(Mark("matched, mismatched", _PAIRS, (MATCHED_COLOUR, MISMATCHED_COLOUR)))
     if any((row.method, row.metric, row.group) in one.paper for one in sections for row in one.rows):
         found.append(Mark("paper, ◇", "value reported by the paper, arXiv 2101.02725"))
     for names in dict.fromkeys(one.types for one in sections if one.types):
@@ -65,7 +68,7 @@ def marks(sections: Sequence[Section]) -> list[Mark]:
     return found
 
 
-_PAIRS = "pegs at holes of their own type, and of another type"
+_PAIRS = "pegs at holes of their own type and of another type, in figures by pair"
 _VIDEO = (
     "pegs have the colour of their type; the disc over a hole is the 90 % region of its estimated position"
 )

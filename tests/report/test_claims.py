@@ -154,4 +154,5 @@ def test_a_legend_names_only_what_the_page_has(tmp_path: Path):
     text = build([run_folder(tmp_path / "run")], tmp_path / "out").read_text()
     assert "this page shows 1 training run.</p>" in text
     assert "arXiv" not in text
+    assert "mismatched" not in text
     assert "swatch" not in text[text.index("</nav>") :]
