@@ -35,7 +35,7 @@ def choose() -> None:
         if draws(backend):
             os.environ["MUJOCO_GL"] = backend
             return
-    raise RequestError(_MISSING.format(repr(asked) if asked else f"any of {', '.join(BACKENDS)}"))
+    raise RequestError(_MISSING.format(repr(asked) if asked else ", ".join(BACKENDS)))
 
 
 def draws(backend: str) -> bool:

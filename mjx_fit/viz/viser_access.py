@@ -165,9 +165,7 @@ def _listening(family: int, address: Any, host: str) -> socket.socket:
     try:
         if family == socket.AF_INET6:
             listener.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
-        if hasattr(
-            socket, "SO_EXCLUSIVEADDRUSE"
-        ):  # Windows, where REUSEADDR would share the port with other processes
+        if hasattr(socket, "SO_EXCLUSIVEADDRUSE"):  # Windows, where REUSEADDR would share the port
             listener.setsockopt(socket.SOL_SOCKET, socket.SO_EXCLUSIVEADDRUSE, 1)
         else:
             listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -184,7 +182,7 @@ def _why_not(error: OSError, host: str, port: int) -> RequestError:
     if error.errno == errno.EADDRINUSE:
         return RequestError(f"--port: {port} cannot be used: it is in use; choose another")
     if error.errno in (errno.EACCES, errno.EPERM):
-        return RequestError(f"--port: {port} cannot be used: the system refuses it; choose one from 1024")
+        return RequestError(f"--port: {port} cannot be used: the system refuses it; choose 1024 or higher")
     return RequestError(f"--host: {host!r} is invalid: expected an address of this machine")
 
 
