@@ -89,7 +89,7 @@ def test_what_cannot_be_played_is_refused(result):
             replay(result, "oracle", 0, attempt=attempt)
         with pytest.raises(RequestError, match=f"--attempt: {attempt} is out of range: .* 1 to 12$"):
             record(CONFIG, "oracle", 0, 0, attempt=attempt)
-    with pytest.raises(RequestError, match="nothing to play"):
+    with pytest.raises(RequestError, match="trials cannot be used: the list is empty"):
         replay(dataclasses.replace(result, trials=[]), "oracle", 0)
     with pytest.raises(RequestError, match="--method: 'oracle,full' is invalid"):
         record(CONFIG, "oracle,full", 0, 0)
