@@ -5,8 +5,8 @@ from collections.abc import Sequence
 _EXPERIMENTS = {
     "attempt": "Success rate of single attempts at one hole, for matching and mismatched pegs.",
     "position": "Error of the estimated hole position over consecutive attempts at one hole.",
-    "insertion": "Number of consecutive attempts at a matching hole until the peg is inserted; a failed trial "
-    "counts one attempt more than the maximum.",
+    "insertion": "Number of consecutive attempts at a matching hole until the peg is inserted; a failed "
+    "trial counts one attempt more than the maximum.",
     "assembly": "The robot inserts one peg after another into a hole of its type; type and position of each "
     "hole are uncertain. A human intervenes when a peg reaches the maximum number of attempts.",
     "calibration": "Posterior after one update from each failed attempt of a data set: its error, and "
