@@ -63,7 +63,9 @@ def test_an_ffmpeg_of_ones_own_that_does_not_do_is_one_line_and_leaves_nothing(t
     monkeypatch.setattr(video, "_drawn", drawn)
     monkeypatch.setenv("IMAGEIO_FFMPEG_EXE", "/bin/false")
     *_, played = playback.record(CONFIG, playback.Pick("failure_only", 1), 5, PathEngine())
-    with pytest.raises(WorkError, match=r"has /bin/false \(IMAGEIO_FFMPEG_EXE\) libx264\?$") as caught:
+    with pytest.raises(
+        WorkError, match=r"does /bin/false \(IMAGEIO_FFMPEG_EXE\) support libx264\?$"
+    ) as caught:
         video.render(played, tmp_path / "a.mp4", 10, 8.0, (640, 480))
     assert "\n" not in str(caught.value)
     assert closed

@@ -1,4 +1,4 @@
-"""The assembly experiment: whole assemblies under several methods, on the same trials."""
+"""Assembly experiment: whole assemblies with several methods, on the same trials."""
 
 from dataclasses import replace
 
@@ -19,14 +19,13 @@ from mjx_fit.utils.progress import COMPILING, Progress
 
 
 def assembly(request: Request) -> Result:
-    """Whole assemblies under several methods, which share every trial's holes, pegs, detections and noise.
+    """Run whole assemblies with several methods, which share holes, pegs, detections and noise of each trial.
 
     Args:
-        request: Its trials count assemblies.
+        request: Request; its trials are assemblies.
 
     Raises:
-        RequestError: A value is invalid, a method needs a sensor and there is none, or the file holds
-            another result.
+        RequestError: A value is invalid, a method lacks its sensor, or the file holds another result.
     """
     picked = chosen(request.methods, ASSEMBLY)
     result_file.require_trials(request.trials, len(picked))
@@ -83,7 +82,7 @@ def _assembly(
 
 
 def _running(rows: parts.Rows) -> str:
-    """Mean attempts of each method so far."""
+    """Format the mean number of attempts of each method so far."""
     return ", ".join(
         f"{method} {np.mean([sum(row['attempts']) for row in own]):.1f}"
         for method, own in results.by_method(rows).items()

@@ -1,4 +1,4 @@
-"""The attempt experiment: single attempts of Algorithm 4, and how many of them succeed."""
+"""Attempt experiment: success rate of single attempts of Algorithm 4."""
 
 from typing import Any
 
@@ -24,17 +24,17 @@ ATTEMPT_BATCH = 256
 
 
 def attempt(request: Request) -> Result:
-    """Single attempts of Algorithm 4 from the detector's estimate.
+    """Run single attempts of Algorithm 4 from the detector's estimate.
 
     Args:
-        request: Its trials count matched attempts for each shape, and mismatched ones in all, over the pairs
-            in turn.
+        request: Request; its trials are the matched attempts of each shape, and also the total of mismatched
+            attempts, which cycle through the pairs.
 
     Raises:
         RequestError: A value is invalid, or the file holds another result.
     """
     n_types = request.config.scene.n_types
-    result_file.require_trials(request.trials, n_types + (n_types > 1))  # of each shape, and mismatched ones
+    result_file.require_trials(request.trials, n_types + (n_types > 1))  # each shape, and mismatched
     asked = {"trials": request.trials, **request.asked_policy()}
     here = result_file.header("attempt", request.config, request.seed, request.engine.name, asked)
     return result_file.once(request.out, here, lambda: _attempt(request, here))

@@ -1,4 +1,4 @@
-"""The calibration experiment: trained sensors on attempts that they have not seen."""
+"""Calibration experiment: trained sensors on held-out attempts."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -22,27 +22,26 @@ from mjx_fit.utils import provenance
 from mjx_fit.utils.progress import Progress
 
 RESAMPLES = 500
-"""Of the bootstrap of scores that are no means."""
+"""Bootstrap resamples of scores that are not means."""
 
 SHARES = (0.2, 0.4, 0.6, 0.8)
-"""Of an attempt's actions after which it is looked at, beside all of them."""
+"""Shares of an attempt's actions that are scored, in addition to the whole attempt."""
 
 _Trials = list[dict[str, Any]]
 
 
 def calibrate(config: Config, out: Path, run: Path, data: Path, seed: int) -> Result:
-    """One update from each failed attempt of a data set, by a run's sensor and its frame-by-frame baseline.
+    """Update once from each failed attempt of a data set, with a run's sensor and frame-by-frame baseline.
 
     Args:
-        config: ``task`` and ``wrist`` are used; ``sensor`` and ``train`` are the run's.
-        out: The result file.
+        config: Configuration; ``task`` and ``wrist`` are used, ``sensor`` and ``train`` come from the run.
+        out: Result file.
         run: Folder of a training run.
-        data: Folder of a data set that it was not trained on, nor at its holes.
-        seed: Root of the sensor's noise.
+        data: Folder of a data set that shares neither attempts nor holes with the training data.
+        seed: Root seed of the sensor noise.
 
     Raises:
-        RequestError: Run or data cannot be used, they are not of the same scene, or the file holds another
-            result.
+        RequestError: Run or data cannot be used, their scenes differ, or the file holds another result.
     """
     sensor = load_trained_sensor(run)
     config = sensor.adapt(config)
@@ -66,7 +65,7 @@ def calibrate(config: Config, out: Path, run: Path, data: Path, seed: int) -> Re
 
     def work() -> Result:
         trials = _trials_of(sensors, episodes, ids, config, seed)
-        # Rows of parts of attempts would make the file five times as large: their scores are in the summary.
+        # Rows of partial attempts would make the file five times as large; the summary has their scores.
         whole = [trial for trial in trials if trial["actions"] == actions]
         return result_file.write(out, here, summarise(trials, actions, config.scene.names), whole)
 
@@ -80,11 +79,11 @@ def _trials_of(
     config: Config,
     seed: int,
 ) -> _Trials:
-    """One row for each sensor, number of actions that are read, and attempt."""
+    """Return one row for each sensor, number of actions used, and attempt."""
     actions = _actions_read(episodes, config)
     counts = sorted({max(1, round(share * actions)) for share in (*SHARES, 1)})
     trials: _Trials = []
-    with Progress("calibration: readings", len(sensors) * len(counts)) as progress:
+    with Progress("calibration: passes", len(sensors) * len(counts)) as progress:
         for name, one in sensors.items():
             for count in counts:
                 seen = held_out.observe(one.network, episodes, ids, count, config, seed)
@@ -95,22 +94,22 @@ def _trials_of(
 
 
 def _actions_read(episodes: Episode, config: Config) -> int:
-    """Actions in a whole attempt: as many as the task has, or as were stored."""
+    """Return the number of actions in a whole attempt: that of the task, at most that stored."""
     return min(
         config.task.attempt_actions, int(np.asarray(episodes.rollout.felt.trace.action_world).shape[1])
     )
 
 
 def summarise(trials: _Trials, actions: int, names: tuple[str, ...]) -> list[Row]:
-    """Scores of each method over whole attempts and parts of them; intervals from a bootstrap over holes.
+    """Score each method over whole and partial attempts; intervals by bootstrap over holes.
 
-    Groups: ``all``, ``matched``, ``mismatched``, a peg's shape, ``attempt:K``, ``actions:N`` and, for what
-    h_match says, ``peg:hole`` with the hole that does not match, told from that peg's own.
+    Groups: ``all``, ``matched``, ``mismatched``, a peg's shape, ``attempt:K``, ``actions:N`` and, for match
+    classification by h_match, ``peg:hole``: the peg's matching hole against that mismatched hole.
 
     Args:
         trials: Rows as in ``mjx_fit.evaluation.trial_rows.CalibrationTrial``.
-        actions: In a whole attempt.
-        names: Of the shapes.
+        actions: Number of actions in a whole attempt.
+        names: Names of the shapes.
     """
     rows = []
     whole = [trial for trial in trials if trial["actions"] == actions]
@@ -126,7 +125,7 @@ def summarise(trials: _Trials, actions: int, names: tuple[str, ...]) -> list[Row
             part = [t for t in trials if t["method"] == method and t["actions"] == count]
             rows += _error_rows(method, f"actions:{count}", part)
             if method == "full":
-                # Many pairs would fill the file with what nobody reads.
+                # Rows of many pairs would fill the file.
                 rows += _match_rows(method, part, f"actions:{count}:", names if len(names) <= 4 else ())
         if method == "full":
             rows += _match_rows(method, own, "", names)
@@ -174,7 +173,7 @@ def _error_rows(method: str, name: str, group: _Trials, key: str = "error_cm") -
 
 
 def _means(method: str, name: str, group: _Trials, columns: dict[str, np.ndarray]) -> list[Row]:
-    """A row for each column; intervals by bootstrap over holes."""
+    """Return a row for each column; intervals by bootstrap over holes."""
     holes = [trial["trial"] for trial in group]
     return [
         Row.of(method, metric, name, bootstrap_mean(values, holes), len(group))
@@ -183,7 +182,7 @@ def _means(method: str, name: str, group: _Trials, columns: dict[str, np.ndarray
 
 
 def _match_rows(method: str, group: _Trials, prefix: str, names: tuple[str, ...]) -> list[Row]:
-    """How well h_match tells a peg's own hole from the others, over all pegs and for each pair."""
+    """Score the match classification of h_match, over all pegs and for each pair."""
     peg, hole = (np.array([trial["pair"][side] for trial in group]) for side in range(2))
     probability = np.array([trial["match_probability"] for trial in group])
     holes = np.array([trial["trial"] for trial in group])
@@ -211,7 +210,7 @@ def _bootstrap(
     positive: np.ndarray,
     clusters: np.ndarray,
 ) -> Interval:
-    """A score and its percentile interval; whole clusters are drawn."""
+    """Compute a score and its percentile interval by a bootstrap over clusters."""
     names, index = np.unique(clusters, return_inverse=True)
     members = np.split(np.argsort(index, kind="stable"), np.cumsum(np.bincount(index))[:-1])
     rng = np.random.default_rng(0)

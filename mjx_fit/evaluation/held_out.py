@@ -1,4 +1,4 @@
-"""What trained sensors make of attempts that they were not trained on: one update from the stored prior."""
+"""Trained sensors on held-out attempts: one update from the stored prior."""
 
 from dataclasses import dataclass, replace
 from functools import partial
@@ -28,11 +28,11 @@ BATCH = 256
 
 @dataclass(frozen=True)
 class Posterior:
-    """What was believed after the update, one row per attempt, NumPy arrays.
+    """Posterior after the update, one row per attempt, NumPy arrays.
 
     Attributes:
-        belief: After it.
-        match_probability: What h_match says of a match, before H.
+        belief: Belief after the update.
+        match_probability: Probability of a match by h_match, before H is applied.
     """
 
     belief: Belief
@@ -40,31 +40,31 @@ class Posterior:
 
 
 def failed_attempts(data: Episode, actions: int) -> Int[np.ndarray, "n"]:
-    """Indices of the attempts that ran for all their actions and failed: those from which one is to learn.
+    """Return the indices of the failed attempts that ran for all their actions.
 
     Raises:
-        RequestError: There is none.
+        RequestError: The data set contains no such attempt.
     """
     rollout = data.rollout
     whole = np.asarray(rollout.felt.length) >= actions
     ids = np.flatnonzero(np.asarray(happened(data)) & ~np.asarray(rollout.truth.inserted) & whole)
     if not len(ids):
-        raise RequestError(f"--data: no failed attempt of {actions} actions is in it: there must be one")
+        raise RequestError(f"--data: no failed attempt of {actions} actions found: at least one is required")
     return ids
 
 
 def observe(
     sensor: ContactSensor, data: Episode, ids: Int[np.ndarray, "n"], actions: int, config: Config, seed: int
 ) -> Observation:
-    """What the sensor says of the first actions of some episodes, with noise drawn by the episode's id.
+    """Run the sensor on the first actions of some episodes, with noise drawn by episode id.
 
     Args:
-        sensor: Trained.
+        sensor: Trained sensor.
         data: Stacked episodes.
-        ids: Indices of those that are read.
-        actions: How many of their actions are read.
-        config: Gives the noise of the wrist and the scene.
-        seed: Root of the noise.
+        ids: Indices of the episodes used.
+        actions: Number of their actions used.
+        config: Configuration of the F/T sensor's noise and the scene.
+        seed: Root seed of the noise.
     """
     root = root_key(seed, "held out")
     graph, state = nnx.split(sensor)
@@ -86,7 +86,7 @@ def _observed(
     actions: Int[Array, ""],
     config: Config,
 ) -> Observation:
-    """What a sensor says of the first actions of a batch."""
+    """Run a sensor on the first actions of a batch."""
     keys = jax.vmap(jax.random.fold_in, (None, 0))(root, episodes.episode)
     return nnx.merge(graph, state)(readings(episodes.rollout.felt, keys, config, actions))
 
@@ -94,19 +94,19 @@ def _observed(
 def posterior(
     observation: Observation, data: Episode, ids: Int[np.ndarray, "n"], config: Config, *, with_prior: bool
 ) -> Posterior:
-    """What is believed after a failed attempt.
+    """Compute the posterior after a failed attempt.
 
-    The position is updated once, from the estimate and the covariance that are stored with the attempt. The
-    type is that of a hole nothing was known about, after this attempt and those of its sequence before it: a
-    filter's updates are products, so that those of earlier attempts can be taken along in any order.
+    The position is updated once, from the estimate and covariance stored with the attempt. The type starts
+    from a uniform prior and is updated by this attempt and the earlier ones of its sequence: the filter's
+    updates are products, so that their order does not matter.
 
     Args:
-        observation: Of ``observe``.
+        observation: Result of ``observe``.
         data: Stacked episodes.
-        ids: Those that were observed.
-        config: ``task`` gives α and whether the match is taken hard.
-        with_prior: Filter; otherwise, frame by frame, take the observed position for the truth, R its
-            covariance.
+        ids: Indices of the observed episodes.
+        config: Configuration; ``task`` determines α and whether match decisions are hard.
+        with_prior: True to filter; False (frame by frame) takes the measured position as the mean and R as
+            its covariance.
     """
     rollout = jax.tree.map(lambda leaf: jnp.asarray(np.asarray(leaf)[ids]), data.rollout)
     estimate, cov = rollout.felt.estimate_world, jnp.asarray(np.asarray(data.estimate_cov)[ids])
@@ -127,7 +127,7 @@ def posterior(
 def _over_sequences(
     type_logp: Float[Array, "n C"], data: Episode, ids: Int[np.ndarray, "n"]
 ) -> Float[Array, "n C"]:
-    """Of what single attempts say about the type, the product over those of a sequence so far."""
+    """Multiply the type likelihoods of single attempts over each sequence so far."""
     sequence, number = np.asarray(data.sequence)[ids], np.asarray(data.number)[ids]
     order = np.lexsort((number, sequence))
     summed = np.cumsum(np.asarray(type_logp, float)[order], axis=0)
@@ -146,7 +146,7 @@ def rows(
     ids: Int[np.ndarray, "n"],
     names: tuple[str, ...],
 ) -> list[dict[str, Any]]:
-    """One row for each attempt, ready for a result file; ``names`` are those of the shapes."""
+    """Return one row for each attempt, ready for a result file; ``names`` are the shapes'."""
     rollout = data.rollout
     truth, start = (
         np.asarray(leaf, float)[ids] for leaf in (rollout.truth.hole_pos_world, rollout.felt.estimate_world)

@@ -1,4 +1,4 @@
-"""The insertion experiment: after how many attempts at its hole a peg is in."""
+"""Insertion experiment: number of attempts until a peg is inserted at a matching hole."""
 
 from functools import partial
 
@@ -19,19 +19,18 @@ from mjx_fit.task.methods import INSERTION, chosen
 from mjx_fit.utils.randomness import root_key
 
 ATTEMPTS = 10
-"""The paper's."""
+"""Maximum number of attempts per trial, as in the paper."""
 
 
 def insertion(request: Request) -> Result:
-    """Up to ten attempts at a hole that matches, under several methods, which share every trial's draws.
+    """Run up to ten attempts at a matching hole with several methods, which share the draws of each trial.
 
     Args:
-        request: Its trials count draws of a hole and of its detection, over the shapes in turn; each has its
-            ``seeds``.
+        request: Request; its trials are draws of a hole and its detection, which cycle through the shapes,
+            each repeated for its ``seeds``.
 
     Raises:
-        RequestError: A value is invalid, there is no sensor for a method, or the file holds another
-            result.
+        RequestError: A value is invalid, a method lacks its sensor, or the file holds another result.
     """
     picked, trials, seeds = chosen(request.methods, INSERTION), request.trials, request.seeds
     result_file.require_trials(trials, len(picked), seeds)
@@ -49,12 +48,12 @@ def insertion(request: Request) -> Result:
 
 
 def summarise(trials: Rows) -> list[Row]:
-    """Success within k attempts, mean attempts, and how many fewer ``full`` needs than each other method.
+    """Compute success within k attempts, mean attempts, and attempts saved by ``full`` over other methods.
 
-    A trial that failed counts one attempt more than there may be. ``success_rate`` has a group for each k,
-    ``attempts`` is of ``all``. ``attempts_saved`` has a group for each other method, as has ``p_value``: of a
-    sign-flip test on the pairs of the same draw and seed, by Holm's adjustment. The seeds of a draw depend on
-    each other, so that whole draws are drawn or flipped.
+    A failed trial counts one attempt more than the maximum. ``success_rate`` has a group for each k,
+    ``attempts`` the group ``all``. ``attempts_saved`` and ``p_value`` have a group for each other method;
+    p comes from a sign-flip test on pairs of the same draw and seed, with Holm's adjustment. The seeds of a
+    draw are dependent, so whole draws are resampled or flipped.
     """
     rows, needed, draws = [], {}, []
     for method, unordered in by_method(trials).items():
@@ -66,7 +65,7 @@ def summarise(trials: Rows) -> list[Row]:
             within = attempts <= k
             rows.append(Row.of(method, "success_rate", str(k), clustered_rate(within, draws), len(own)))
         rows.append(Row.of(method, "attempts", "all", bootstrap_mean(attempts, draws), len(own)))
-        # Of an attempt whose simulation broke no force is known.
+        # The force of a diverged simulation is unknown.
         force = [max((f for f in trial["peak_force_n"] if f is not None), default=0.0) for trial in own]
         rows.append(Row.of(method, "peak_force_n", "all", bootstrap_mean(np.array(force), draws), len(own)))
     others = [method for method in needed if method not in ("full", "oracle")]

@@ -1,4 +1,4 @@
-"""Work in parts that a kill does not lose: each is kept beside the result file until all are there."""
+"""Checkpoints of an experiment: each part is stored next to the result file until all are complete."""
 
 import json
 import os
@@ -19,20 +19,21 @@ from mjx_fit.utils.filesystem import path_inside
 Rows = list[dict[str, Any]]
 ASKED = "request.json"
 LARGEST = 2**30
-"""Bytes of a part."""
+"""Largest part, in bytes."""
 ROWS, ROWS_ON_ACCELERATOR = 1024, 16384
-"""Most rows of a part: enough to fill the engine, and a minute or two of work."""
+"""Most rows per part: enough to fill the engine, and one or two minutes of work."""
 
 
 def pieces(n: int, rows_each: int, engine: str) -> list[Int[np.ndarray, "m"]]:
-    """The ids of n trials in parts of one size; the last is filled up with ids that are not asked for.
+    """Return the ids of n trials in parts of equal size; the last is padded with ids beyond n.
 
-    Arithmetic may differ in the last bit from one shape to another, and each shape is compiled anew.
+    Equal sizes matter: arithmetic may differ in the last bit between array shapes, and each shape is compiled
+    separately.
 
     Args:
-        n: Trials.
-        rows_each: Worlds that each of them takes.
-        engine: As resolved.
+        n: Number of trials.
+        rows_each: Rows per trial.
+        engine: Name of the resolved engine.
     """
     rows = ROWS if engine == "native" or jax.default_backend() == "cpu" else ROWS_ON_ACCELERATOR
     size = even_batch(n, max(1, rows // rows_each))
@@ -40,7 +41,7 @@ def pieces(n: int, rows_each: int, engine: str) -> list[Int[np.ndarray, "m"]]:
 
 
 def kept(out: Path) -> int:
-    """How many parts are there already."""
+    """Return the number of stored parts."""
     return len(list(_folder(out).glob("part-*.json")))
 
 
@@ -51,16 +52,16 @@ def in_parts(
     work: Callable[[Any], Rows],
     told: Callable[[Rows], None],
 ) -> Rows:
-    """The rows of all parts in order: those that are kept already are read, the others worked out and kept.
+    """Return the rows of all parts in order: stored parts are read, the others computed and stored.
 
-    Parts are kept in a folder of the result file's name with ``.parts``; ``finish`` removes it.
+    Parts are stored in a folder named like the result file, with suffix ``.parts``; ``finish`` removes it.
 
     Args:
-        out: The result file.
-        here: What it begins with: what the rows depend on.
-        parts: What ``work`` is called with, one after the other.
-        work: Makes the rows of a part.
-        told: Is told all rows so far, after each part.
+        out: Result file.
+        here: Header of the result: everything the rows depend on.
+        parts: Arguments of ``work``, one per part.
+        work: Function that computes the rows of a part.
+        told: Callback that receives all rows so far after each part.
 
     Raises:
         RequestError: The folder holds parts of another request.
@@ -73,7 +74,7 @@ def in_parts(
         path = path_inside(folder, f"part-{number:05d}.json")
         made = _read(path)
         if made is None:
-            made = work(part)  # first: a request that it refuses leaves nothing behind
+            made = work(part)  # first: a refused request leaves no files
             if not (folder / ASKED).is_file():
                 files.write_text(folder / ASKED, json.dumps(own))
             files.write_text(path, json.dumps(made))
@@ -83,7 +84,7 @@ def in_parts(
 
 
 def finish(out: Path) -> None:
-    """Removes the parts of a result that is written."""
+    """Remove the parts of a written result."""
     folder = _folder(out)
     if folder.is_dir():
         with locks.holding_file(out):
@@ -97,7 +98,7 @@ def _folder(out: Path) -> Path:
 
 
 def _read(path: Path) -> Any:
-    """What was kept; None where nothing was, or it is damaged: then it is worked out again."""
+    """Read a stored part; None if missing or damaged, in which case it is recomputed."""
     try:
         return bounded_json.read(path, LARGEST)
     except (FileNotFoundError, ValueError):
@@ -115,7 +116,7 @@ def _require_own(folder: Path, asked: dict[str, Any]) -> None:
             if name == "versions":
                 name = provenance.differing(known.get(name, {}), asked[name])[0][0]
             raise RequestError(
-                f"--out: {folder} cannot be used: it holds the begun work of another request "
+                f"--out: {folder} cannot be used: it holds the unfinished work of another request "
                 f"(its {name} differs); remove it or choose another file"
             )
     elif foreign := files.foreign(folder, {ASKED}):

@@ -1,4 +1,4 @@
-"""Playing one assembly, attempt by attempt: a new one, or one of a result file again."""
+"""Playback of one assembly, attempt by attempt: a new one, or a replay from a result file."""
 
 from collections.abc import Generator, Iterator
 from contextlib import closing
@@ -25,12 +25,12 @@ from mjx_fit.utils.randomness import require_seed
 
 @dataclass(frozen=True)
 class Pick:
-    """Which assembly is played.
+    """Selection of the assembly to play.
 
     Attributes:
-        method: Its method's name.
-        trial: Its id.
-        attempt: Number of the one attempt that will be looked at, if it is one: no later one is played.
+        method: Name of the method.
+        trial: Id of the trial.
+        attempt: Number of the single attempt to show, or None for all; later attempts are not simulated.
     """
 
     method: str
@@ -41,21 +41,21 @@ class Pick:
 def record(
     config: Config, pick: Pick, seed: int, engine: Engine, sensor: TrainedSensor | None = None
 ) -> Generator[Recording]:
-    """Plays one assembly, as far as is asked for: close the generator to stop.
+    """Play one assembly, up to the selected attempt; close the generator to stop.
 
     Args:
-        config: The configuration.
-        pick: Which.
+        config: Configuration.
+        pick: Selection of the assembly.
         seed: Root seed.
-        engine: Simulates the attempts.
-        sensor: For a method that reads traces.
+        engine: Engine that simulates the attempts.
+        sensor: Trained sensor, for methods that use traces.
 
     Yields:
-        After every attempt, what has been played so far.
+        The recording so far, after each attempt.
 
     Raises:
-        RequestError: At once: there is no such method, it needs a sensor and there is none, or no assembly
-            has so many attempts.
+        RequestError: Raised at the call: the method is unknown or lacks its sensor, or the attempt number
+            exceeds the maximum of an assembly.
     """
     require("--trial", pick.trial, 0, result_file.MAX_TRIALS - 1)
     require_seed(seed)
@@ -67,28 +67,28 @@ def record(
 def replay(
     result: Result, pick: Pick, engine: Engine, sensor: TrainedSensor | None = None
 ) -> Generator[Recording]:
-    """Replays a trial of an assembly result.
+    """Replay a trial of an assembly result.
 
     Args:
-        result: Of the assembly experiment.
-        pick: One of its methods and trials.
-        engine: Simulates the attempts: that of the result, made for its configuration.
-        sensor: The one that it was made with.
+        result: Result of the assembly experiment.
+        pick: Selection of one of its methods and trials.
+        engine: Engine of the result, built for its configuration.
+        sensor: Sensor that the result was made with.
 
     Yields:
-        After every attempt, what has been played so far.
+        The recording so far, after each attempt.
 
     Raises:
-        RequestError: At once: the result is of another experiment or has no such trial or attempt, or the
-            sensor is another. At the end: the same choices did not come out, as after a change of versions
-            or machine.
+        RequestError: Raised at the call: the result is from another experiment or lacks the trial or attempt,
+            or the sensor differs. Raised at the end: the chosen holes differ from the result, for example
+            after a change of versions or machine.
     """
     if result.experiment != "assembly":
         raise RequestError(f"result: {result.experiment!r} is invalid: expected 'assembly'")
     if policy := result.request.get("policy"):
         raise RequestError(f"result: policy: {shown(policy)} cannot be used: a result does not hold it")
     if not result.trials:
-        raise RequestError("result: trials: none is invalid: there is nothing to play")
+        raise RequestError("result: trials cannot be used: the list is empty")
     rows = {(row["method"], row["trial"]): row for row in result.trials}
     names = list(dict.fromkeys(name for name, _ in rows))
     wanted = pick.method, pick.trial
@@ -101,7 +101,7 @@ def replay(
     require_attempt(pick.attempt, sum(rows[wanted]["attempts"]))
     made_with = result.request.get("sensor")
     if made_with and sensor and sensor.fingerprint != made_with:
-        raise RequestError("--run: the result was made with another sensor; give its --run")
+        raise RequestError("--run: the result was made with another sensor; pass that run")
     trials = result.request.get("trials")
     if not isinstance(trials, int) or trials <= max(number for _, number in rows):
         raise RequestError(
@@ -116,7 +116,7 @@ def replay(
 
 
 def _compared(played: Generator[Recording], expected: list[int], pick: Pick) -> Generator[Recording]:
-    """Plays, and refuses at the end what does not come out as it did."""
+    """Play, and raise an error at the end if the chosen holes differ from the expected ones."""
     with closing(played):
         chosen_so_far: list[int] = []
         for recording in played:
@@ -124,16 +124,16 @@ def _compared(played: Generator[Recording], expected: list[int], pick: Pick) -> 
             yield recording
     if expected and expected != chosen_so_far:
         raise RequestError(
-            f"render: {pick.method}, trial {pick.trial} does not come out as in the result: "
-            "it was made with other versions or on another machine; make the result anew"
+            f"render: {pick.method}, trial {pick.trial} differs from the result: "
+            "it was made with other versions or on another machine; run the experiment again"
         )
 
 
 def _only(method: str) -> Method:
-    """The method of that name.
+    """Return the method with a name.
 
     Raises:
-        RequestError: There is none.
+        RequestError: The method is unknown.
     """
     known = {one.name: one for one in ASSEMBLY}
     if method not in known:
@@ -143,12 +143,12 @@ def _only(method: str) -> Method:
 
 @dataclass(frozen=True)
 class _Assemblies:
-    """What is set up together: one assembly comes out as among the others, bit by bit.
+    """Assemblies that share a batch, so that a replayed one matches the experiment bit for bit.
 
     Attributes:
-        config: The configuration.
-        methods: Of the experiment.
-        ids: Of its trials in the same part.
+        config: Configuration.
+        methods: Methods of the experiment.
+        ids: Ids of the trials in the same part.
         seed: Root seed.
     """
 
@@ -159,10 +159,10 @@ class _Assemblies:
 
 
 def _play(of: _Assemblies, pick: Pick, engine: Engine, sensor: TrainedSensor | None) -> Generator[Recording]:
-    """Plays one row of the methods times the trials, up to an attempt or to the end."""
+    """Play one row (a method and a trial) of the batch, up to an attempt or to the end."""
     config, network, methods, ids = of.config, None, of.methods, of.ids
     if reading := [one.name for one in methods if one.needs_sensor]:
-        # Of any row: beliefs are updated in a batch of all.
+        # Any row may need the sensor: all beliefs are updated in one batch.
         if sensor is None:
             raise RequestError(f"--run is required: method {reading[0]!r} needs a trained sensor")
         config, network = sensor.adapt(config), sensor.network
@@ -179,7 +179,7 @@ def _play(of: _Assemblies, pick: Pick, engine: Engine, sensor: TrainedSensor | N
 def _steps(
     played: Recording, table: Table, row: int, rounds_: Iterator[Round], last: int | None
 ) -> Generator[Recording]:
-    """What has been played of a row, after every round."""
+    """Yield the recording of a row after each round."""
     others_done = int(table.pegs_done.sum())
     with Progress("playing: pegs", played.config.task.n_holes) as progress:
         for round_ in rounds_:
@@ -191,7 +191,7 @@ def _steps(
 
 
 def _step_of(round_: Round, row: int, so_far: tuple[Step, ...]) -> Step:
-    """A row of a round."""
+    """Return the step of a row in a round."""
     peg = int(round_.before.peg[row])
     happened = jax.tree.map(lambda leaf: np.asarray(leaf)[row], round_.rollouts)
     newly = np.flatnonzero(round_.after.filled[row] & ~round_.before.filled[row])

@@ -1,4 +1,4 @@
-"""The position experiment: what five attempts at one hole teach about where it is."""
+"""Position experiment: position error over five attempts at one hole."""
 
 from functools import partial
 
@@ -21,19 +21,18 @@ from mjx_fit.task.methods import POSITION, chosen
 from mjx_fit.utils.randomness import root_key
 
 ATTEMPTS = 5
-"""The paper's."""
+"""Number of attempts per trial, as in the paper."""
 
 
 def position(request: Request) -> Result:
-    """Five attempts at one hole under several methods, which share every trial's draws.
+    """Run five attempts at one hole with several methods, which share the draws of each trial.
 
     Args:
-        request: Its trials count holes of another type than the peg, over the pairs in turn (none where the
-            scene has one shape), and as many that match.
+        request: Request; its trials are the number of mismatched holes, which cycle through the pairs (none
+            if the scene has one shape), and the number of matching ones.
 
     Raises:
-        RequestError: A value is invalid, there is no sensor for a method, or the file holds another
-            result.
+        RequestError: A value is invalid, a method lacks its sensor, or the file holds another result.
     """
     picked, trials = chosen(request.methods, POSITION), request.trials
     kinds = 2 if request.config.scene.n_types > 1 else 1
@@ -52,13 +51,13 @@ def position(request: Request) -> Result:
 
 
 def summarise(trials: Rows) -> list[Row]:
-    """Position error and coverage before the first attempt and after each.
+    """Compute position error and coverage before the first attempt and after each.
 
-    Groups: ``k`` after k attempts at holes that do not match, where every trial has all of them;
-    ``matched:k`` at those that do, where the belief stays as it is from the insertion on; ``left:k`` at those
-    of them whose peg was not in after k attempts. Coverage and NEES are of what is left in both kinds.
-    ``inserted_wrongly`` is the share of mismatched holes that the peg went into, where it went into any.
-    Intervals by bootstrap over trials.
+    Groups: ``k`` after k attempts at mismatched holes, where every trial has all attempts; ``matched:k`` at
+    matching holes, where the belief is constant after the insertion; ``left:k`` at matching holes with the
+    peg not inserted after k attempts. Coverage and NEES use the trials of both kinds with the peg not yet
+    inserted. ``inserted_wrongly`` is the share of mismatched holes that the peg went into, given if it is
+    above 0. Intervals by bootstrap over trials.
     """
     rows = []
     for method, own in by_method(trials).items():
@@ -101,7 +100,7 @@ def _means(
 
 
 def _holes(config: Config, ids: Ids, trials: int, seed: int) -> single_hole.Holes:
-    """The first half of the trials are mismatched, over the pairs in turn, the others match."""
+    """Draw holes: the first half of the trials are mismatched, cycling through the pairs, the rest match."""
     n_types = config.scene.n_types
     peg = other = ids % n_types
     pairs = mismatched_pairs(n_types)

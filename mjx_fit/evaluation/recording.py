@@ -1,4 +1,4 @@
-"""One assembly as it was played: every attempt with all that was believed."""
+"""Recording of one assembly: each attempt with the beliefs before and after it."""
 
 from dataclasses import dataclass, replace
 
@@ -15,15 +15,15 @@ class Step:
     """One attempt.
 
     Attributes:
-        number: Of the attempt in the assembly, from 1.
-        peg: Number of the peg in hand, from 0.
-        attempt: Number of the attempt with it, from 1.
-        hole: Which hole was tried.
-        rollout: What happened.
-        before: What was believed of all n holes as it began.
-        after: What was believed once it had been learned from.
-        content: Type of the peg in each hole as it began; -1 where it was empty.
-        helped: The hole that a human filled thereafter, or None.
+        number: Number of the attempt in the assembly, from 1.
+        peg: Index of the peg in hand, from 0.
+        attempt: Number of the attempt with this peg, from 1.
+        hole: Index of the hole tried.
+        rollout: Rollout of the attempt.
+        before: Belief about all n holes before the attempt.
+        after: Belief after the update.
+        content: Type of the peg in each hole before the attempt; -1 if empty.
+        helped: Hole that a human filled after the attempt, or None.
     """
 
     number: int
@@ -42,13 +42,13 @@ class Recording:
     """One assembly under one method.
 
     Attributes:
-        method: Its name.
-        trial: Its id.
-        config: The configuration.
-        hole_type: (n,).
-        hole_pos_world: (n, 2), m.
-        peg_type: (n,), in the order in which they were grasped.
-        steps: Every attempt in order.
+        method: Name of the method.
+        trial: Id of the trial.
+        config: Configuration.
+        hole_type: Type of each hole, (n,).
+        hole_pos_world: Position of each hole, (n, 2), m.
+        peg_type: Type of each peg in the order of grasping, (n,).
+        steps: Attempts in order.
     """
 
     method: str
@@ -60,16 +60,16 @@ class Recording:
     steps: tuple[Step, ...]
 
     def only(self, number: int) -> "Recording":
-        """The attempt with a number, alone.
+        """Return the recording of a single attempt.
 
         Raises:
-            RequestError: There is none.
+            RequestError: The number is out of range.
         """
         require_attempt(number, len(self.steps))
         return replace(self, steps=(self.steps[number - 1],))
 
 
 def require_attempt(number: int | None, most: int) -> None:
-    """Refuse to look at an attempt that there is not."""
+    """Check that an attempt number is within range."""
     if number is not None:
         require("--attempt", number, 1, most)

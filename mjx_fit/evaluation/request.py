@@ -1,4 +1,4 @@
-"""What an experiment is asked for."""
+"""Request of an experiment."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,18 +11,18 @@ from mjx_fit.training.sensor_loader import TrainedSensor, load_baseline, load_tr
 
 @dataclass(frozen=True)
 class Request:
-    """What an experiment is asked for.
+    """Request of an experiment.
 
     Attributes:
-        config: The configuration.
-        out: The result file.
-        engine: Simulates the attempts.
-        trials: How many; each experiment says of what.
+        config: Configuration.
+        out: Result file.
+        engine: Engine that simulates the attempts.
+        trials: Number of trials; each experiment defines its trial.
         seed: Root seed.
-        methods: Names, comma-separated. The attempt experiment has none.
-        seeds: Of the exploration noise and the sensor's noise, for each trial of the insertion experiment.
-        sensor: For the methods that read traces.
-        baseline: The frame-by-frame sensor of the same run, for the method of that name.
+        methods: Names of the methods, comma-separated; the attempt experiment has none.
+        seeds: Number of seeds of exploration noise and sensor noise per trial of the insertion experiment.
+        sensor: Trained sensor, for the methods that use traces.
+        baseline: Frame-by-frame sensor of the same run, for the method of that name.
     """
 
     config: Config
@@ -45,10 +45,10 @@ class Request:
         return {} if name is None else {"policy": name}
 
     def with_sensors_of(self, run: Path) -> "Request":
-        """The request with the sensor of a training run, and its baseline where one of the methods needs it.
+        """Return the request with the sensor of a training run, and its baseline if a method needs it.
 
         Raises:
-            RequestError: They cannot be read.
+            RequestError: The run cannot be read.
         """
         needs_baseline = FRAME_BY_FRAME in self.methods.split(",")
         baseline = load_baseline(run) if needs_baseline else None

@@ -1,4 +1,4 @@
-"""The result file of a request: whether it is there already, and writing it."""
+"""Result file of a request: lookup of a finished result, and writing."""
 
 import math
 from collections.abc import Callable
@@ -18,18 +18,18 @@ from mjx_fit.utils.filesystem import path_inside
 from mjx_fit.utils.randomness import require_seed
 
 Header = dict[str, Any]
-"""What a result file begins with, JSON-ready: all that its rows depend on but versions and device."""
+"""Start of a result file, JSON-ready: everything its rows depend on except versions and device."""
 
 
 def header(experiment: str, config: Config, seed: int, engine: str, request: dict[str, Any]) -> Header:
-    """What a result file begins with.
+    """Return the header of a result file.
 
     Args:
-        experiment: Its name.
-        config: The configuration.
+        experiment: Name of the experiment.
+        config: Configuration.
         seed: Root seed.
-        engine: The engine's name; where nothing is simulated, the one that the data were made with.
-        request: The rest: methods, number of trials, the sensors by their fingerprints.
+        engine: Name of the engine; without simulation, that of the data set.
+        request: Other parts of the request: methods, number of trials, fingerprints of the sensors.
     """
     return {
         "experiment": experiment,
@@ -41,20 +41,20 @@ def header(experiment: str, config: Config, seed: int, engine: str, request: dic
 
 
 def finished(out: Path, here: Header) -> Result | None:
-    """The result, if this very request was finished before.
+    """Return the result if the same request is already finished, otherwise None.
 
     Args:
-        out: The result file.
-        here: What it begins with.
+        out: Result file.
+        here: Header of the result.
 
     Raises:
-        RequestError: The file cannot be a result's, or holds another result.
+        RequestError: The path cannot be a result file, or the file holds another result.
     """
     require_seed(here["seed"])
-    if out.suffix != ".json":  # by which a report finds it in a folder
+    if out.suffix != ".json":  # a report finds results by this suffix
         raise RequestError(f"--out: {out} is invalid: it must end in .json")
     if not out.exists():
-        files.require_writable(out)  # before minutes of work, not after them
+        files.require_writable(out)  # check before minutes of work
         return None
     if out.is_dir():
         raise RequestError(f"--out: {out} cannot be used: it is a folder; name a .json file")
@@ -65,15 +65,16 @@ def finished(out: Path, here: Header) -> Result | None:
 
 
 def once(out: Path, here: Header, work: Callable[[], Result]) -> Result:
-    """The result of a request: read where it was finished before, else worked out while its file is held.
+    """Return the result of a request: read if finished, otherwise computed while its file is locked.
 
     Args:
-        out: The result file.
-        here: What it begins with.
-        work: Makes the result and writes it.
+        out: Result file.
+        here: Header of the result.
+        work: Function that computes the result and writes it.
 
     Raises:
-        RequestError: As ``finished``, or another process works on it, or has finished another one just now.
+        RequestError: As for ``finished``, or another process works on the file or has just written another
+            result to it.
     """
     done = finished(out, here)
     if done is not None:
@@ -83,7 +84,7 @@ def once(out: Path, here: Header, work: Callable[[], Result]) -> Result:
 
 
 def write(out: Path, here: Header, summary: list[Row], rows: list[dict[str, Any]]) -> Result:
-    """Writes what was counted."""
+    """Write a result file."""
     result = Result(
         **here,
         device=provenance.device(),
@@ -96,24 +97,24 @@ def write(out: Path, here: Header, summary: list[Row], rows: list[dict[str, Any]
 
 
 def broken(out: Path) -> Path:
-    """Where the broken worlds of a result file are kept."""
+    """Return the folder of the diverged simulations of a result file."""
     return path_inside(out.parent, out.with_suffix(".broken").name)
 
 
 def rounded(values: Float[np.ndarray, " n"]) -> list[float | None]:
-    """Numbers for a row: five digits, more than a draw leaves certain, keep files small; NaN is null."""
+    """Round numbers for a row to five digits, which exceeds their precision; NaN becomes null."""
     return [float(f"{value:.5g}") if math.isfinite(value) else None for value in values.tolist()]
 
 
 MAX_TRIALS, MAX_SEEDS, MAX_ROWS = 10**6, 10**4, 10**7
-"""Of an experiment: a row for each method, trial and seed, of a few hundred bytes in the result file."""
+"""Limits of an experiment; each method, trial and seed has a row of a few hundred bytes."""
 
 
 def require_trials(trials: int, methods: int = 1, seeds: int = 1) -> None:
-    """Refuse a number of trials that is none, or of which the rows would never all be there.
+    """Check the number of trials and seeds, and of the resulting rows.
 
     Raises:
-        RequestError: It is invalid.
+        RequestError: A number is out of range.
     """
     require("--trials", trials, 1, MAX_TRIALS)
     require("--seeds", seeds, 1, MAX_SEEDS)

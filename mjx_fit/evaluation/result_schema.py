@@ -1,4 +1,4 @@
-"""What a result file may hold: checked once, where it is read, so that nobody meets a list too short."""
+"""Schema of result files, checked once on reading so that other code can rely on it."""
 
 from collections.abc import Callable, Iterator
 from typing import Annotated, Any, NotRequired
@@ -12,7 +12,7 @@ from mjx_fit.evaluation.trial_rows import STRICT, Name, Number, Whole
 from mjx_fit.utils import bounded_json
 
 LARGEST = 4 * 2**30
-"""Bytes of a result file: 10^6 trials under five methods, or 10^5 assemblies."""
+"""Largest result file, in bytes: 10^6 trials with five methods, or 10^5 assemblies."""
 
 _Seed = Annotated[int, Field(ge=0, lt=2**32)]
 _Long = Annotated[str, Field(max_length=2000)]
@@ -32,7 +32,7 @@ class _Row(TypedDict):
 
 
 class _Request(TypedDict):
-    """What is looked at of a request; experiments have more."""
+    """Keys of a request that are checked; experiments have more."""
 
     __pydantic_config__ = STRICT  # pyright: ignore[reportGeneralTypeIssues]
 
@@ -70,7 +70,7 @@ class _Detector(TypedDict):
 
 
 class _Config(TypedDict):
-    """What a report looks at; who computes with a configuration reads it with ``config.from_tree``."""
+    """Keys used by a report; code that computes with a configuration reads it with ``config.from_tree``."""
 
     __pydantic_config__ = STRICT  # pyright: ignore[reportGeneralTypeIssues]
 
@@ -97,16 +97,16 @@ _SCHEMA = TypeAdapter(_Result)
 
 
 def require(tree: Any) -> dict[str, Any]:
-    """The tree of a result file, as it was read, if it is as it must be.
+    """Check the tree of a result file and return it unchanged.
 
     Raises:
-        ValueError: It is not; the message names the first place where.
+        ValueError: The tree is invalid; the message names the first invalid place.
     """
     bounded_json.check(_SCHEMA, tree)
     for number, row in enumerate(tree["summary"]):
         low, high = row["low"], row["high"]
         if (low is None) != (high is None) or (low is not None and low > high):
-            raise ValueError(f"summary.{number}: from {low} to {high} is no interval")
+            raise ValueError(f"summary.{number}: from {low} to {high} is not an interval")
     trials = tree["trials"]
     if tree["experiment"] not in trial_rows.KINDS:
         return tree
@@ -115,8 +115,10 @@ def require(tree: Any) -> dict[str, Any]:
     except ValueError as error:
         raise ValueError(_under_trials(str(error))) from None
     asked = tree.get("request", {}).get("trials", 0)
-    if tree["experiment"] == "assembly" and trials and asked > len(trials):  # to play one, all are drawn
-        raise ValueError(f"request.trials: {asked} is invalid: there are {len(trials)} rows of trials")
+    if tree["experiment"] == "assembly" and trials and asked > len(trials):  # a replay draws all of them
+        raise ValueError(
+            f"request.trials: {asked} is invalid: the file has only {len(trials)} rows of trials"
+        )
     shapes = tree["config"].get("scene", {}).get("shapes")
     names = {shape["name"] for shape in shapes} if shapes else {*SceneConfig().names}
     for number, trial in enumerate(trials):
@@ -165,7 +167,7 @@ def _assembly(trial: dict[str, Any], first: dict[str, Any], _: set[str]) -> Iter
 def _attempt(trial: dict[str, Any], _: dict[str, Any], names: set[str]) -> Iterator[str]:
     yield from _unknown("pair", trial["pair"], names)
     if trial["matched"] != (trial["pair"][0] == trial["pair"][1]):
-        yield f"matched: {trial['matched']} cannot be used: the pair says otherwise"
+        yield f"matched: {trial['matched']} cannot be used: it contradicts the pair"
     if trial.get("inserted_wrongly") and (trial["matched"] or trial["inserted"]):
         yield "inserted_wrongly: True cannot be used: the pair matches, or inserted is true"
 
@@ -200,9 +202,9 @@ _CHECKS: dict[str, Callable[[dict[str, Any], dict[str, Any], set[str]], Iterator
 
 
 def _require_priors(tree: dict[str, Any]) -> None:
-    """What the others are compared with must be among the rows."""
+    """Check that the summary has the prior's row, the reference of the other methods."""
     rows = {(row["method"], row["metric"], row["group"]) for row in tree["summary"]}
     if tree["trials"] and ("prior", "position_error_cm", "all") not in rows:
         raise ValueError("summary: the row of prior, position_error_cm, all is missing")
     if not isinstance(tree.get("request", {}).get("sensor", {}), dict):
-        raise ValueError("request.sensor: it must name the sensor of each method")
+        raise ValueError("request.sensor is invalid: expected the sensor of each method")

@@ -1,4 +1,4 @@
-"""The result file of an experiment: what was asked, on what it ran, what was counted, and every trial."""
+"""Result of an experiment: request, provenance, summary and all trials."""
 
 import dataclasses
 import json
@@ -16,24 +16,24 @@ from mjx_fit.utils import bounded_json, files
 from mjx_fit.utils.errors import RequestError
 
 ATTEMPT_METHOD = "spiral"
-"""The method in the rows of the attempt experiment: it has but one, Algorithm 4."""
+"""Method name in the rows of the attempt experiment, whose only method is Algorithm 4."""
 
 
 @dataclass(frozen=True)
 class Result:
-    """A result file.
+    """Content of a result file.
 
     Attributes:
         experiment: ``attempt``, ``position``, ``insertion``, ``assembly`` or ``calibration``.
-        config: The resolved configuration (``config.to_tree``).
+        config: Resolved configuration (``config.to_tree``).
         seed: Root seed.
-        engine: Engine that simulated.
-        device: Device it ran on.
-        versions: Version of each library that matters.
-        summary: What was counted.
-        trials: What it was counted from; rows as in ``trial_rows``.
-        request: The rest of what was asked for: methods, number of trials, the sensor by its fingerprint, and
-            in what its training's configuration differs from this one.
+        engine: Name of the simulation engine.
+        device: Device of the computation.
+        versions: Versions of the relevant libraries.
+        summary: Metrics with their intervals.
+        trials: Trials that the summary is computed from; rows as in ``trial_rows``.
+        request: Other parts of the request: methods, number of trials, fingerprint of the sensor, and the
+            differences between its training configuration and this one.
     """
 
     experiment: str
@@ -48,11 +48,11 @@ class Result:
 
 
 def write(path: Path, result: Result) -> None:
-    """Writes a result file: whole or not at all, and the same bytes for the same result."""
+    """Write a result file atomically; the same result gives the same bytes."""
     lines = []
     for field in dataclasses.fields(result):
         value = _plain(getattr(result, field.name))
-        if field.name in ("summary", "trials"):  # a row on a line, for people and for diff
+        if field.name in ("summary", "trials"):  # one row per line, readable and diffable
             text = "[" + ",".join(f"\n  {json.dumps(row)}" for row in value) + "\n ]"
         else:
             text = json.dumps(value, indent=1).replace("\n", "\n ")
@@ -61,10 +61,10 @@ def write(path: Path, result: Result) -> None:
 
 
 def read(path: Path) -> Result:
-    """Reads a result file.
+    """Read a result file.
 
     Raises:
-        RequestError: There is no such file, or it is not a result file.
+        RequestError: The file does not exist or is not a result file.
     """
     try:
         tree = result_schema.require(bounded_json.read(path, result_schema.LARGEST))
@@ -80,21 +80,21 @@ def read(path: Path) -> Result:
 
 
 def _row(tree: dict[str, Any]) -> Row:
-    """A row of a summary; whole numbers may stand for others."""
+    """Convert a row of a summary; integers are accepted as floats."""
     value, low, high = (None if tree[end] is None else float(tree[end]) for end in ("value", "low", "high"))
     assert value is not None
     return Row(tree["method"], tree["metric"], tree["group"], value, low, high, tree["n"])
 
 
 def number_in(group: str, prefix: str) -> int | None:
-    """The number that the name of a group ends with, after a prefix; None where it does not."""
+    """Return the number after a prefix in the name of a group; None if there is no such number."""
     digits = group.removeprefix(prefix)
     named = group.startswith(prefix) and digits.isascii() and digits.isdecimal() and len(digits) <= 6
     return int(digits) if named else None
 
 
 def by_method(trials: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
-    """The trials of each method, methods in the order in which they first appear."""
+    """Return the trials of each method; methods keep their order of first appearance."""
     methods: dict[str, list[dict[str, Any]]] = {}
     for trial in trials:
         methods.setdefault(trial["method"], []).append(trial)
@@ -102,16 +102,16 @@ def by_method(trials: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
 
 
 def summarise_assembly(trials: list[dict[str, Any]]) -> list[Row]:
-    """Attempts and interventions of each method.
+    """Compute attempts and interventions of each method.
 
-    ``attempts`` is the mean number of attempts that the first n pegs took together, for n = 1, 2, ... and
-    for all; its n counts trials. ``intervention_rate`` is the share of all pegs that a human inserted; its n
-    counts pegs. The pegs of one trial depend on each other, so both carry a bootstrap over trials. Where no
-    peg or every peg was given to a human, a bootstrap knows no spread: then the interval is Wilson's for that
-    many *trials*, which also bounds the rate of pegs, however the pegs of a trial depend on each other.
-    ``inserted_wrongly`` is the share of all pegs that the robot put into holes of another type, in the same
-    way; it is left out where no trial of any method has such a peg. ``attempts_ratio`` is the attempts of
-    ``full`` for all pegs over those of another method, its group, in the trials that both have.
+    ``attempts`` is the mean cumulative number of attempts for the first n pegs, for n = 1, 2, ... and for
+    all; its n counts trials. ``intervention_rate`` is the share of all pegs that a human inserted; its n
+    counts pegs. The pegs of one trial are dependent, so both use a bootstrap over trials. A rate of 0 or 1
+    has no spread under a bootstrap: its interval is Wilson's for that many *trials*, which also bounds the
+    rate of pegs under any dependence within a trial. ``inserted_wrongly`` is the share of all pegs that the
+    robot put into holes of another type, computed in the same way and omitted if no trial of any method has
+    such a peg. ``attempts_ratio`` is the ratio of the attempts of ``full`` for all pegs to those of another
+    method, its group, in the trials that both have.
 
     Args:
         trials: Rows as in ``trial_rows.AssemblyTrial``.
@@ -143,19 +143,19 @@ def summarise_assembly(trials: list[dict[str, Any]]) -> list[Row]:
 
 
 def pegs_inserted_wrongly(trials: list[dict[str, Any]]) -> Bool[np.ndarray, "trials pegs"]:
-    """Which pegs of assemblies the robot put into holes of another type."""
+    """Return the mask of pegs that the robot put into holes of another type."""
     none = [False] * len(trials[0]["human"])
     return np.array([trial.get("inserted_wrongly", none) for trial in trials], bool)
 
 
 def summarise_attempt(trials: list[dict[str, Any]], method: str = ATTEMPT_METHOD) -> list[Row]:
-    """Success rate of matched attempts, of mismatched ones, and of the matched attempts of each shape.
+    """Compute the success rate of matched attempts, mismatched attempts, and matched attempts by shape.
 
-    ``inserted_wrongly`` is the share of mismatched attempts that put the peg in; it has the group
-    ``mismatched`` and one for each pair that it ever happened to, such as ``small in big``: the α of that
-    pair. Without one it is left out: it is 0 where no peg fits another's hole.
+    ``inserted_wrongly`` is the share of mismatched attempts that inserted the peg. It has the group
+    ``mismatched`` and one for each pair with such an insertion, for example ``small in big``: the α of that
+    pair. It is omitted if there is no such insertion, as where no peg fits another type's hole.
 
-    Attempts whose simulation broke (``valid`` is false) are left out, so n shows them.
+    Attempts with a diverged simulation (``valid`` is false) are excluded and reduce n.
 
     Args:
         trials: Rows as in ``trial_rows.AttemptTrial``.
@@ -176,7 +176,7 @@ def summarise_attempt(trials: list[dict[str, Any]], method: str = ATTEMPT_METHOD
 
 
 def _inserted_wrongly(trials: list[dict[str, Any]]) -> dict[str, list[bool]]:
-    """Whether each valid mismatched attempt put the peg in: of all, and of each pair that it happened to."""
+    """Return whether each valid mismatched attempt inserted the peg, for all and for each such pair."""
     groups: dict[str, list[bool]] = {"mismatched": []}
     for trial in trials:
         if trial["valid"] and not trial["matched"]:
@@ -195,7 +195,7 @@ def _rates(method: str, metric: str, groups: dict[str, list[bool]]) -> list[Row]
 
 
 def _plain(value: Any) -> Any:
-    """The value as JSON has it: NumPy's numbers as Python's, and null for what is not a number."""
+    """Convert a value for JSON: NumPy numbers become Python numbers, non-finite ones null."""
     if isinstance(value, Row):
         return _plain(value.to_json())
     if isinstance(value, dict):

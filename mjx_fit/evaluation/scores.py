@@ -1,4 +1,4 @@
-"""How good, and how honest, a belief is: scores of what was predicted against what was true."""
+"""Scores of beliefs against the truth: accuracy and calibration."""
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -8,22 +8,22 @@ from scipy.stats import chi2, rankdata
 def squared_mahalanobis(
     error: Float[np.ndarray, "n 2"], cov: Float[np.ndarray, "n 2 2"]
 ) -> Float[np.ndarray, " n"]:
-    """(p - μ)ᵀ Σ⁻¹ (p - μ) of each row: chi-squared with two degrees of freedom where Σ is honest.
+    """Compute (p - μ)ᵀ Σ⁻¹ (p - μ) of each row: chi-squared with two degrees of freedom if Σ is calibrated.
 
-    Its mean over 2 is the normalised estimation error squared (NEES) per dimension, 1 where Σ is honest.
+    Half its mean is the normalised estimation error squared (NEES) per dimension, 1 if Σ is calibrated.
     """
     return np.einsum("ni,ni->n", error, np.linalg.solve(cov.astype(float), error[..., None])[..., 0])
 
 
 def inside(squared: Float[np.ndarray, " n"], level: float) -> Bool[np.ndarray, " n"]:
-    """Whether the truth lies in the ellipse of that probability: within 1.386 for 50 %, 4.605 for 90 %."""
+    """Return whether the truth is inside the ellipse of a level: within 1.386 for 50 %, 4.605 for 90 %."""
     return squared <= chi2.ppf(level, 2)
 
 
 def auroc(score: Float[np.ndarray, " n"], positive: Bool[np.ndarray, " n"]) -> float:
-    """Area under the ROC curve: the chance that a positive scores higher than a negative (Mann-Whitney).
+    """Compute the area under the ROC curve: P(a positive scores higher than a negative), Mann-Whitney.
 
-    Equal scores count half; NaN where one of the classes is missing.
+    Equal scores count half; the result is NaN if a class is missing.
     """
     n_positive = int(positive.sum())
     n_negative = len(positive) - n_positive
@@ -34,29 +34,29 @@ def auroc(score: Float[np.ndarray, " n"], positive: Bool[np.ndarray, " n"]) -> f
 
 
 def balanced_accuracy(predicted: Bool[np.ndarray, " n"], positive: Bool[np.ndarray, " n"]) -> float:
-    """Mean of the shares of positives and of negatives that are told right; NaN where one is missing."""
+    """Compute the mean of true positive and true negative rate; NaN if a class is missing."""
     if positive.all() or not positive.any():
         return float("nan")
     return float((predicted[positive].mean() + (~predicted[~positive]).mean()) / 2)
 
 
 def brier(probability: Float[np.ndarray, "n C"], truth: Int[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """Σ_c (p_c - 1[c = truth])² of each row: 0 is certain and right, 2 certain and wrong."""
+    """Compute Σ_c (p_c - 1[c = truth])² of each row: 0 is certain and correct, 2 certain and wrong."""
     return np.square(probability - np.eye(probability.shape[1])[truth]).sum(1)
 
 
 def reliability(
     probability: Float[np.ndarray, " n"], happened: Bool[np.ndarray, " n"], bins: int = 10
 ) -> tuple[Float[np.ndarray, " b"], Float[np.ndarray, " b"], Int[np.ndarray, " b"]]:
-    """How often that happened which was given a probability, by the probability.
+    """Compute a reliability diagram: observed frequency per bin of predicted probability.
 
     Args:
-        probability: Predicted, in [0, 1].
-        happened: Whether it came so.
-        bins: Equal parts of [0, 1].
+        probability: Predicted probability, in [0, 1].
+        happened: Whether the event occurred.
+        bins: Number of equal bins over [0, 1].
 
     Returns:
-        Of each bin that is not empty: the mean prediction, the observed frequency, and how many there were.
+        Mean prediction, observed frequency and count of each non-empty bin.
     """
     which = np.minimum((probability * bins).astype(int), bins - 1)
     n = np.bincount(which, minlength=bins)

@@ -1,4 +1,4 @@
-"""An experiment with attempts in a row at one hole: its sensors, its request, and its work in parts."""
+"""Runner of experiments with consecutive attempts at one hole: sensors, request and work in parts."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -29,17 +29,17 @@ Ids = Int[np.ndarray, "n"]
 
 @dataclass(frozen=True)
 class Study:
-    """What an experiment is made of.
+    """Definition of an experiment.
 
     Attributes:
-        experiment: Its name.
-        methods: What it compares.
-        asked: Of the request, what only it has.
-        max_attempts: At one hole.
-        n: Trials under each method.
-        holes: The world of some trials, by their ids.
-        rows: The rows of a result file for those trials.
-        summarise: What all rows come to.
+        experiment: Name of the experiment.
+        methods: Methods to compare.
+        asked: Entries of the request that are specific to the experiment.
+        max_attempts: Maximum number of attempts at one hole.
+        n: Number of trials of each method.
+        holes: Function that draws the holes of trials, by id.
+        rows: Function that returns the rows of a result file for those trials.
+        summarise: Function that summarises all rows.
     """
 
     experiment: str
@@ -53,15 +53,14 @@ class Study:
 
 
 def run(study: Study, request: Request) -> Result:
-    """Runs the study, or resumes it, or reads what came of it.
+    """Run a study, resume it, or read its finished result.
 
     Args:
-        study: What is to be done.
-        request: What it is asked for.
+        study: Definition of the experiment.
+        request: Request of the experiment.
 
     Raises:
-        RequestError: A value is invalid, there is no sensor for a method, or the file holds another
-            result.
+        RequestError: A value is invalid, a method lacks its sensor, or the file holds another result.
     """
     sensors, config, differs = _sensors(study.methods, request)
     request = replace(request, config=config)
@@ -111,7 +110,7 @@ def _worked_out(
 def _sensors(
     methods: tuple[HoleMethod, ...], request: Request
 ) -> tuple[dict[str, TrainedSensor], Config, list[str]]:
-    """Sensors by method, the configuration with the run's network, and in what it differs from training's."""
+    """Return sensors by method, the configuration with the run's network, and differences from training."""
     sensors, config, differs = {}, request.config, []
     for method in methods:
         if not method.reads:
@@ -119,13 +118,13 @@ def _sensors(
         sensor = request.sensor if method.reads == "filter" else request.baseline
         if sensor is None and method.reads == "frame" and request.sensor:
             raise RequestError(
-                f"--run: {method.name} needs its {FRAME_BY_FRAME}, which is not there; leave it out of "
+                f"--run: the run lacks {FRAME_BY_FRAME}, which method {method.name!r} needs; remove it from "
                 "--methods, or train with a train.baseline_share above 0"
             )
         if sensor is None:
             raise RequestError(f"--run is required: method {method.name!r} needs a trained sensor")
         sensors[method.name] = sensor
-        # The baseline's network and training are the run's, but for what makes it the baseline.
+        # Network and training of the baseline are the run's, except for what defines the baseline.
         if method.reads == "filter":
             config = sensor.adapt(config)
         differs = differs or sensor.differences(config)

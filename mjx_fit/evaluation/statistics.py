@@ -1,4 +1,4 @@
-"""Intervals of what an experiment counted: Wilson for rates of independent trials, bootstrap for means."""
+"""Intervals of an experiment's metrics: Wilson for rates of independent trials, bootstrap for means."""
 
 import dataclasses
 import math
@@ -17,7 +17,7 @@ _ENDS = ((1 - LEVEL) / 2, (1 + LEVEL) / 2)
 
 
 class Interval(NamedTuple):
-    """An estimate and its 95 % interval; ``low`` and ``high`` are NaN where the data cannot tell."""
+    """Estimate and its 95 % interval; ``low`` and ``high`` are NaN if the data do not determine them."""
 
     value: float
     low: float
@@ -29,13 +29,13 @@ class Row:
     """One line of a result's summary.
 
     Attributes:
-        method: Which method was measured.
-        metric: What was measured; the unit is in the name where there is one.
-        group: Which part of the trials it was measured on.
-        value: The estimate.
-        low: Lower end of its 95 % interval, or None where one cluster alone cannot tell.
-        high: Upper end.
-        n: Number of things that were counted.
+        method: Name of the method.
+        metric: Name of the metric, which includes the unit if there is one.
+        group: Subset of the trials.
+        value: Estimate.
+        low: Lower end of its 95 % interval, or None for a single cluster.
+        high: Upper end of its 95 % interval, or None.
+        n: Number of observations.
     """
 
     method: str
@@ -48,17 +48,17 @@ class Row:
 
     @staticmethod
     def of(method: str, metric: str, group: str, interval: Interval, n: int) -> "Row":
-        """The row of an interval."""
+        """Return the row of an interval."""
         low, high = (None if math.isnan(end) else float(end) for end in (interval.low, interval.high))
         return Row(method, metric, group, float(interval.value), low, high, n)
 
     def to_json(self) -> dict[str, Any]:
-        """The row as it stands in a result file."""
+        """Return the row as stored in a result file."""
         return dataclasses.asdict(self)
 
 
 def wilson(successes: int, n: int) -> Interval:
-    """Rate of ``successes`` in ``n`` independent trials, n >= 1, with its Wilson interval."""
+    """Compute the rate of ``successes`` in ``n`` >= 1 independent trials, with its Wilson interval."""
     ends = binomtest(successes, n).proportion_ci(LEVEL, method="wilson")
     return Interval(successes / n, float(ends.low), float(ends.high))
 
@@ -66,16 +66,16 @@ def wilson(successes: int, n: int) -> Interval:
 def bootstrap_mean(
     values: Float[np.ndarray, " n"] | Bool[np.ndarray, " n"], clusters: Sequence[int], seed: int = 0
 ) -> Interval:
-    """Mean of ``values`` and the percentile interval of ``bootstrap_means``."""
+    """Compute the mean of ``values`` and the percentile interval of ``bootstrap_means``."""
     mean, low, high = bootstrap_means(np.asarray(values)[:, None], clusters, seed)
     return Interval(float(mean[0]), float(low[0]), float(high[0]))
 
 
 def clustered_rate(happened: Bool[np.ndarray, " n"], clusters: Sequence[int]) -> Interval:
-    """A share by bootstrap over clusters.
+    """Compute a rate, with its interval by bootstrap over clusters.
 
-    Where all or none are in it a bootstrap knows no spread: then the interval is Wilson's for that many
-    *clusters*, however what is in one depends on each other.
+    A rate of 0 or 1 has no spread under a bootstrap: its interval is Wilson's for that many *clusters*, which
+    is valid under any dependence within a cluster.
     """
     if happened.all() or not happened.any():
         n = len(set(clusters))
@@ -88,18 +88,18 @@ def bootstrap_means(
     clusters: Sequence[int] | Int[np.ndarray, " n"],
     seed: int = 0,
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-    """Column means with percentile intervals of a bootstrap that draws whole clusters.
+    """Compute column means, with percentile intervals of a bootstrap over whole clusters.
 
-    Observations of one cluster (the pegs of one trial) depend on each other; clusters do not. All columns see
-    the same draws.
+    Observations of one cluster (the pegs of one trial) are dependent; clusters are independent. All columns
+    share the same draws.
 
     Args:
-        values: Observations, one row each.
-        clusters: Which cluster each row belongs to.
-        seed: Root of the draws.
+        values: Observations, one per row.
+        clusters: Cluster of each row.
+        seed: Seed of the draws.
 
     Returns:
-        Mean, low and high; low and high are NaN when there is only one cluster.
+        Mean, low and high; low and high are NaN for a single cluster.
     """
     names, index = np.unique(clusters, return_inverse=True)
     sums = np.zeros((len(names), values.shape[1]))
@@ -111,21 +111,21 @@ def bootstrap_means(
     times = _times_drawn(len(names), seed)
     means = (times @ sums) / (times @ sizes)[:, None]
     low, high = np.quantile(means, _ENDS, axis=0)
-    # Equal observations differ from their mean by rounding only.
+    # Equal observations can differ from their mean by rounding.
     return mean, np.minimum(low, mean), np.maximum(high, mean)
 
 
 def bootstrap_ratio(
     above: Float[np.ndarray, " n"], below: Float[np.ndarray, " n"], seed: int = 0
 ) -> Interval:
-    """Ratio of the means of two methods on the same n trials, with the percentile interval of a bootstrap.
+    """Compute the ratio of the means of two methods on the same n trials, with its bootstrap interval.
 
-    Trials are drawn in pairs, so that what makes a trial hard for both does not widen the interval.
+    Trials are drawn in pairs, so that difficulty shared by both methods does not widen the interval.
 
     Args:
-        above: Of one method, trial by trial.
-        below: Of the other, positive.
-        seed: Root of the draws.
+        above: Values of one method, by trial.
+        below: Values of the other method, positive.
+        seed: Seed of the draws.
     """
     ratio = float(above.mean() / below.mean())
     if len(above) < 2:
@@ -136,22 +136,22 @@ def bootstrap_ratio(
 
 
 def _times_drawn(n: int, seed: int) -> Int[np.ndarray, "resamples n"]:
-    """How often each of n is drawn: all that a mean depends on, so that a product takes a gather's place."""
+    """Draw how often each of n is resampled: means then are matrix products instead of gathers."""
     return np.random.default_rng(seed).multinomial(n, np.full(n, 1 / n), RESAMPLES)
 
 
 def sign_flip(
     differences: Float[np.ndarray, " n"], clusters: Sequence[int] | Int[np.ndarray, " n"], seed: int = 0
 ) -> float:
-    """Two-sided p-value of paired differences under the hypothesis that they are symmetric around zero.
+    """Compute the two-sided p-value of paired differences under the hypothesis of symmetry around zero.
 
-    Whole clusters change their sign. Of all sign patterns ``FLIPS`` are drawn, and the one that was seen
-    counts as one of them (Phipson and Smyth, 2010), so that p is never zero.
+    Whole clusters change sign. The test draws ``FLIPS`` of all sign patterns and counts the observed one
+    among them (Phipson and Smyth, 2010), so that p is never zero.
 
     Args:
-        differences: One method's value less the other's, pair by pair.
-        clusters: Which cluster each pair belongs to.
-        seed: Root of the draws.
+        differences: Difference between the methods, by pair.
+        clusters: Cluster of each pair.
+        seed: Seed of the draws.
     """
     _, index = np.unique(clusters, return_inverse=True)
     sums = np.bincount(index, weights=differences)
@@ -161,7 +161,7 @@ def sign_flip(
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """Holm's (1979) adjustment of m p-values: p_(i) (m - i + 1), made monotone, at most 1; order is kept."""
+    """Adjust m p-values by Holm (1979): p_(i) (m - i + 1), monotone, at most 1, in input order."""
     order = np.argsort(p_values)
     scaled = np.asarray(p_values)[order] * np.arange(len(p_values), 0, -1)
     adjusted = np.empty(len(p_values))

@@ -1,9 +1,9 @@
-"""The rows of a result file's ``trials``, one kind for each experiment, and what their values may be."""
+"""Rows of a result file's ``trials``, one type for each experiment, with the ranges of their values."""
 
 from typing import (
     Annotated,
     Any,
-    NotRequired,  # pydantic needs this one before Python 3.12
+    NotRequired,  # pydantic requires this import before Python 3.12
 )
 
 from pydantic import AfterValidator, ConfigDict, Field, TypeAdapter
@@ -13,7 +13,7 @@ from mjx_fit.config.sections.world import MOST_TYPES
 
 MAX_PEGS, MAX_ATTEMPTS, MAX_ACTIONS = 100, 10_000, 10**6
 LARGEST = 1e12
-"""Of a number that was measured; its square is far from the end of a float."""
+"""Largest absolute value of a measured number; its square cannot overflow a float."""
 
 
 def _printable(text: str) -> str:
@@ -33,15 +33,15 @@ STRICT = ConfigDict(strict=True)
 
 
 class AssemblyTrial(TypedDict):
-    """One trial of the assembly experiment; lists run over the pegs in the order in which they were grasped.
+    """One trial of the assembly experiment; lists run over the pegs in the order of grasping.
 
-    A peg that a human inserted (``human``) has as many attempts as were allowed. ``inserted_wrongly``, there
-    only where it is true of a peg, says which pegs the robot put into holes of another type. ``holes`` are
-    the shapes of the holes. The rest says, for each peg and attempt, which of them was ``tried``; how likely
-    it was believed to match and how far from its true place it was thought to be, before
-    (``match_probability``, ``error_cm``) and after (``match_after``, ``error_after_cm``); how likely the
-    attempt was thought to succeed (``chance``), and the best of those at the other empty holes
-    (``next_best``, null where there was none); and the largest tared force.
+    A peg that a human inserted (``human``) has the maximum number of attempts. ``inserted_wrongly``, present
+    only if true for some peg, marks pegs that the robot put into holes of another type. ``holes`` are the
+    shapes of the holes. The remaining lists have an entry for each peg and attempt: the hole ``tried``, its
+    match probability and position error before (``match_probability``, ``error_cm``) and after the attempt
+    (``match_after``, ``error_after_cm``), the predicted probability of success (``chance``), the highest one
+    at the other empty holes (``next_best``, null if there is no other), and the largest tared force
+    (``peak_force_n``).
     """
 
     __pydantic_config__ = STRICT  # pyright: ignore[reportGeneralTypeIssues]
@@ -66,9 +66,9 @@ class AssemblyTrial(TypedDict):
 class AttemptTrial(TypedDict):
     """One attempt.
 
-    ``pair`` is the shapes of peg and hole, ``length`` counts actions, ``error_m`` is the distance of the
-    detector's estimate from the hole, ``peak_force_n`` the largest tared force. ``inserted`` means into a
-    hole that matches; ``inserted_wrongly``, there only where it is true, into one that does not.
+    ``pair`` contains the shapes of peg and hole, ``length`` counts actions, ``error_m`` is the distance of
+    the detector's estimate from the hole, and ``peak_force_n`` the largest tared force. ``inserted`` means
+    inserted into a matching hole; ``inserted_wrongly``, present only if true, into a mismatched one.
     """
 
     __pydantic_config__ = STRICT  # pyright: ignore[reportGeneralTypeIssues]
@@ -85,12 +85,12 @@ class AttemptTrial(TypedDict):
 
 
 class PositionTrial(TypedDict):
-    """One trial of the position experiment: attempts in a row at one hole.
+    """One trial of the position experiment: consecutive attempts at one hole.
 
-    ``error_cm`` and ``squared_mahalanobis`` are of the belief before the first and after each attempt; they
-    stay as they are from the insertion on. ``inserted_at`` is the attempt after which the peg was in, from 1,
-    or null; ``inserted_wrongly``, there only where it is true, says that the pair does not match.
-    ``peak_force_n`` is the largest tared force of each attempt, null where there was none.
+    ``error_cm`` and ``squared_mahalanobis`` score the belief before the first and after each attempt; they
+    are constant after the insertion. ``inserted_at`` is the attempt that inserted the peg, from 1, or null;
+    ``inserted_wrongly``, present only if true, marks an insertion into a mismatched hole. ``peak_force_n`` is
+    the largest tared force of each attempt, null without an attempt.
     """
 
     __pydantic_config__ = STRICT  # pyright: ignore[reportGeneralTypeIssues]
@@ -106,9 +106,9 @@ class PositionTrial(TypedDict):
 
 
 class InsertionTrial(TypedDict):
-    """One trial of the insertion experiment: a draw of hole and detection under one seed of the wiggles.
+    """One trial of the insertion experiment: a draw of hole and detection with a seed of exploration noise.
 
-    ``attempts`` are those that were made, the successful one included.
+    ``attempts`` counts all attempts, including the successful one.
     """
 
     __pydantic_config__ = STRICT  # pyright: ignore[reportGeneralTypeIssues]
@@ -123,12 +123,12 @@ class InsertionTrial(TypedDict):
 
 
 class CalibrationTrial(TypedDict):
-    """One update from one failed attempt at the hole ``trial``, of which the first ``actions`` were read.
+    """One update from the first ``actions`` of one failed attempt at the hole ``trial``.
 
-    ``attempt`` is its place in a sequence, from 1, ``pair`` the shapes of peg and hole, ``prior_error_cm``
-    and ``error_cm`` the distance of the believed from the true position before and after,
-    ``squared_mahalanobis`` and ``nll`` score the position's covariance, ``match_probability`` is h_match's,
-    ``type_probability`` the filter's for each shape.
+    ``attempt`` is its number in a sequence, from 1, ``pair`` contains the shapes of peg and hole,
+    ``prior_error_cm`` and ``error_cm`` are the position errors before and after the update,
+    ``squared_mahalanobis`` and ``nll`` score the position's covariance, ``match_probability`` comes from
+    h_match, and ``type_probability`` from the filter, for each shape.
     """
 
     __pydantic_config__ = STRICT  # pyright: ignore[reportGeneralTypeIssues]
@@ -153,4 +153,4 @@ KINDS: dict[str, TypeAdapter[Any]] = {
     "insertion": TypeAdapter(list[InsertionTrial]),
     "position": TypeAdapter(list[PositionTrial]),
 }
-"""What the trials of each experiment must be."""
+"""Schema of the trials of each experiment."""

@@ -1,4 +1,4 @@
-"""From paths to a report: finds what can be shown, draws all of it, then writes."""
+"""Build a report from paths: find the inputs, draw every figure, then write the page."""
 
 import re
 from collections.abc import Callable
@@ -15,29 +15,29 @@ from mjx_fit.utils.filesystem import path_inside
 
 UNFINISHED = (
     f"<!doctype html>\n<html lang=en>\n{GENERATOR}\n<title>Not finished</title>\n"
-    "<p>This report was not finished: give its command again.</p>\n"
+    "<p>This report is unfinished: rerun its command.</p>\n"
 )
-"""Stands in the page's place while the figures are written."""
+"""Placeholder page while the figures are being written."""
 LOOKED_AT = 2**24
-"""Bytes of a JSON file in which it must say that it is a result: ours do so on their second line."""
+"""Number of leading bytes of a JSON file searched for ``"experiment"``; result files have it on line two."""
 
 _Maker = Callable[[str], Section]
 
 
 def build(inputs: list[Path], out: Path) -> Path:
-    """Writes ``index.html`` and ``figures/*.svg``; what was stopped is done again by the same call.
+    """Write ``index.html`` and ``figures/*.svg``; calling it again completes an interrupted report.
 
     Args:
-        inputs: Result files; videos; folders of a training run (``metrics.jsonl``) or a data set
-            (``manifest.json``); folders that hold these, themselves or one level down.
-        out: Folder of the report.
+        inputs: Result files, videos, folders of a training run (``metrics.jsonl``) or a data set
+            (``manifest.json``), and folders that contain these directly or one level down.
+        out: Report folder.
 
     Returns:
-        The page.
+        Path of the page.
 
     Raises:
-        RequestError: An input does not exist, is damaged, or holds nothing to show; or the folder holds other
-            things than a report or the inputs. Nothing is written.
+        RequestError: An input does not exist, is damaged or contains nothing to show, or the folder contains
+            files other than a report or the inputs. Nothing is written.
     """
     if out.exists() and not out.is_dir():
         raise RequestError(f"report: --out {out} is a file; it must be a folder")
@@ -48,20 +48,20 @@ def build(inputs: list[Path], out: Path) -> Path:
             raise RequestError(f"report: {path} does not exist")
         here = _find(path)
         if not here:
-            raise RequestError(f"report: {path} holds no result file, training run or data set")
+            raise RequestError(f"report: {path} contains no result file, training run or data set")
         found |= here
     slugs = _unique([name for name, _ in found.values()])
     made = [make(slug) for slug, (_, make) in zip(slugs, found.values(), strict=True)]
-    made.sort(key=lambda section: not section.video)  # what people would rather look at comes first
+    made.sort(key=lambda section: not section.video)  # videos first
     with locks.holding(out):
-        _require_ours(inputs, out)  # nobody was quicker
+        _require_ours(inputs, out)  # another process may have written there
         _write(made, out)
     return out / "index.html"
 
 
 def _write(made: list[Section], out: Path) -> None:
     index, figures = out / "index.html", path_inside(out, "figures")
-    if not index.exists():  # by which a report that is stopped from here on is known as ours
+    if not index.exists():  # marks an interrupted report as ours
         files.write_text(index, UNFINISHED)
     for section in made:
         for picture in section.pictures:
@@ -70,15 +70,15 @@ def _write(made: list[Section], out: Path) -> None:
 
 
 def beside(path: Path) -> Path:
-    """Where a report goes that was given no place: into ``report`` in a folder, or beside a file."""
+    """Return the default report folder: ``report`` inside a folder, or next to a file."""
     return (path if path.is_dir() else path.parent) / "report"
 
 
 def _require_ours(inputs: list[Path], out: Path) -> None:
-    """A page may go to a new folder, over a page of ours, or beside the inputs in a folder that is one."""
+    """Refuse any folder but a new one, a report of ours, or an input folder."""
     index = out / "index.html"
     if index.exists() and GENERATOR not in index.read_text(encoding="utf-8", errors="replace"):
-        raise RequestError(f"report: --out {out} cannot be used: it holds an index.html of something else")
+        raise RequestError(f"report: --out {out} cannot be used: its index.html is not a report")
     beside = out.resolve() in [path.resolve() for path in inputs]
     foreign = files.foreign(out, {index.name})
     if foreign and not index.exists() and not beside:
@@ -86,7 +86,7 @@ def _require_ours(inputs: list[Path], out: Path) -> None:
 
 
 def _find(path: Path, depth: int = 1) -> dict[Path, tuple[str, _Maker]]:
-    """What can be shown at a path: for each source its name and what makes its section."""
+    """Return what can be shown at a path: the name and section maker of each source."""
     if path.suffix in sections.VIDEOS and path.is_file():
         return {path.resolve(): (path.stem, partial(sections.of_video, path=path))}
     if path.is_file():
@@ -109,18 +109,18 @@ def _find(path: Path, depth: int = 1) -> dict[Path, tuple[str, _Maker]]:
 def _of_result(slug: str, path: Path) -> Section:
     result = results.read(path)
     if not result.summary:
-        raise RequestError(f"report: {path} has no row in its summary; nothing can be shown")
+        raise RequestError(f"report: {path} has an empty summary: nothing to show")
     return sections.of_result(slug, result)
 
 
 def _is_result(path: Path) -> bool:
-    """Whether a JSON file means to be a result file: a damaged one must be reported, not passed over."""
-    with path.open("rb") as file:  # it may be larger than anything that is ours
+    """Return whether a JSON file claims to be a result: a damaged one must be reported, not skipped."""
+    with path.open("rb") as file:  # may be larger than any result file
         return b'"experiment"' in file.read(LOOKED_AT)
 
 
 def _unique(names: list[str]) -> list[str]:
-    """The names as slugs, a number behind those that come again."""
+    """Return the names as slugs, with a number appended to repeated ones."""
     slugs: list[str] = []
     for name in names:
         base = re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-") or "input"

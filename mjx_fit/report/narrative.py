@@ -1,4 +1,4 @@
-"""Single assemblies, attempt by attempt: the hole and why it, what was felt, what was believed then."""
+"""Single assemblies, attempt by attempt: the hole chosen and why, peak force, outcome and posterior."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 from mjx_fit.evaluation.results import Result, by_method
 
 TOLD = "full"
-"""The method whose assemblies are told, or the first of a result that lacks it."""
+"""Method whose assemblies are narrated; the first method of a result that lacks it."""
 
 
 @dataclass(frozen=True)
@@ -14,34 +14,36 @@ class Story:
     """One assembly in words.
 
     Attributes:
-        title: Which one.
-        pegs: For each peg a heading and its attempts, a row of cells each as in ``COLUMNS``.
+        title: Which assembly it is.
+        pegs: Heading and attempts of each peg; an attempt is a row of cells as in ``COLUMNS``.
+        hardest: True for the assembly with the most attempts.
     """
 
     title: str
     pegs: tuple[tuple[str, tuple[tuple[str, ...], ...]], ...]
+    hardest: bool = False
 
 
 RULE = (
-    "Each attempt goes to the empty hole where it is most likely to succeed, as far as is believed: the "
-    "probability that peg and hole match, times how often an attempt succeeds when they do. Among equals it "
-    "goes to the hole that was tried least with this peg."
+    "Each attempt goes to the empty hole with the highest P(success) under the current belief: P(match), the "
+    "probability that peg and hole match, times the success rate of an attempt at a matching hole. Ties go "
+    "to the hole that was tried least with this peg."
 )
 COLUMNS = (
     "hole",
-    "believed to match",
-    "chance of success",
-    "at the next best",
-    "estimate off by",
-    "felt at most",
-    "and",
-    "then believed to match",
-    "estimate off by",
+    "P(match)",
+    "P(success)",
+    "P(success), next best hole",
+    "position error",
+    "peak force",
+    "outcome",
+    "P(match) after",
+    "position error after",
 )
 
 
 def of_result(result: Result) -> tuple[Story, ...]:
-    """The stories of a usual assembly and of the hardest one; none where the attempts were not kept."""
+    """Return the stories of a median and the hardest assembly; none if the attempts were not stored."""
     if result.experiment != "assembly" or not result.trials:
         return ()
     methods = by_method(result.trials)
@@ -51,24 +53,26 @@ def of_result(result: Result) -> tuple[Story, ...]:
     if not whole:
         return ()
     ranked = sorted(whole, key=lambda trial: (sum(trial["attempts"]), trial["trial"]))
-    picked = {"usual": ranked[(len(ranked) - 1) // 2], "hardest": ranked[-1]}
-    if picked["usual"] is picked["hardest"]:
-        del picked["usual"]
-    return tuple(_story(f"The {word} assembly of {len(ranked)}", trial) for word, trial in picked.items())
+    picked = {"median": ranked[(len(ranked) - 1) // 2], "hardest": ranked[-1]}
+    if picked["median"] is picked["hardest"]:
+        del picked["median"]
+    return tuple(_story(word, len(ranked), trial) for word, trial in picked.items())
 
 
-def _story(words: str, trial: dict[str, Any]) -> Story:
+def _story(rank: str, n_trials: int, trial: dict[str, Any]) -> Story:
     total = sum(trial["attempts"])
     pegs = []
     for number, (peg, tried, human) in enumerate(
         zip(trial["pegs"], trial["tried"], trial["human"], strict=True)
     ):
-        ending = f"not in after {len(tried)}: a human helps" if human else f"in after {_attempts(len(tried))}"
+        n = _attempts(len(tried))
+        ending = f"human intervention after {n}" if human else f"inserted after {n}"
         ending += ", in a hole of another type" if _wrongly(trial, number) else ""
         rows = tuple(_row(trial, number, attempt) for attempt in range(len(tried)))
         pegs.append((f"Peg {number + 1}, a {peg}: {ending}", rows))
-    title = f"{words} under {trial['method'].replace('_', ' ')}: trial {trial['trial']}, {_attempts(total)}"
-    return Story(title, tuple(pegs))
+    method = trial["method"].replace("_", " ")
+    title = f"{rank.capitalize()} of {n_trials} assemblies with {method}: trial {trial['trial']}"
+    return Story(f"{title}, {_attempts(total)}", tuple(pegs), rank == "hardest")
 
 
 def _row(trial: dict[str, Any], peg: int, attempt: int) -> tuple[str, ...]:

@@ -1,11 +1,11 @@
-"""One HTML page that needs nothing but itself."""
+"""One self-contained HTML page."""
 
 from collections.abc import Mapping, Sequence
 from html import escape
 from itertools import groupby
 
 from mjx_fit.evaluation.statistics import Row
-from mjx_fit.report import narrative
+from mjx_fit.report import legend, narrative
 from mjx_fit.report.figures.style import Picture
 from mjx_fit.report.narrative import Story
 from mjx_fit.report.sections import Section
@@ -33,6 +33,10 @@ tbody+tbody{border-top:1px solid #e4e4e4}
 th.name{font-weight:normal;overflow-wrap:anywhere;min-width:4.5rem}
 td span{white-space:nowrap}
 .video{display:block;width:100%;max-width:1080px;height:auto;border:1px solid #ddd}
+p.lead{font-size:1.1rem;margin:.5rem 0}
+ul.claims{padding-left:1.2rem;max-width:62rem}
+ul.claims li:first-child{font-weight:600}
+.swatch{display:inline-block;width:.8em;height:.8em;margin-right:.35em;border-radius:2px}
 p.warning{border-left:4px solid #b25d00;padding:.3rem .8rem;background:#fdf4e7}
 details{margin:.8rem 0}
 pre{overflow-x:auto;background:#f6f6f6;padding:.8rem;font-size:.8rem}
@@ -43,29 +47,45 @@ th,td{padding-right:.5rem}table{font-size:.82rem}}
 
 
 GENERATOR = '<meta name="generator" content="mjx_fit">'
-"""What tells a page of ours from one that must not be overwritten."""
+"""Marks a page of ours, which may be overwritten."""
 
 
 MOST_ROWS = 400
-"""Of a table that is shown at once; a longer one unfolds."""
+"""Most rows of a table that is shown unfolded."""
 
 
 def page(sections: Sequence[Section]) -> str:
-    """The whole report as HTML."""
+    """Return the whole report as HTML."""
     links = "".join(f'<li><a href="#{one.slug}">{escape(one.title)}</a></li>' for one in sections)
-    body = "\n".join(_section(one) for one in sections)
+    stories = [story for one in sections for story in one.stories]
+    unfolded = next((story for story in stories if story.hardest), None)
+    body = "\n".join(_section(one, unfolded) for one in sections)
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         f"{GENERATOR}\n"
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         f"<title>mjx_fit report</title>\n<style>{_CSS}</style>\n</head>\n<body>\n<main>\n"
-        f"<h1>mjx_fit report</h1>\n<nav><ul>{links}</ul></nav>\n{_mixed(sections)}{body}\n"
+        f'<h1>mjx_fit report</h1>\n<p class="lead">{escape(legend.lead(sections))}</p>\n'
+        f"<nav><ul>{links}</ul></nav>\n{_legend(sections)}{_mixed(sections)}{body}\n"
         "</main>\n</body>\n</html>\n"
     )
 
 
+def _legend(sections: Sequence[Section]) -> str:
+    """Return the legend of the marks that the page uses."""
+    terms = "".join(
+        f"<dt>{''.join(map(_swatch, mark.colours))}{escape(mark.sign)}</dt><dd>{escape(mark.meaning)}</dd>"
+        for mark in legend.marks(sections)
+    )
+    return f"<dl>{terms}</dl>\n" if terms else ""
+
+
+def _swatch(colour: str) -> str:
+    return f'<span class="swatch" style="background:{colour}"></span>'
+
+
 def _mixed(sections: Sequence[Section]) -> str:
-    """A warning that results were made with different versions, where they were."""
+    """Return a warning if results were made with different versions."""
     found: dict[str, set[str]] = {}
     for section in sections:
         for library, version in section.versions.items():
@@ -73,14 +93,17 @@ def _mixed(sections: Sequence[Section]) -> str:
     differ = [f"{name} {' and '.join(sorted(them))}" for name, them in found.items() if len(them) > 1]
     if not differ:
         return ""
-    told = f"These results were made with different versions: {', '.join(differ)}. Compare them with care."
+    told = f"Results made with different versions: {', '.join(differ)}. Compare them with care."
     return f'<p class="warning">{escape(told)}</p>\n'
 
 
-def _section(section: Section) -> str:
+def _section(section: Section, unfolded: Story | None) -> str:
     facts = "".join(f"<dt>{escape(name)}</dt><dd>{escape(value)}</dd>" for name, value in section.facts)
     parts = [f'<section>\n<h2 id="{section.slug}">{escape(section.title)}</h2>']
     parts += [f"<p>{escape(section.about)}</p>"] if section.about else []
+    if section.claims:
+        items = "".join(f"<li>{escape(claim)}</li>" for claim in section.claims)
+        parts.append(f'<ul class="claims">{items}</ul>')
     parts.append(f"<dl>{facts}</dl>")
     if section.video:
         parts.append(_video(section))
@@ -88,7 +111,7 @@ def _section(section: Section) -> str:
         parts.append(_table(section.rows, section.paper))
     if section.pictures:
         parts.append('<div class="pictures">' + "\n".join(map(_figure, section.pictures)) + "</div>")
-    parts += map(_told, section.stories)
+    parts += [_told(story, story is unfolded) for story in section.stories]
     if section.config:
         parts.append(
             f"<details><summary>Configuration</summary><pre>{escape(section.config)}</pre></details>"
@@ -109,7 +132,7 @@ def _video(section: Section) -> str:
     return f'<video class="video" controls loop muted playsinline {label}></video>'
 
 
-def _told(story: Story) -> str:
+def _told(story: Story, is_open: bool) -> str:
     head = "".join(f"<th>{name}</th>" for name in narrative.COLUMNS)
     width = len(narrative.COLUMNS)
     bodies = [
@@ -120,9 +143,8 @@ def _told(story: Story) -> str:
         for heading, rows in story.pegs
     ]
     table = f'<div class="table"><table><thead><tr>{head}</tr></thead>{"".join(bodies)}</table></div>'
-    return (
-        f"<details><summary>{escape(story.title)}</summary><p>{escape(narrative.RULE)}</p>{table}</details>"
-    )
+    summary = f"<summary>{escape(story.title)}</summary><p>{escape(narrative.RULE)}</p>"
+    return f"<details{' open' * is_open}>{summary}{table}</details>"
 
 
 def _table(rows: Sequence[Row], paper: Mapping[tuple[str, str, str], float]) -> str:

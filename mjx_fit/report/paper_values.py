@@ -1,4 +1,4 @@
-"""What the paper reports (arXiv 2101.02725), to stand beside ours: (method, metric, group) -> value."""
+"""Values reported by the paper (arXiv 2101.02725), for comparison: (method, metric, group) -> value."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -11,10 +11,10 @@ PAPER: dict[tuple[str, str, str], float] = {
 }
 
 MAX_ATTEMPTS = 30
-"""At one peg, before a human inserts it."""
+"""Maximum number of attempts per peg before human intervention, in the paper."""
 
 
 def beside(config: Mapping[str, Any]) -> dict[tuple[str, str, str], float]:
-    """What may stand beside a result of this configuration: how often a human helps depends on the cap."""
+    """Return the paper's values comparable to a configuration: the intervention rate depends on the cap."""
     alike = config.get("task", {}).get("max_attempts") == MAX_ATTEMPTS
     return {key: value for key, value in PAPER.items() if alike or key[1] != "intervention_rate"}

@@ -1,4 +1,4 @@
-"""What a script of measurements leaves behind: numbers that say where they come from, and pictures."""
+"""Output of measurement scripts: numbers with their provenance, and figures."""
 
 import json
 import os
@@ -17,10 +17,10 @@ from mjx_fit.utils import files, provenance
 
 
 def save(path: Path, results: dict[str, Any]) -> None:
-    """Writes results as JSON, with the command and what it ran on, and prints them.
+    """Write results as JSON, with the command, device and versions, and print them.
 
     Args:
-        path: The file.
+        path: Output file.
         results: Nested dicts and lists; arrays become lists.
     """
     script = os.path.relpath(sys.argv[0])
@@ -34,12 +34,12 @@ def save(path: Path, results: dict[str, Any]) -> None:
 
 
 def _without_folder(argument: str) -> str:
-    """A path by its name alone: where it lay is nobody's business and of no use elsewhere."""
+    """Reduce an absolute path to its name: the folder is private and useless elsewhere."""
     return Path(argument).name if Path(argument).is_absolute() else argument
 
 
 def draw(path: Path, make: Callable[[], Figure]) -> None:
-    """Draws a figure in the style of all figures into a PNG file."""
+    """Draw a figure in the common style and save it as PNG."""
     with matplotlib.rc_context(style.RC):
         make().savefig(path, dpi=110, metadata={"Software": None})
     print(path)

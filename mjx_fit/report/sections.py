@@ -1,8 +1,8 @@
-"""What a report says about one input: facts, rows and pictures."""
+"""Sections of a report: facts, claims, rows and figures of one input."""
 
 import base64
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from mjx_fit.data.episode import happened
 from mjx_fit.data.manifest import read_manifest
 from mjx_fit.evaluation.results import Result
 from mjx_fit.evaluation.statistics import Row
-from mjx_fit.report import descriptions, narrative, paper_values
+from mjx_fit.report import claims, descriptions, narrative, paper_values
 from mjx_fit.report.figures import catalogue, data_set, training_run
 from mjx_fit.report.figures.catalogue import Drawing
 from mjx_fit.report.figures.style import Picture, picture
@@ -26,12 +26,12 @@ from mjx_fit.utils.errors import RequestError
 
 VIDEOS = {".mp4": "video/mp4", ".gif": "image/gif"}
 _BEGINS = {".mp4": (4, b"ftyp"), ".gif": (0, b"GIF8")}
-"""At which byte such a file has what."""
+"""Offset and content of the magic bytes of each format."""
 _FACTS = TypeAdapter(dict[str, Any])
 LARGEST_CONFIG = 2**20
-"""Bytes of a configuration that is shown."""
+"""Largest configuration file shown, in bytes."""
 LARGEST_VIDEO = 20_000_000
-"""Bytes: more than that a page had better not hold."""
+"""Largest video embedded in a page, in bytes."""
 
 
 @dataclass(frozen=True)
@@ -39,17 +39,20 @@ class Section:
     """One input, ready for the page.
 
     Attributes:
-        slug: Short name, unique in a report, fit for a file name and an id.
+        slug: Short name, unique in a report, valid as a file name and an id.
         title: Heading.
-        facts: What it was made with: (name, value).
-        config: Resolved configuration as text; empty where it is not known.
+        facts: Provenance and descriptions: (name, value).
+        config: Resolved configuration as text; empty if unknown.
         rows: Summary of a result; empty for a data set or a run.
         pictures: Figures in order.
         stories: Single trials in words.
-        video: One to be shown, as ``data:`` address.
-        paper: What the paper has of the rows, by method, metric and group.
-        versions: Of what it was made with, by library.
-        about: What the experiment asks, in a sentence or two.
+        video: Video to show, as ``data:`` address.
+        paper: Values of the paper, by method, metric and group.
+        versions: Library versions.
+        about: Description of the experiment in a sentence or two.
+        kind: Name of the experiment, ``data set``, ``training run`` or ``video``.
+        claims: Claims that the rows support, in words.
+        types: Names of the types that figures distinguish by colour.
     """
 
     slug: str
@@ -63,101 +66,104 @@ class Section:
     paper: Mapping[tuple[str, str, str], float] = field(default_factory=dict)
     versions: Mapping[str, str] = field(default_factory=dict)
     about: str = ""
+    kind: str = ""
+    claims: tuple[str, ...] = ()
+    types: tuple[str, ...] = ()
 
 
 def of_result(slug: str, result: Result) -> Section:
-    """The section of a result file; an experiment without figures of its own has its table."""
+    """Return the section of a result file; an unknown experiment gets its table only."""
     known = descriptions.told(result.experiment, [row.method for row in result.summary])
     facts = (*known, *_provenance(vars(result)))
     if differs := result.request.get("differs_from_training"):
-        facts = (*facts, ("set since training", "; ".join(map(str, differs))))
+        facts = (*facts, ("changed since training", "; ".join(map(str, differs))))
     config = yaml.safe_dump(result.config, sort_keys=False)
     title = f"Experiment: {result.experiment}" + (f" ({slug})" if slug != result.experiment else "")
     pictures = _pictures(slug, catalogue.of_result(result))
-    return Section(
-        slug,
-        title,
-        facts,
-        config,
-        tuple(result.summary),
-        pictures,
-        narrative.of_result(result),
+    section = Section(slug, title, facts, config, tuple(result.summary), pictures)
+    return replace(
+        section,
+        stories=narrative.of_result(result),
         paper=paper_values.beside(result.config),
         versions=result.versions,
         about=descriptions.about(result.experiment),
+        kind=result.experiment,
+        claims=claims.of_result(result),
     )
 
 
 def of_video(slug: str, path: Path) -> Section:
-    """The section of a video, which the page carries in itself.
+    """Return the section of a video, which is embedded in the page.
 
     Raises:
-        RequestError: It is too large for that, or no video.
+        RequestError: The file is too large to embed, or not a video.
     """
     size = path.stat().st_size
     if size > LARGEST_VIDEO:
         raise RequestError(
-            f"report: {path} cannot be used: it has {size / 1e6:.0f} MB, and a page takes videos up to "
-            f"{LARGEST_VIDEO / 1e6:.0f} MB; render it with fewer --fps or more --speed"
+            f"report: {path} cannot be used: it has {size / 1e6:.0f} MB, the limit of a page is "
+            f"{LARGEST_VIDEO / 1e6:.0f} MB; render it with a lower --fps or a higher --speed"
         )
     content, (at, begins) = path.read_bytes(), _BEGINS[path.suffix]
     if not content.startswith(begins, at):
-        raise RequestError(f"report: {path} cannot be used: it is no {path.suffix} video")
+        raise RequestError(f"report: {path} cannot be used: it is not a {path.suffix} video")
     address = f"data:{VIDEOS[path.suffix]};base64,{base64.b64encode(content).decode()}"
-    return Section(slug, f"Video: {path.stem}", (), "", (), video=address)
+    return Section(slug, f"Video: {path.stem}", (), "", (), video=address, kind="video")
 
 
 def of_run(slug: str, folder: Path) -> Section:
-    """The section of a training run."""
+    """Return the section of a training run."""
     metrics = training_run.read_metrics(folder / "metrics.jsonl")
     caption = (
-        "How well the updated belief explains the true state of the hole, epoch by epoch, against the belief "
-        "before the attempt; lower is better."
+        "Negative log-likelihood of the true hole state under the posterior, by epoch, and under the prior "
+        "(dashed); lower is better."
     )
     pictures = _pictures(slug, [("training", caption, lambda: training_run.training_curve(metrics))])
     facts = (("epochs", str(len(metrics))), *_provenance(_json_of(folder / "run.json")))
     path = folder / "config.yaml"
     config = _text_of(path)
-    return Section(slug, f"Training: {folder.resolve().name}", facts, config, (), pictures)
+    title = f"Training: {folder.resolve().name}"
+    return Section(slug, title, facts, config, (), pictures, kind="training run")
 
 
 def of_dataset(slug: str, folder: Path) -> Section:
-    """The section of a data set.
+    """Return the section of a data set.
 
     Raises:
-        RequestError: There is no valid interaction in it.
+        RequestError: It contains no valid interaction.
     """
     manifest, episodes = read_manifest(folder), reader.load(folder)
     keep = happened(episodes)
     data = jax.tree.map(lambda leaf: leaf[keep], episodes.rollout)
     asked = config_from_tree(manifest.request["config"])
     if not len(data.felt.length):
-        raise RequestError(f"report: {folder} holds no valid interaction; nothing can be shown")
+        raise RequestError(f"report: {folder} contains no valid interaction: nothing to show")
     shown: list[Drawing] = [
         (
             "visited",
-            "Coverage: where the tip was from the hole's true centre (cross) at the end of every action.",
+            "Coverage: end-effector position relative to the true hole centre (cross) after each action.",
             lambda: data_set.visited_positions(data),
         ),
         (
             "lengths",
-            "Share of the pegs not inserted yet (Kaplan-Meier, since some interactions are cut off earlier).",
+            "Share of pegs not yet inserted (Kaplan-Meier estimate, since some interactions end earlier).",
             lambda: data_set.interaction_lengths(data, manifest.shapes),
         ),
         (
             "forces",
-            "Forces by pair in actions with some contact, moments without it included: median (dot), middle "
-            "half (bar) and middle 90 % (line) of the samples.",
+            "Contact force by pair: median (dot), middle 50 % (bar) and middle 90 % (line) of the samples "
+            "of actions with contact, moments without contact included.",
             lambda: data_set.forces_by_pair(data, asked),
         ),
     ]
     pictures = _pictures(slug, shown)
     config = yaml.safe_dump(manifest.request["config"], sort_keys=False)
-    return Section(slug, f"Data set: {folder.resolve().name}", _data_facts(folder), config, (), pictures)
+    title, facts = f"Data set: {folder.resolve().name}", _data_facts(folder)
+    return Section(slug, title, facts, config, (), pictures, kind="data set", types=manifest.shapes)
 
 
 def _data_facts(folder: Path) -> tuple[tuple[str, str], ...]:
-    """How a data set was made, and what came of it, in words."""
+    """Describe how a data set was collected, and its outcome."""
     manifest, told = read_manifest(folder), reader.describe(folder)
     request = manifest.request
     index, of = manifest.part
@@ -172,32 +178,40 @@ def _data_facts(folder: Path) -> tuple[tuple[str, str], ...]:
     )
     size = f"{told['bytes'] / 1e6:,.0f} MB in {told['shards']} files"
     return (
-        ("asked for", f"{request['episodes']:,} interactions of up to {request['steps']} actions"),
+        ("requested", f"{request['episodes']:,} interactions of up to {request['steps']} actions"),
         (
             "policy",
             request["policy"]
-            + (f", {request['sequence']} in a row at one hole" if request["sequence"] > 1 else ""),
+            + (
+                f", {request['sequence']} consecutive attempts at each hole"
+                if request["sequence"] > 1
+                else ""
+            ),
         ),
         *([("part", f"{index} of {of}")] if of > 1 else []),
         ("performed", f"{told['episodes'] - told['not_performed'] - told['invalid']:,}"),
-        *([("not performed", f"{told['not_performed']}: inserted before")] if told["not_performed"] else []),
-        ("actions", f"{told['actions']:,}, {told['contact_fraction']:.1%} of them with some contact"),
+        *(
+            [("not performed", f"{told['not_performed']}: peg already inserted")]
+            if told["not_performed"]
+            else []
+        ),
+        ("actions", f"{told['actions']:,}, {told['contact_fraction']:.1%} of them in contact"),
         ("inserted", rates),
         ("inserted by pair", pairs),
         *([("inserted wrongly", wrongly)] if wrongly else []),
-        ("left out, not finite", str(told["invalid"])),
+        ("excluded, diverged", str(told["invalid"])),
         ("size", size),
         *_provenance(request | {"device": " and ".join(told["devices"]), "versions": manifest.versions}),
     )
 
 
 def _inserted_by_pair(pairs: dict[str, dict[str, int]], names: tuple[str, ...]) -> str:
-    """In words; where there are many pairs, those that do not match are one."""
+    """Format inserted counts per pair; many mismatched pairs are merged into one entry."""
     shown = pairs
     if len(pairs) > data_set.MOST_ROWS:
         shown = {f"{name}-{name}": pairs[f"{name}-{name}"] for name in names if f"{name}-{name}" in pairs}
         others = [row for pair, row in pairs.items() if pair not in shown]
-        shown["all others"] = {key: sum(row[key] for row in others) for key in ("inserted", "episodes")}
+        shown["mismatched"] = {key: sum(row[key] for row in others) for key in ("inserted", "episodes")}
     return ", ".join(f"{pair} {row['inserted']} of {row['episodes']}" for pair, row in shown.items())
 
 
@@ -206,7 +220,7 @@ def _pictures(slug: str, shown: list[Drawing]) -> tuple[Picture, ...]:
 
 
 def _provenance(tree: dict[str, Any]) -> tuple[tuple[str, str], ...]:
-    """Seed, engine, device and versions, as far as they were written down."""
+    """Return seed, engine, device and versions, as far as they are stored."""
     facts = []
     for name in ("seed", "engine", "device", "versions"):
         value = tree.get(name)
@@ -218,7 +232,7 @@ def _provenance(tree: dict[str, Any]) -> tuple[tuple[str, str], ...]:
 
 
 def _text_of(path: Path) -> str:
-    """A file to be shown as it is, without what no page may hold; empty where there is none."""
+    """Return a text file without unprintable characters; empty if it cannot be read."""
     try:
         text = bounded_json.read_text(path, LARGEST_CONFIG)
     except (OSError, ValueError):
@@ -230,5 +244,5 @@ def _json_of(path: Path) -> dict[str, Any]:
     try:
         tree = bounded_json.check(_FACTS, bounded_json.read(path))
     except (OSError, ValueError):
-        return {}  # facts beside the figures: a run of another making may lack them
+        return {}  # optional: a run made elsewhere may lack this file
     return tree

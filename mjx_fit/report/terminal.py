@@ -1,4 +1,4 @@
-"""The summary of a result as a table on the terminal."""
+"""Summary of a result as a table on the terminal."""
 
 from rich.console import Console
 from rich.markup import escape
@@ -9,7 +9,7 @@ from mjx_fit.sensors.trained_sensor import away_from_training
 
 
 def print_summary(result: Result) -> None:
-    """Prints method, metric, group, value with its 95 % interval, and n, and what is to be known of them."""
+    """Print method, metric, group, value with its 95 % interval, n, and a note on the sensor's training."""
     table = Table(
         title=escape(f"{result.experiment}, engine {result.engine}, seed {result.seed}"),
         title_justify="left",
@@ -20,8 +20,8 @@ def print_summary(result: Result) -> None:
         table.add_column(column, justify="right")
     for row in result.summary:
         interval = "?" if row.low is None or row.high is None else f"{row.low:.3g} to {row.high:.3g}"
-        metric = row.metric.replace("_", " ")  # a narrow terminal breaks it between words
-        names = map(escape, (row.method, metric, row.group))  # a name with brackets is no markup
+        metric = row.metric.replace("_", " ")  # a narrow terminal then wraps between words
+        names = map(escape, (row.method, metric, row.group))  # brackets in a name are not markup
         table.add_row(*names, f"{row.value:.3g}", interval, str(row.n))
     Console().print(table)
     if note := _note(result):
@@ -31,5 +31,5 @@ def print_summary(result: Result) -> None:
 def _note(result: Result) -> str:
     differs = result.request.get("differs_from_training")
     if differs is None and result.request.get("sensor"):
-        return "which settings the sensor was trained with is not known: the result does not say"
+        return "sensor training settings unknown: the result file does not store them"
     return away_from_training(differs or [])

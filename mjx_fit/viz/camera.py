@@ -1,4 +1,4 @@
-"""The robot and its holes as an image."""
+"""Rendering of the robot and the sockets as an image."""
 
 # MuJoCo's extension module has no stubs.
 # pyright: reportAttributeAccessIssue=false
@@ -16,15 +16,15 @@ _SHADOW_PX = 2048
 
 
 class Stage:
-    """A camera in front of a puppet; close it when done."""
+    """Camera that renders a puppet; close it when done."""
 
     def __init__(self, acting: Puppet, width: int, height: int):
-        """Opens a context of OpenGL.
+        """Open an OpenGL context.
 
         Args:
-            acting: What is drawn.
-            width: Of the image, px.
-            height: px.
+            acting: Puppet to render.
+            width: Image width, px.
+            height: Image height, px.
         """
         self._puppet, self._size = acting, (width, height)
         acting.model.vis.quality.shadowsize = _SHADOW_PX
@@ -34,20 +34,20 @@ class Stage:
         self._renderer = mujoco.Renderer(acting.model, height, width)
 
     def close(self) -> None:
-        """Frees the context."""
+        """Free the context."""
         self._renderer.close()
 
     def draw(self, moment: Moment) -> UInt8[np.ndarray, "h w 3"]:
-        """The image of a moment in which the puppet has been posed."""
+        """Render a moment; the puppet must already be in its pose."""
         self._renderer.update_scene(self._puppet.data, self._camera)
         scene_model.add(self._renderer.scene, self._puppet.marks(moment))
         return self._renderer.render()
 
     def on_image(self, point_world: Float[np.ndarray, "3"]) -> tuple[float, float]:
-        """Where a point of the world lies on the image last drawn, px from the upper left."""
+        """Project a point of the world onto the last rendered image, px from the upper left."""
         eye = self._renderer.scene.camera[0]
         forward, up = np.array(eye.forward), np.array(eye.up)
-        # MuJoCo has a pair of eyes, and draws from between them.
+        # MuJoCo has a stereo pair of cameras and renders from the midpoint.
         ray = point_world - np.mean([camera.pos for camera in self._renderer.scene.camera], axis=0)
         half = ray @ forward * eye.frustum_top / eye.frustum_near
         x, y = ray @ np.cross(forward, up) / half, ray @ up / half
@@ -56,6 +56,6 @@ class Stage:
 
 
 def set_camera(camera: mujoco.MjvCamera) -> None:
-    """Puts a camera where the robot and all holes are seen."""
+    """Place a camera so that the robot and all holes are visible."""
     camera.lookat[:], camera.distance = _LOOK_AT, _DISTANCE_M
     camera.azimuth, camera.elevation = _AZIMUTH_DEG, _ELEVATION_DEG

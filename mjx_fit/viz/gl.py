@@ -1,4 +1,4 @@
-"""Which OpenGL MuJoCo draws with: it decides when it is imported, and crashes where there is none."""
+"""Choice of MuJoCo's OpenGL backend: MuJoCo chooses at import, and crashes if the backend is missing."""
 
 import os
 import subprocess
@@ -14,32 +14,32 @@ with mujoco.Renderer(model, 8, 8) as renderer:
     renderer.update_scene(mujoco.MjData(model))
     renderer.render()
 """
-"""In a process of its own: a missing library may end it."""
+"""Script of a separate process, since a missing library may abort it."""
 
 _MISSING = (
-    "MUJOCO_GL: {} cannot be used: nothing can be drawn with it here; install EGL (Debian: libegl1 and "
-    "libgl1-mesa-dri) or OSMesa (libosmesa6), or draw on a machine with a display"
+    "MUJOCO_GL: {} cannot be used: rendering fails on this machine; install EGL (Debian: libegl1 and "
+    "libgl1-mesa-dri) or OSMesa (libosmesa6), or render on a machine with a display"
 )
 
 
 def choose() -> None:
-    """Chooses what draws without a window, for the rest of the process; call it before MuJoCo is imported.
+    """Choose a backend for offscreen rendering in this process; call it before MuJoCo is imported.
 
-    What ``MUJOCO_GL`` asks for is kept, if it can draw.
+    The backend set in ``MUJOCO_GL`` is kept if it works.
 
     Raises:
-        RequestError: Nothing here can draw.
+        RequestError: No backend works on this machine.
     """
     asked = os.environ.get("MUJOCO_GL", "").lower()
     for backend in (asked,) if asked else BACKENDS:
         if draws(backend):
             os.environ["MUJOCO_GL"] = backend
             return
-    raise RequestError(_MISSING.format(repr(asked) if asked else f"any of {', '.join(BACKENDS)}"))
+    raise RequestError(_MISSING.format(repr(asked) if asked else ", ".join(BACKENDS)))
 
 
 def draws(backend: str) -> bool:
-    """Whether MuJoCo can draw with a backend here."""
+    """Return whether MuJoCo can render with a backend on this machine."""
     try:
         found = subprocess.run(
             [sys.executable, "-c", _DRAW],

@@ -1,4 +1,4 @@
-"""MuJoCo's own viewer as a screen."""
+"""Screen in MuJoCo's own viewer."""
 
 # MuJoCo's extension module has no stubs.
 # pyright: reportAttributeAccessIssue=false
@@ -16,7 +16,7 @@ from mjx_fit.viz.timeline import Moment
 
 
 class Window:
-    """A window on the display. What is believed of the types stands in its corner in words."""
+    """Window on the display, with the type probabilities as text in a corner."""
 
     def __init__(self, puppet: Puppet):
         self._puppet = puppet
@@ -28,11 +28,11 @@ class Window:
     def show(
         self, pose: Callable[[], None], moment: Moment, words: list[tuple[str, str]], panel: np.ndarray
     ) -> None:
-        """See ``mjx_fit.viz.viewer.Screen``; the panel is left out, since images flicker in this viewer."""
+        """Implement ``mjx_fit.viz.viewer.Screen``, without the panel: images flicker in this viewer."""
         with self._viewer.lock():
             pose()
             scene = self._viewer.user_scn
-            assert scene is not None  # it is, as long as the window is open
+            assert scene is not None  # not None while the window is open
             scene.ngeom = 0
             scene_model.add(scene, self._puppet.marks(moment))
         left, right = ("\n".join(column) for column in zip(*words, strict=True))
@@ -41,5 +41,5 @@ class Window:
         self._viewer.sync()
 
     def is_open(self) -> bool:
-        """See ``mjx_fit.viz.viewer.Screen``."""
+        """Implement ``mjx_fit.viz.viewer.Screen``."""
         return self._viewer.is_running()

@@ -1,4 +1,4 @@
-"""What stands beside the robot: the hole in question, what is believed of each, what the wrist felt."""
+"""Panel next to the robot: current hole, belief about each hole, and measured force."""
 
 from typing import Any
 
@@ -12,24 +12,24 @@ from mjx_fit.utils.type_colours import TYPE_RGB
 from mjx_fit.viz.timeline import ACTIONS_PER_S, Moment
 
 WIDTH_SHARE = 0.36
-"""Of the whole picture."""
+"""Share of the frame's width."""
 
 _INK, _FAINT, _LINE, _PAPER, _CHOSEN = "#1b1b1b", "#6a6a6a", "#d4d4d4", "#ffffff", "#eef3f8"
 _FORCES = (("x", "#56B4E9"), ("y", "#CC79A7"), ("z", "#1b1b1b"))
 _EVERY = 10
-"""Of the force's samples, one in so many is drawn: 50 Hz."""
+"""Stride over force samples; drawn at 50 Hz."""
 
 
 MOST_SHOWN, MOST_LETTERS = 3, 11
-"""Types of one belief, and letters of a type's name, for which there is room."""
+"""Most types shown per belief, and most letters per type name."""
 ROW = 13
 """Height of a line of small text."""
 LIGHT = 0.7
-"""Brightness of a colour in which words cannot be read on white."""
+"""Brightness above which a colour is illegible as text on white."""
 
 
 class Panel:
-    """Draws the panel of one recording."""
+    """Draw the panel of one recording."""
 
     def __init__(self, recording: Recording, width: int, height: int):
         self._recording, self._size = recording, (width, height)
@@ -40,7 +40,7 @@ class Panel:
         self._low, self._high = float(every.min()), float(every.max())
 
     def draw(self, moment: Moment) -> UInt8[np.ndarray, "h w 3"]:
-        """The panel at a moment."""
+        """Draw the panel at a moment."""
         image = Image.new("RGB", self._size, _PAPER)
         draw = ImageDraw.Draw(image)
         self._head(draw, moment)
@@ -49,7 +49,7 @@ class Panel:
         return np.asarray(image)
 
     def words(self, moment: Moment) -> list[tuple[str, str]]:
-        """The same without the force, in pairs of words: what, and how it stands."""
+        """Return the panel without the force, as pairs of a label and its value."""
         step, belief = self._recording.steps[moment.step], moment.belief
         peg = f"peg {step.peg + 1} of {len(self._recording.peg_type)}"
         said = [(peg, self._names[self._recording.peg_type[step.peg]])]
@@ -64,7 +64,7 @@ class Panel:
         return said
 
     def label(self, image: UInt8[np.ndarray, "h w 3"], places: list[tuple[float, float]], chosen: int):
-        """The image with the holes' numbers on it, that of the chosen one dark."""
+        """Draw the hole numbers on an image, with the chosen one dark."""
         shown = Image.fromarray(image)
         draw = ImageDraw.Draw(shown)
         for hole, (x, y) in enumerate(places):
@@ -94,16 +94,16 @@ class Panel:
             wrongly = "wrongly " if step.rollout.inserted_wrongly else ""
             return f"inserted {wrongly}into hole {step.hole + 1}"
         if step.helped is not None:
-            return f"failed; a human inserts it into hole {step.helped + 1}"
+            return f"failed; human intervention at hole {step.helped + 1}"
         if not step.rollout.truth.valid:
-            return "the simulation broke; nothing is learned"
-        return "failed; learns from what was felt"
+            return "simulation diverged; no belief update"
+        return "failed; updates the belief"
 
     def _holes(self, draw: ImageDraw.ImageDraw, moment: Moment, top: float) -> float:
-        """A line for each hole; returns where the next thing may begin."""
+        """Draw a line for each hole; return the y coordinate below the last one."""
         n = len(moment.filled)
         each = min(64.0, 340 / n)
-        self._text(draw, 60, top, "type believed", 15, _FAINT)
+        self._text(draw, 60, top, "type belief", 15, _FAINT)
         self._text(draw, 300, top, "position ± std", 15, _FAINT)
         top += 24
         for hole in range(n):
@@ -133,7 +133,7 @@ class Panel:
             self._text(draw, 218, line + each / 2, name, 13, _FAINT, anchor="lm")
 
     def _forces(self, draw: ImageDraw.ImageDraw, moment: Moment, top: float) -> None:
-        """The tared force so far, in the sensor's frame; the axis ends where an attempt may end."""
+        """Draw the tared force so far, in the sensor frame; the axis spans the longest attempt."""
         step = self._recording.steps[moment.step]
         right, bottom = self._size[0] / self._unit - 34, 720.0 - 46
         left, ceiling = 64.0, top + 26
@@ -141,7 +141,7 @@ class Panel:
         def height(newtons):
             return bottom - (newtons - self._low) / (self._high - self._low) * (bottom - ceiling)
 
-        self._text(draw, 24, top - 4, "force at the wrist, N", 15, _FAINT)
+        self._text(draw, 24, top - 4, "F/T sensor: force, N", 15, _FAINT)
         for place, (axis, colour) in enumerate(_FORCES):
             self._text(draw, right - 90 + 34 * place, top - 4, axis, 17, colour)
         for level in self._levels():
@@ -163,7 +163,7 @@ class Panel:
             self._line(draw, [(x[-1], ceiling), (x[-1], bottom)], "#0072B2", 2)
 
     def _levels(self) -> list[float]:
-        """Round forces within the range, three or so."""
+        """Return about three round force values within the range."""
         nice = [step * 10.0**power for power in range(6) for step in (1, 2, 5)]
         each = next(step for step in nice if step >= (self._high - self._low) / 4)
         first = int(np.ceil(self._low / each))
@@ -191,20 +191,20 @@ class Panel:
 
 
 def _shown(chance: Float[np.ndarray, "C"], most: int = MOST_SHOWN) -> list[int]:
-    """The types that are shown of a belief: all where they are few, else the likeliest, that one first."""
+    """Return the types shown of a belief: all if few, otherwise the most likely, in descending order."""
     if len(chance) <= MOST_SHOWN:
         return list(range(len(chance)))
     return np.argsort(-chance, kind="stable")[: min(most, MOST_SHOWN)].tolist()
 
 
 def _force(step: Step) -> Float[np.ndarray, "samples 3"]:
-    """Tared and clean, in the sensor's frame."""
+    """Return the tared force without noise, in the sensor frame."""
     rollout = step.rollout
     wrench = (
         np.asarray(rollout.felt.trace.wrench_sensor)[: int(rollout.felt.length)] - rollout.felt.tare_sensor
     )
     force = wrench.reshape(-1, 6)[::_EVERY, :3]
-    # What a world that broke felt last is no force.
+    # The last sample of a diverged simulation is not a force.
     return force if rollout.truth.valid else force[: -(SUBSTEPS // _EVERY)]
 
 
@@ -213,6 +213,6 @@ def _hex(kind: int, shade: float = 1.0) -> str:
 
 
 def _ink(kind: int) -> str:
-    """The colour of a type for words on white: light ones are darkened."""
+    """Return the colour of a type for text on white; light colours are darkened."""
     red, green, blue = TYPE_RGB[kind]
     return _hex(kind, 0.6 if 0.3 * red + 0.6 * green + 0.1 * blue > LIGHT else 1.0)

@@ -1,4 +1,4 @@
-"""The robot, its pegs and holes in the pose of a moment, and what is believed as marks over the holes."""
+"""Robot, pegs and sockets in the pose of a moment, with the belief as marks above the holes."""
 
 # MuJoCo's extension module has no stubs.
 # pyright: reportAttributeAccessIssue=false
@@ -25,7 +25,7 @@ from mjx_fit.viz.timeline import Moment
 
 UNSURE_RGB = (0.93, 0.93, 0.90)
 RADIUS_90 = float(np.sqrt(4.605))
-"""A Gaussian of the plane lies within so many standard deviations with 90 %."""
+"""Radius of the 90 % region of a planar Gaussian, in standard deviations."""
 
 _OVER_PLATE_M, _THICK_M, _DOT_M = 0.0015, 0.0006, 0.0018
 _ALPHA = 0.62
@@ -33,13 +33,13 @@ _ALPHA = 0.62
 
 @dataclass(frozen=True)
 class Mark:
-    """Something to be drawn into the scene.
+    """Geometry to add to the scene.
 
     Attributes:
-        kind: Of ``mujoco.mjtGeom``.
-        size: As MuJoCo has it for the kind, m.
-        centre_world: m.
-        frame_world: Orientation as a matrix.
+        kind: Member of ``mujoco.mjtGeom``.
+        size: MuJoCo size parameters of the kind, m.
+        centre_world: Position of the centre, m.
+        frame_world: Orientation, as a rotation matrix.
         rgba: Colour.
     """
 
@@ -51,10 +51,10 @@ class Mark:
 
 
 class Puppet:
-    """The scene of one recording.
+    """Scene of one recording.
 
     Attributes:
-        model: Its MuJoCo model, in which nothing can touch.
+        model: MuJoCo model without collisions.
         data: Its state.
     """
 
@@ -74,15 +74,15 @@ class Puppet:
                 self.model.geom_rgba[geoms, :3] = TYPE_RGB[kind]
 
     def postures(self, tips: Float[np.ndarray, "f 3"]) -> Float[np.ndarray, "f joints"]:
-        """Joint angles (rad) that hold the tip at each of these places."""
+        """Return the joint angles (rad) that place the end effector at each position."""
         return np.asarray(self._inverse(jnp.asarray(tips, jnp.float32)))
 
     def pose(self, moment: Moment, step: Step, qpos: Float[np.ndarray, "joints"]) -> None:
-        """Puts the arm into a posture, and shows the pegs that are there.
+        """Set the posture of the arm, and show the pegs that are present.
 
         Args:
-            moment: What is shown.
-            step: Which it belongs to.
+            moment: Moment to show.
+            step: Step that it belongs to.
             qpos: Joint angles, rad.
         """
         peg_type = self._recording.peg_type[step.peg]
@@ -93,7 +93,7 @@ class Puppet:
         mujoco.mj_forward(self.model, self.data)
 
     def marks(self, moment: Moment) -> list[Mark]:
-        """For each empty hole the region that holds it with 90 %, a thin disc, and its believed centre."""
+        """Return a thin disc, the 90 % region of its position, and the mean position of each empty hole."""
         marks: list[Mark] = []
         for hole in np.flatnonzero(~moment.filled):
             belief = jax.tree.map(lambda leaf, hole=hole: np.asarray(leaf)[hole], moment.belief)
@@ -110,21 +110,21 @@ class Puppet:
         return marks
 
     def _show(self, pegs: list[list[int]], kind: int) -> None:
-        """Shows the peg of a type, and no other."""
+        """Show the peg of one type only."""
         for i, geoms in enumerate(pegs):
             self.model.geom_rgba[geoms, 3] = float(i == kind)
 
     def _pegs(self, place: str) -> list[list[int]]:
-        """The geoms of the peg of each type at a place."""
+        """Return the geoms of the peg of each type at a place."""
         return [self._geoms(f"{place}_{name}_") for name in self._recording.config.scene.names]
 
     def _geoms(self, prefix: str) -> list[int]:
-        mine = re.compile(re.escape(prefix) + r"\d+")  # a name may begin with another's
+        mine = re.compile(re.escape(prefix) + r"\d+")  # a name may be a prefix of another
         return [i for i in range(self.model.ngeom) if mine.fullmatch(self.model.geom(i).name)]
 
 
 def add(scene: mujoco.MjvScene, marks: list[Mark]) -> None:
-    """Adds marks to what MuJoCo draws."""
+    """Add marks to a MuJoCo scene."""
     for mark in marks:
         geom = scene.geoms[scene.ngeom]
         rgba = np.array(mark.rgba, np.float32)
@@ -133,7 +133,7 @@ def add(scene: mujoco.MjvScene, marks: list[Mark]) -> None:
 
 
 def mixed(chance: Float[np.ndarray, "C"]) -> tuple[float, float, float]:
-    """The colour of a belief about the type: pale where all are as likely, a type's own where it is sure."""
+    """Return the colour of a type belief: pale if uniform, the colour of the type if certain."""
     likely, even = int(np.argmax(chance)), 1 / len(chance)
     sure = (chance[likely] / chance.sum() - even) / (1 - even) if len(chance) > 1 else 1.0
     r, g, b = (1 - sure) * np.array(UNSURE_RGB) + sure * np.array(TYPE_RGB[likely])

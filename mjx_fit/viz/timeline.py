@@ -1,4 +1,4 @@
-"""From a recording to the moments of a video: where the tip is, what is believed, what has been felt."""
+"""Moments of a video from a recording: end-effector position, belief and measurements so far."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -19,23 +19,23 @@ from mjx_fit.utils.rates import ACTION_S
 
 ACTIONS_PER_S = round(1 / ACTION_S)
 CLEAR_M = 0.09
-"""Height of the tip over the plates between attempts."""
+"""Height of the end effector above the sockets between attempts, in m."""
 MOVE_S, LEARN_S, END_S = 0.8, 0.7, 1.2
-"""Seconds of the video that a movement, an update of the beliefs and the end take, whatever its speed."""
+"""Duration of a movement, a belief update and the end in the video, in s, at any speed."""
 
 
 @dataclass(frozen=True)
 class Moment:
-    """What one frame shows.
+    """Content of one frame.
 
     Attributes:
-        step: Which of the recording's steps it belongs to.
-        phase: The arm moves to the hole, attempts, or what was felt is learned.
+        step: Index of the recording's step.
+        phase: Motion to the hole, attempt, or belief update.
         actions: Actions of the attempt so far, fractional.
-        tip_pos_world: Where the tip is, m.
-        belief: What is believed of all holes.
-        content: Type of the peg in each hole; -1 where it is empty.
-        holding: Whether the peg is in the hand.
+        tip_pos_world: End-effector position, m.
+        belief: Belief about all holes.
+        content: Type of the peg in each hole; -1 if empty.
+        holding: True while the peg is in the hand.
     """
 
     step: int
@@ -48,12 +48,12 @@ class Moment:
 
     @property
     def filled(self) -> Bool[np.ndarray, "n"]:
-        """Which holes are."""
+        """Return the mask of the filled holes."""
         return self.content != EMPTY
 
 
 def require_speed(speed: float) -> None:
-    """Refuses a speed at which nothing could be followed.
+    """Check that a playback speed is within its range.
 
     Raises:
         RequestError: It is invalid.
@@ -62,17 +62,17 @@ def require_speed(speed: float) -> None:
 
 
 def home(recording: Recording) -> Float[np.ndarray, "3"]:
-    """Where the tip rests before an assembly, m."""
+    """Return the end-effector position before an assembly, m."""
     return np.array(ROBOTS[recording.config.scene.robot].home_m)
 
 
 def moments(recording: Recording, fps: int, speed: float) -> list[Moment]:
-    """All moments of a recording.
+    """Return all moments of a recording.
 
     Args:
-        recording: What was played.
-        fps: Frames in a second of the video.
-        speed: Seconds of an attempt in a second of the video.
+        recording: Recording to show.
+        fps: Frames per second of the video.
+        speed: Playback speed: seconds of an attempt per second of the video.
     """
     shown: list[Moment] = []
     tip = home(recording)
@@ -85,7 +85,7 @@ def moments(recording: Recording, fps: int, speed: float) -> list[Moment]:
 def moments_of(
     recording: Recording, index: int, tip: Float[np.ndarray, "3"], fps: int, speed: float
 ) -> list[Moment]:
-    """The moments of one step, from where the tip is: it moves there, attempts, learns and lifts."""
+    """Return the moments of one step: motion from ``tip`` to the hole, attempt, belief update and lift."""
     step, top = recording.steps[index], plate_top_m(recording.config.scene)
     path, clear = _path(step, top + START_HEIGHT_M), top + CLEAR_M
     shown = [*_move(index, step, path[0], tip, clear, fps), *_attempt(index, step, path, fps, speed)]
@@ -122,23 +122,23 @@ def _learn(number: int, step: Step, tip, clear: float, fps: int) -> Iterator[Mom
 
 
 def _path(step: Step, start_height_m: float) -> Float[np.ndarray, "steps 3"]:
-    """Where the tip was before the first action and after each."""
+    """Return the end-effector position before the first action and after each, m."""
     tips = np.array(step.rollout.felt.trace.tip_pos_world[: int(step.rollout.felt.length)])
     first = np.array([*step.rollout.felt.estimate_world, start_height_m])
     path = np.concatenate([first[None], tips])
-    if not step.rollout.truth.valid:  # where a world that broke went last is nowhere
+    if not step.rollout.truth.valid:  # the last position of a diverged simulation is invalid
         path[-1] = path[-2]
     return path
 
 
 def _smooth(frames: int) -> Float[np.ndarray, "frames"]:
-    """From 0 to 1 with no jerk at the ends: 10 s³ - 15 s⁴ + 6 s⁵."""
+    """Return a minimum-jerk profile from 0 to 1: 10 s³ - 15 s⁴ + 6 s⁵."""
     s = np.linspace(0, 1, max(frames, 2))
     return s**3 * (10 - 15 * s + 6 * s**2)
 
 
 def _along(way: Float[np.ndarray, "k 3"], share: float) -> Float[np.ndarray, "3"]:
-    """The point that lies a share of a polygon's length from its beginning."""
+    """Return the point at a share of a polyline's length from its beginning."""
     legs = np.linalg.norm(np.diff(way, axis=0), axis=1)
     at = np.concatenate([[0], np.cumsum(legs)])
     keep = np.concatenate([[True], legs > 0])

@@ -1,4 +1,4 @@
-"""A recording as a video: the robot on the left, its belief and what it felt on the right."""
+"""Video of a recording: robot on the left, belief and measured force on the right."""
 
 import os
 import sys
@@ -26,14 +26,14 @@ from mjx_fit.viz.timeline import Moment, moments, require_speed
 FORMATS = (".mp4", ".gif")
 SIZE_PX = (1280, 720)
 MANY_FRAMES = 2000
-"""Minutes of drawing without a graphics card."""
+"""Number of frames that takes minutes to render without a GPU."""
 MOST_GIF_FRAMES, MOST_GIF_FPS = 1000, 50
-"""A GIF counts in hundredths of a second, and its frames are held at once."""
+"""Limits of a GIF: its clock ticks at 100 Hz, and all its frames are held in memory."""
 Frame = UInt8[np.ndarray, "h w 3"]
 
 
 def require(out: Path, fps: int, speed: float) -> None:
-    """Refuse a video that cannot be made, before an assembly is played for it.
+    """Refuse a video that cannot be made, before its assembly is simulated.
 
     Raises:
         RequestError: A value is invalid.
@@ -50,13 +50,13 @@ def require(out: Path, fps: int, speed: float) -> None:
 
 
 def render(recording: Recording, out: Path, fps: int, speed: float, size: tuple[int, int] = SIZE_PX) -> Path:
-    """Writes the video of a recording, whole or not at all.
+    """Write the video of a recording atomically.
 
     Args:
-        recording: What was played.
+        recording: Recording to show.
         out: An ``.mp4`` (H.264) or ``.gif``.
         fps: Frames per second.
-        speed: Seconds of an attempt in a second of the video.
+        speed: Playback speed: seconds of an attempt per second of the video.
         size: Width and height, px; even numbers.
 
     Raises:
@@ -67,28 +67,28 @@ def render(recording: Recording, out: Path, fps: int, speed: float, size: tuple[
     shown = moments(recording, fps, speed)
     if out.suffix == ".gif" and len(shown) > MOST_GIF_FRAMES:
         raise RequestError(
-            f"--out: {out} cannot be used: a GIF of {len(shown)} frames would be held in memory, up to "
-            f"{MOST_GIF_FRAMES} are; take .mp4, --attempt, fewer --fps or more --speed"
+            f"--out: {out} cannot be used: a GIF of {len(shown)} frames exceeds the limit of "
+            f"{MOST_GIF_FRAMES}; use .mp4, --attempt, a lower --fps or a higher --speed"
         )
     if len(shown) > MANY_FRAMES:
         what = f"{len(shown)} frames for {len(recording.steps)} attempts"
-        print(f"render: {what}; a larger --speed, or one --attempt, has fewer", file=sys.stderr)
+        print(f"render: {what}; a higher --speed or a single --attempt needs fewer", file=sys.stderr)
     write = _write_gif if out.suffix == ".gif" else _write_mp4
-    # Closed here: at the end of the process there is no graphics library left to free a context with.
+    # Close here: at process exit the graphics library that frees a context is already gone.
     with locks.holding_file(out), closing(_frames(recording, shown, size)) as frames:
         files.replace_with(out, lambda hidden: write(frames, hidden, fps, size))
     return out
 
 
 def still(recording: Recording, share: float, size: tuple[int, int] = SIZE_PX) -> Frame:
-    """One frame of the video: the one at a share of its length."""
+    """Return the video frame at a share of its length."""
     shown = moments(recording, 20, 8.0)
     return next(_drawn(recording, [shown[round(share * (len(shown) - 1))]], size))
 
 
 def _frames(recording: Recording, shown: list[Moment], size: tuple[int, int]) -> Generator[Frame]:
     with (
-        Progress("drawing: frames", len(shown)) as progress,
+        Progress("rendering: frames", len(shown)) as progress,
         closing(_drawn(recording, shown, size)) as drawn,
     ):
         for number, frame in enumerate(drawn, 1):
@@ -127,12 +127,12 @@ def _write_mp4(frames: Iterator[Frame], path: Path, fps: int, size: tuple[int, i
         macro_block_size=2,
     )
     with warnings.catch_warnings():
-        # JAX warns of any fork; this one becomes the encoder at once.
+        # JAX warns about any fork; this one executes the encoder immediately.
         warnings.filterwarnings("ignore", "os.fork", RuntimeWarning)
         writer.send(None)
     own = os.environ.get("IMAGEIO_FFMPEG_EXE")
-    why = f", and has {own} (IMAGEIO_FFMPEG_EXE) libx264?" if own else "?"
-    failed = WorkError(f"render: the video could not be encoded whole: is there room for it{why}")
+    why = f", and does {own} (IMAGEIO_FFMPEG_EXE) support libx264?" if own else "?"
+    failed = WorkError(f"render: the video could not be encoded completely: is there enough disk space{why}")
     sent = 0
     try:
         for frame in frames:
@@ -142,7 +142,7 @@ def _write_mp4(frames: Iterator[Frame], path: Path, fps: int, size: tuple[int, i
         raise failed from None
     finally:
         writer.close()
-    # The encoder may also end early without a word: a full disk, say, shows in what it left.
+    # The encoder may also stop early without an error, for example on a full disk: count its frames.
     try:
         encoded = imageio_ffmpeg.count_frames_and_secs(str(path))[0]
     except RuntimeError:

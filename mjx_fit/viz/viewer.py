@@ -1,4 +1,4 @@
-"""Watching an assembly as it is played: in MuJoCo's viewer where there is a display, or in a browser."""
+"""Live view of an assembly: in MuJoCo's viewer if there is a display, or in a browser."""
 
 import os
 import subprocess
@@ -23,23 +23,23 @@ PANEL_PX = (460, 720)
 
 
 class Screen(Protocol):
-    """What shows a puppet to somebody."""
+    """Interface of a screen that shows a puppet."""
 
     def show(
         self, pose: Callable[[], None], moment: Moment, words: list[tuple[str, str]], panel: np.ndarray
     ) -> None:
-        """Poses the puppet, and shows it with the marks of the moment and, beside them, words or the panel.
+        """Pose the puppet, and show it with the marks of the moment, next to the text or the panel.
 
         Args:
-            pose: Poses it; a screen that draws from another thread holds that one meanwhile.
-            moment: What is shown.
-            words: What is believed and done, in two columns.
-            panel: The same as a picture.
+            pose: Function that poses it; a screen that draws in another thread blocks that thread meanwhile.
+            moment: Moment to show.
+            words: Belief and progress as text, in two columns.
+            panel: The same as an image.
         """
         ...
 
     def is_open(self) -> bool:
-        """Whether anybody can still look."""
+        """Return whether the screen is still open."""
         ...
 
 
@@ -51,15 +51,15 @@ def view(
     port: int,
     host: str = "127.0.0.1",
 ) -> None:
-    """Shows every attempt of an assembly once it has been simulated; stays open at the end.
+    """Show each attempt of an assembly as soon as it is simulated; the screen stays open at the end.
 
     Args:
-        played: Plays as far as is shown: after every attempt, what was played so far. Closed at the end.
-        attempt: Show only the one with this number.
-        speed: Seconds of an attempt in a second of the show.
-        browser: Whether to show it in a browser though there is a display.
-        port: Of the browser's page.
-        host: Address or name of this machine at which the page is served; nobody else reaches the loop-back.
+        played: Generator of the recording after each attempt; closed at the end.
+        attempt: Number of the only attempt to show; None shows all.
+        speed: Playback speed: seconds of an attempt per second of the view.
+        browser: True to use a browser even if there is a display.
+        port: Port of the browser's page.
+        host: Address or name of this machine at which the page is served; the loopback is local only.
 
     Raises:
         RequestError: A value is invalid, the port is in use, or there is neither a display nor viser.
@@ -72,11 +72,11 @@ def view(
     show = _Show(opens, speed, attempt)
     with suppress(KeyboardInterrupt):
         _show_all(played, show, attempt)
-    interrupts.settle()  # to close it is what was asked for
+    interrupts.settle()  # closing the view is a regular end
 
 
 def _show_all(played: Generator[Recording], show: "_Show", attempt: int | None) -> None:
-    """Shows what is played until nobody looks any more."""
+    """Show the recording until the screen is closed."""
     recording = None
     with closing(played):
         for recording in played:
@@ -89,7 +89,7 @@ def _show_all(played: Generator[Recording], show: "_Show", attempt: int | None) 
 
 
 class _Show:
-    """Opens a screen at the first attempt, and shows each in the time that it takes."""
+    """Open a screen at the first attempt, and show each attempt in real time."""
 
     def __init__(self, open_screen: Callable[[Puppet], Screen], speed: float, attempt: int | None):
         self._open, self._speed, self._attempt = open_screen, speed, attempt
@@ -97,11 +97,11 @@ class _Show:
         self._screen: Screen | None = None
 
     def is_open(self) -> bool:
-        """Whether anybody looks."""
+        """Return whether the screen is open."""
         return self._screen is not None and self._screen.is_open()
 
     def latest(self, recording: Recording) -> bool:
-        """Shows the latest attempt of a recording, if it is one to be shown; gives whether anybody looks."""
+        """Show the latest attempt of a recording, if selected; return False once the screen is closed."""
         if self._puppet is None or self._screen is None:
             self._puppet = Puppet(recording)
             self._tip = home(recording)
@@ -117,7 +117,7 @@ class _Show:
         for number, moment in enumerate(shown):
             late = time.monotonic() - began - number / FPS
             if late > 1 / FPS and number < len(shown) - 1:
-                continue  # a slow screen drops frames, it does not run late
+                continue  # a slow screen drops frames instead of lagging
             qpos = self._puppet.postures(moment.tip_pos_world[None])[0]
             pose = partial(self._puppet.pose, moment, step, qpos)
             self._screen.show(pose, moment, panel.words(moment), panel.draw(moment))
@@ -129,14 +129,14 @@ class _Show:
 
 
 def _has_display() -> bool:
-    """Whether MuJoCo's viewer can open: on a Mac it would have to own the process (``mjpython``)."""
+    """Return whether MuJoCo's viewer can open; on macOS it would need ``mjpython``."""
     if sys.platform == "darwin":
         return False
     if sys.platform == "win32":
         return True
     if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         return False
-    # A display that is named but dead would let the viewer wait for ever.
+    # The viewer would wait forever for a display that is set but dead.
     opens = "import glfw, sys; sys.exit(not glfw.init())"
     return subprocess.run([sys.executable, "-c", opens], capture_output=True, check=False).returncode == 0
 
@@ -155,7 +155,7 @@ def _open_browser(host: str, port: int, what: str) -> Callable[[Puppet], Screen]
         raise RequestError(
             f"view: {what} needs viser, which is not installed: pip install 'mjx-fit[view]'"
         ) from None
-    door = Door(host, port)  # before anything is played
+    door = Door(host, port)  # before anything is simulated
     if not door.is_loopback:
-        print(f"--host {host}: anybody who reaches port {port} of it can look", file=sys.stderr, flush=True)
+        print(f"--host {host}: anybody who reaches port {port} of it can watch", file=sys.stderr, flush=True)
     return lambda puppet: Browser(puppet, door)

@@ -1,9 +1,9 @@
-"""Who may look at the browser's page, and that looking is all they can do.
+"""Access control of the browser's page: who may watch, and that clients can only watch.
 
-viser listens where it likes, takes a connection from any web page, obeys what a client sends (among it: open
-a tunnel by which the whole internet may look), and keeps or sends on to others what it does not know. So the
-socket is opened here, a connection is let in by where it says it comes from, and what clients send is read
-and dropped: the page is shown without it.
+viser chooses its own address, accepts connections from any web page, obeys client messages (including one
+that opens a public tunnel), and stores or forwards messages that it does not know. This module therefore
+opens the socket itself, accepts connections by their Host and Origin headers, and reads and drops client
+messages; the page works without them.
 """
 
 import errno
@@ -24,21 +24,21 @@ from mjx_fit.utils.errors import RequestError, WorkError
 
 LOOPBACK = "127.0.0.1"
 LARGEST_MESSAGE = 64 * 1024
-"""Bytes; a client's camera, the most that it sends to look, has some 300."""
+"""Largest client message, in bytes; a camera update, the largest one needed, has some 300."""
 MOST_CLIENTS = 32
 
 
 class Door:
-    """An open port, and the rule by which connections are let in.
+    """Open port, and the rule that accepts connections.
 
     Attributes:
-        host: As it was asked for.
-        port: The port.
-        is_loopback: Whether only this machine reaches it.
+        host: Requested host.
+        port: Port number.
+        is_loopback: True if only this machine can connect.
     """
 
     def __init__(self, host: str, port: int):
-        """Opens the port.
+        """Open the port.
 
         Raises:
             RequestError: The host is not an address of this machine, or the port is in use.
@@ -51,13 +51,13 @@ class Door:
         self._is_guarding = False
 
     def close(self) -> None:
-        """Closes the port, if nobody was handed it."""
+        """Close the port, unless a server uses it."""
         if not self._is_guarding:
             self._socket.close()
 
     @property
     def address(self) -> str:
-        """What to open in a browser on this machine."""
+        """Return the URL to open in a browser on this machine."""
         if self._ip.is_unspecified or str(self._ip) in (LOOPBACK, "::1"):
             return f"http://localhost:{self.port}"
         return (
@@ -66,10 +66,10 @@ class Door:
 
     @contextmanager
     def guarding(self) -> Iterator[None]:
-        """A server of viser's that is made inside listens at this door.
+        """Make a viser server created inside this context listen on this port.
 
         Raises:
-            WorkError: It did not: this viser listens in another way.
+            WorkError: The server did not use it: this version of viser listens differently.
         """
         serve = websockets.asyncio.server.serve
 
@@ -85,7 +85,7 @@ class Door:
             }
             return serve(handler, **options | guarded)
 
-        # viser has no argument for any of this, and looks the function up when it starts.
+        # viser has no argument for any of this, and looks up the function when it starts.
         websockets.asyncio.server.serve = serve_guarded
         try:
             yield
@@ -95,22 +95,22 @@ class Door:
             raise WorkError("view: this version of viser cannot be guarded: pip install 'mjx-fit[view]'")
 
     def _refusal(self, connection: ServerConnection, request: Request) -> Response | None:
-        """The answer to a request that is not let in."""
+        """Return the response to a rejected request; None accepts it."""
         hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
         if len(hosts) != 1 or not self._is_ours(hosts[0]):
             return connection.respond(http.HTTPStatus.FORBIDDEN, "Host: not a name of this server\n")
-        # Whatever the port: a tunnel of the user's own (ssh -L) may end at another one.
+        # Any port is accepted: a tunnel of the user (ssh -L) may end at another one.
         if origins and [origin.lower() for origin in origins] != [f"http://{hosts[0].lower()}"]:
             return connection.respond(http.HTTPStatus.FORBIDDEN, "Origin: only this server's own page\n")
-        # No browser hides where a page comes from, so this is a program, which may look from this machine.
+        # Browsers always send Origin, so this is a program, which may watch from this machine only.
         if not origins and "Upgrade" in request.headers and not _is_loopback(connection.remote_address[0]):
             return connection.respond(http.HTTPStatus.FORBIDDEN, "Origin: missing\n")
         if len(connection.server.connections) >= MOST_CLIENTS:
-            return connection.respond(http.HTTPStatus.SERVICE_UNAVAILABLE, "too many are looking\n")
+            return connection.respond(http.HTTPStatus.SERVICE_UNAVAILABLE, "too many clients\n")
         return None
 
     def _is_ours(self, host_header: str) -> bool:
-        """Whether a browser calls this server so; another name may be one that somebody points to it."""
+        """Return whether a Host header names this server; other names may be DNS rebinding."""
         try:
             name = (urlsplit(f"//{host_header}").hostname or "").rstrip(".")
         except ValueError:
@@ -122,21 +122,21 @@ class Door:
         except ValueError:
             own = () if self.is_loopback else (socket.gethostname(), socket.getfqdn())
             return name in (one.lower() for one in (self.host, *own))
-        return ip.is_loopback if self.is_loopback else True  # an address cannot be pointed elsewhere
+        return ip.is_loopback if self.is_loopback else True  # an address cannot be rebound
 
 
 class _Spectator(ServerConnection):
-    """A connection whose client is not listened to."""
+    """Connection that drops all client messages."""
 
     async def recv(self, decode: bool | None = None) -> Any:
-        """Never returns; raises ``ConnectionClosed`` at the end."""
+        """Read and drop messages until ``ConnectionClosed`` is raised."""
         while True:
             await super().recv(decode)
 
 
 class _Handshakes(logging.Filter):
     def filter(self, record: logging.LogRecord) -> bool:
-        """Whether it is no half a handshake, which any scan of ports leaves behind, with a traceback."""
+        """Return False for tracebacks of incomplete handshakes, which port scans cause."""
         return record.getMessage() != "opening handshake failed"
 
 
@@ -154,7 +154,7 @@ def _resolved(host: str, port: int) -> tuple[int, Any]:
         raise wrong
     try:
         found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
-    except (OSError, ValueError):  # no such name, or none that can be asked for
+    except (OSError, ValueError):  # unknown or malformed name
         raise wrong from None
     family, *_, address = next((one for one in found if one[0] == socket.AF_INET), found[0])
     return family, address
@@ -165,12 +165,12 @@ def _listening(family: int, address: Any, host: str) -> socket.socket:
     try:
         if family == socket.AF_INET6:
             listener.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
-        if hasattr(socket, "SO_EXCLUSIVEADDRUSE"):  # Windows, where REUSEADDR would share it with anybody
+        if hasattr(socket, "SO_EXCLUSIVEADDRUSE"):  # Windows, where REUSEADDR would share the port
             listener.setsockopt(socket.SOL_SOCKET, socket.SO_EXCLUSIVEADDRUSE, 1)
         else:
             listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         listener.bind(address)
-        # Now, not when there is something to see: the port is ours from here on.
+        # Listen now, before there is something to show, to reserve the port.
         listener.listen()
     except OSError as error:
         listener.close()
@@ -182,7 +182,7 @@ def _why_not(error: OSError, host: str, port: int) -> RequestError:
     if error.errno == errno.EADDRINUSE:
         return RequestError(f"--port: {port} cannot be used: it is in use; choose another")
     if error.errno in (errno.EACCES, errno.EPERM):
-        return RequestError(f"--port: {port} cannot be used: the system refuses it; choose one from 1024")
+        return RequestError(f"--port: {port} cannot be used: the system refuses it; choose 1024 or higher")
     return RequestError(f"--host: {host!r} is invalid: expected an address of this machine")
 
 

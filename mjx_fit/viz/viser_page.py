@@ -1,4 +1,4 @@
-"""A browser as a screen, by viser."""
+"""Screen in a browser, with viser."""
 
 # MuJoCo's extension module has no stubs.
 # pyright: reportAttributeAccessIssue=false
@@ -18,11 +18,11 @@ from mjx_fit.viz.viser_access import Door
 
 CAMERA_M, LOOK_AT_M = (1.20, -0.67, 0.85), (0.42, 0.05, 0.14)
 PANEL_EVERY_S = 0.15
-"""A picture in the panel takes more of the line than a pose does."""
+"""Shortest time between panel images, in s; an image needs more bandwidth than a pose."""
 
 
 class Browser:
-    """A page that shows the scene, and the panel beside it. It is open until the process ends."""
+    """Page with the scene and the panel next to it, open until the process ends."""
 
     def __init__(self, puppet: Puppet, door: Door):
         self._puppet = puppet
@@ -36,12 +36,12 @@ class Browser:
         self._panel_at = 0.0
         self._geoms = {i: self._add_geom(i) for i in range(puppet.model.ngeom) if _mesh(puppet.model, i)}
         self._marks: dict[int, Any] = {}
-        print(f"watch at {door.address}; Ctrl-C ends it", flush=True)
+        print(f"watch at {door.address}; press Ctrl-C to stop", flush=True)
 
     def show(
         self, pose: Callable[[], None], moment: Moment, words: list[tuple[str, str]], panel: np.ndarray
     ) -> None:
-        """See ``mjx_fit.viz.viewer.Screen``."""
+        """Implement ``mjx_fit.viz.viewer.Screen``."""
         pose()
         data, model = self._puppet.data, self._puppet.model
         with self._server.atomic():
@@ -53,7 +53,7 @@ class Browser:
             self._panel.image, self._panel_at = panel, time.monotonic()
 
     def is_open(self) -> bool:
-        """See ``mjx_fit.viz.viewer.Screen``."""
+        """Implement ``mjx_fit.viz.viewer.Screen``."""
         return True
 
     def _show_marks(self, marks: list[Mark]) -> None:
@@ -86,7 +86,7 @@ class Browser:
 
 
 def _mesh(model: mujoco.MjModel, i: int) -> trimesh.Trimesh | None:
-    """The surface of a geom; None for what is no body, as the table's plane."""
+    """Return the surface of a geom; None for planes, such as the table."""
     size = model.geom_size[i]
     kind = model.geom_type[i]
     if kind == mujoco.mjtGeom.mjGEOM_BOX:

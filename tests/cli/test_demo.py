@@ -38,7 +38,7 @@ def test_demo_plays_with_the_weights_that_come_with_it(tmp_path, capsys, video):
     assert {path.name for path in out.iterdir()} == {"assembly.json", "assembly.mp4", "figures", "index.html"}
     page = (out / "index.html").read_text()
     assert page.index("<video") < page.index("<figure")
-    assert "The hardest assembly of 2 under full" in page
+    assert "Hardest of 2 assemblies with full" in page
     assert len(video) == 1
     run_demo(read_config(None, small), out, Size(assemblies=2), train=False)
     assert len(video) == 1

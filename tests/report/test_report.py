@@ -170,7 +170,7 @@ def test_the_page_says_what_was_counted_and_on_what(folder: Path, tmp_path: Path
     assert f"{row.value:.3f} <span>[{row.low:.3f}, {row.high:.3f}]</span>" in text
     for word in ("native", "jax 0.10", "max_attempts: 30", "<dd>11</dd>", "0.264", ">0.340<"):
         assert word in text
-    for fact in ("performed</dt><dd>19", "not finite</dt><dd>1", "seed</dt><dd>12"):
+    for fact in ("performed</dt><dd>19", "diverged</dt><dd>1", "seed</dt><dd>12"):
         assert fact in text
     assert not any("nan" in cell for cell in re.findall(r"<td>[^<]*", text))
 
@@ -213,7 +213,7 @@ def test_figures_show_the_numbers(folder: Path, tmp_path: Path):
     assert f"{rate.value:.1%} of 40 pegs" in texts["assembly-interventions"]
     assert "Attempts at one peg" in texts["assembly-success"]
     assert "first 5 pegs" in texts["assembly-attempts"]
-    assert "prior belief" in texts["run-training"]
+    assert "prior" in texts["run-training"]
 
 
 @pytest.fixture(scope="module")
@@ -266,7 +266,7 @@ def test_an_unfinished_page_says_so(report, tmp_path: Path, monkeypatch):
     monkeypatch.setattr(building, "page", lambda made: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         report(tmp_path / "out")
-    assert "was not finished: give its command again" in (tmp_path / "out" / "index.html").read_text()
+    assert "is unfinished: rerun its command" in (tmp_path / "out" / "index.html").read_text()
 
 
 @pytest.mark.parametrize("name", ["figures", ".lock"])
@@ -348,24 +348,26 @@ def told() -> Result:
     return replace(assembly({"full": 1.0}, 1), trials=trials, summary=summarise_assembly(trials))
 
 
-def test_the_page_tells_a_usual_and_the_hardest_assembly(tmp_path: Path):
+def test_the_page_tells_a_median_and_the_hardest_assembly(tmp_path: Path):
     results.write(tmp_path / "told.json", told())
     text = build([tmp_path / "told.json"], tmp_path / "out").read_text()
     Page(text)
-    usual = text.index("The usual assembly of 3 under full: trial 1, 3 attempts")
-    hardest = text.index("The hardest assembly of 3 under full: trial 2, 5 attempts")
-    assert "Peg 1, a cross: in after 2 attempts" in text[usual:hardest]
+    median = text.index("Median of 3 assemblies with full: trial 1, 3 attempts")
+    hardest = text.index("Hardest of 3 assemblies with full: trial 2, 5 attempts")
+    assert "Peg 1, a cross: inserted after 2 attempts" in text[median:hardest]
     rows = (
         ("1 (square)", "25%", "3.1%", "1.2%", "15.7 mm", "41 N", "failed", "75%", "1.3 mm"),
         ("2 (cross)", "25%", "3.1%", "1.2%", "15.7 mm", "41 N", "inserted", "", ""),
     )
     table = "".join("<tr>" + "".join(f"<td>{cell}</td>" for cell in row) + "</tr>" for row in rows)
-    assert table in text[usual:hardest]
-    assert "the probability that peg and hole match, times" in text[usual:hardest]
-    assert "<td>3.1%</td><td>-</td>" in text[usual:hardest]  # the last hole has no other beside it
-    assert "not in after 3: a human helps" in text[hardest:]
-    assert text[hardest:].count("failed") == 4
+    assert table in text[median:hardest]
+    assert "the probability that peg and hole match, times" in text[median:hardest]
+    assert "<td>3.1%</td><td>-</td>" in text[median:hardest]  # no other hole is empty
+    assert "human intervention after 3 attempts" in text[hardest:]
+    assert text[hardest:].count("<td>failed</td>") == 4
     assert "<script>" not in text
+    assert text.index("<details open>") == hardest - len("<details open><summary>")
+    assert text.count("<details open>") == 1
 
 
 def test_a_video_comes_first_and_inside_the_page(tmp_path: Path):
@@ -391,7 +393,7 @@ def test_a_video_that_is_too_large_for_a_page(tmp_path: Path):
 
 def test_a_file_that_is_called_a_video_and_is_none(tmp_path: Path):
     (tmp_path / "no.mp4").write_bytes(b"GIF89a")
-    with pytest.raises(RequestError, match=r"no\.mp4 cannot be used: it is no \.mp4 video"):
+    with pytest.raises(RequestError, match=r"no\.mp4 cannot be used: it is not a \.mp4 video"):
         build([tmp_path / "no.mp4"], tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
@@ -408,4 +410,4 @@ def test_results_of_other_versions_and_of_another_training_say_so(tmp_path: Path
     assert f"<dd>{differs[0]}</dd>" in both
     alone = build([tmp_path / "old.json"], tmp_path / "alone").read_text()
     assert "different versions" not in alone
-    assert "set since training" not in alone
+    assert "changed since training" not in alone

@@ -39,7 +39,7 @@ def test_a_result_away_from_its_sensors_training_says_so(experiment, capsys, mon
 
 
 def test_what_is_not_known_is_said_and_without_a_sensor_nothing_is(capsys):
-    assert "is not known" in said(capsys, sensor={"full": "f"})[0]
+    assert "training settings unknown" in said(capsys, sensor={"full": "f"})[0]
     requests: list[dict] = [
         {},
         {"sensor": None},

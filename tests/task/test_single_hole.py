@@ -247,7 +247,9 @@ def test_trials_of_position_and_insertion_are_what_they_are_said_to_be(tmp_path)
     bare = tmp_path / "bare"
     shutil.copytree(run, bare, ignore=shutil.ignore_patterns("frame_by_frame"))
     without = replace(base, out=tmp_path / "q.json", trials=2, baseline=load_baseline(bare))
-    with pytest.raises(result_file.RequestError, match="frame_by_frame needs its frame_by_frame"):
+    with pytest.raises(
+        result_file.RequestError, match="the run lacks frame_by_frame, which method 'frame_by_frame' needs"
+    ):
         position.position(replace(without, methods="full,frame_by_frame"))
     with pytest.raises(result_file.RequestError, match="--run is required: method 'full' needs"):
         position.position(replace(without, methods="full", sensor=None))

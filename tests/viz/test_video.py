@@ -89,12 +89,12 @@ def test_what_cannot_be_played_is_refused(result):
             replay(result, "oracle", 0, attempt=attempt)
         with pytest.raises(RequestError, match=f"--attempt: {attempt} is out of range: .* 1 to 12$"):
             record(CONFIG, "oracle", 0, 0, attempt=attempt)
-    with pytest.raises(RequestError, match="nothing to play"):
+    with pytest.raises(RequestError, match="trials cannot be used: the list is empty"):
         replay(dataclasses.replace(result, trials=[]), "oracle", 0)
     with pytest.raises(RequestError, match="--method: 'oracle,full' is invalid"):
         record(CONFIG, "oracle,full", 0, 0)
     result.trials[0]["tried"][0][0] += 1
-    with pytest.raises(RequestError, match="does not come out as in the result"):
+    with pytest.raises(RequestError, match="differs from the result"):
         replay(result, "failure_only", 0)
 
 
@@ -239,7 +239,7 @@ def test_a_world_that_broke_is_shown_as_far_as_it_went():
     shown = moments(played, 4, 1.0)
     assert all(np.isfinite(moment.tip_pos_world).all() for moment in shown)
     panel = Panel(played, 460, 720)
-    assert ("attempt 1", "the simulation broke; nothing is learned") in [
+    assert ("attempt 1", "simulation diverged; no belief update") in [
         words for moment in shown for words in panel.words(moment)
     ]
     for moment in shown[::7]:
@@ -318,7 +318,7 @@ def test_an_mp4_holds_every_frame_and_a_failed_encoder_leaves_the_old_file(tmp_p
     assert imageio_ffmpeg.count_frames_and_secs(str(path))[0] == 9
     before = path.read_bytes()
     with pytest.raises(
-        WorkError, match=r"^render: the video could not be encoded whole: is there room for it\?$"
+        WorkError, match=r"^render: the video could not be encoded completely: is there enough disk space\?$"
     ):
         files.replace_with(path, lambda hidden: video._write_mp4(iter(noise), hidden / "no", 10, (64, 48)))
     assert path.read_bytes() == before

@@ -1,4 +1,4 @@
-"""Figures of experiments, from the rows of a result file. Every interval is a 95 % interval."""
+"""Figures of the assembly and attempt experiments, from the rows of a result, with 95 % intervals."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -14,18 +14,18 @@ from mjx_fit.report.figures import style
 from mjx_fit.report.paper_values import PAPER
 
 ATTEMPTS_BIN = 6
-"""Attempts in one bin of the histogram, as in the paper."""
+"""Width of a histogram bin in attempts, as in the paper."""
 ERROR_BIN_MM = 4.0
 
 Trials = list[dict[str, Any]]
 
 
 def success_curve(trials: Trials, cap: int) -> Figure:
-    """Fraction of pegs that the robot inserted within k attempts, intervals by bootstrap over trials.
+    """Draw the insertion rate within k attempts, with intervals by bootstrap over trials.
 
     Args:
         trials: Rows of an assembly result.
-        cap: Attempts at one peg before a human helps.
+        cap: Maximum number of attempts at one peg before human intervention.
     """
     methods = by_method(trials)
     colour, marker = style.colours(list(methods)), style.markers(list(methods))
@@ -40,7 +40,7 @@ def success_curve(trials: Trials, cap: int) -> Figure:
         mean, low, high = bootstrap_means(inserted, clusters)
         ax.fill_between(k, low, high, color=colour[name], alpha=0.18, linewidth=0)
         ax.plot(k, mean, color=colour[name], marker=marker[name], markersize=4, markevery=max(1, cap // 10))
-    ax.set(xlabel="Attempts at one peg", ylabel="Pegs inserted by the robot", ylim=(-0.02, 1.04))
+    ax.set(xlabel="Attempts at one peg", ylabel="Insertion rate", ylim=(-0.02, 1.04))
     ax.set_xlim(min(1, cap - 1), cap + 0.5)
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     ax.yaxis.set_major_formatter(PercentFormatter(1, decimals=0))
@@ -49,7 +49,7 @@ def success_curve(trials: Trials, cap: int) -> Figure:
 
 
 def attempts_histogram(trials: Trials) -> Figure:
-    """Cumulative attempts for the first n pegs, a row for each n; lines are the methods' means.
+    """Draw histograms of the cumulative attempts for the first n pegs, a row for each n, with means.
 
     Args:
         trials: Rows of an assembly result.
@@ -82,7 +82,7 @@ def attempts_histogram(trials: Trials) -> Figure:
 
 
 def intervention_rate(summary: Sequence[Row], paper: Mapping[tuple[str, str, str], float]) -> Figure:
-    """Share of the pegs that a human inserted, with the paper's value where it has one.
+    """Draw the human intervention rate, with the paper's value where it reports one.
 
     Args:
         summary: Rows of an assembly result.
@@ -100,25 +100,25 @@ def intervention_rate(summary: Sequence[Row], paper: Mapping[tuple[str, str, str
         style.legend(figure, ax.get_legend_handles_labels()[0])
     highest = [x for row in rows for x in (row.value, row.high or 0)] + [value for value, _ in known]
     ax.set_xlim(0, min(1.02, max(0.05, 1.15 * max(highest))))
-    ax.set_xlabel("Pegs inserted by a human")
+    ax.set_xlabel("Human intervention rate")
     return figure
 
 
 def attempts_ratio(summary: Sequence[Row]) -> Figure:
-    """Attempts of ``full`` for all pegs over those of each other method in the same trials.
+    """Draw the ratio of attempts for all pegs, ``full`` to each other method, in the same trials.
 
     Args:
         summary: Rows of an assembly result.
     """
     rows = [row for row in summary if row.metric == "attempts_ratio"]
     words = [f"full /\n{style.label(row.group)}" for row in rows]
-    figure = style.against(rows, words, 1, "Ratio of the attempts for all pegs")
+    figure = style.against(rows, words, 1, "Ratio of attempts for all pegs")
     figure.axes[0].set_xlim(0, None)
     return figure
 
 
 def where_attempts_went(trials: Trials) -> Figure:
-    """What the attempts of an assembly were spent on, on average over the trials of each method.
+    """Draw the mean number of attempts of an assembly by outcome, for each method.
 
     Args:
         trials: Rows of an assembly result, with ``holes`` and ``tried``.
@@ -140,13 +140,13 @@ def where_attempts_went(trials: Trials) -> Figure:
 
 _SPENT = (
     ("inserted", "#0072B2"),
-    ("failed, hole matches", "#56B4E9"),
-    ("failed, other hole", "#D55E00"),
+    ("failed, matching hole", "#56B4E9"),
+    ("failed, mismatched hole", "#D55E00"),
 )
 
 
 def _spent(trial: dict[str, Any]) -> tuple[int, int, int]:
-    """Attempts of one trial that succeeded, that failed at a matching hole, and that failed at another."""
+    """Count the attempts of a trial that succeeded, failed at a matching hole, and failed at another."""
     by_robot = len(trial["human"]) - sum(trial["human"])
     inserted = by_robot - sum(trial.get("inserted_wrongly", []))
     fits = sum(
@@ -158,7 +158,7 @@ def _spent(trial: dict[str, Any]) -> tuple[int, int, int]:
 
 
 def attempt_success(summary: Sequence[Row]) -> Figure:
-    """Success rate of attempts: matched, by shape, and mismatched, with the paper's α as a line.
+    """Draw the success rate of attempts, matched, by shape and mismatched, with the paper's α as a line.
 
     Args:
         summary: Rows of an attempt result.
@@ -177,12 +177,12 @@ def attempt_success(summary: Sequence[Row]) -> Figure:
     line.set_label(f"paper, matched: {alpha:.2f}")
     style.legend(figure, [line])
     ax.set_xlim(0, 1.02)
-    ax.set_xlabel("Attempts that ended in insertion")
+    ax.set_xlabel("Success rate")
     return figure
 
 
 def success_by_error(matched: Trials) -> Figure:
-    """Success of matched attempts by the distance of the detector's estimate from the hole.
+    """Draw the success rate of matched attempts by the detection error.
 
     Args:
         matched: Rows of an attempt result, matched pairs only.
@@ -200,7 +200,7 @@ def success_by_error(matched: Trials) -> Figure:
         ax.errorbar(centre, rate.value, yerr=ends, xerr=ERROR_BIN_MM / 2, **look)
         ax.text(centre, 1.03, f"{n}", transform=ax.get_xaxis_transform(), ha="center", fontsize=9)
     ax.text(-0.02, 1.03, "n =", transform=ax.transAxes, ha="right", fontsize=9)
-    ax.set(xlabel="Error of the detector's estimate (mm)", ylabel="Matched attempts inserted")
+    ax.set(xlabel="Detection error (mm)", ylabel="Success rate, matched hole")
     ax.set(ylim=(-0.02, 1.02), xlim=(0, (bins.max() + 1) * ERROR_BIN_MM))
     ax.yaxis.set_major_formatter(PercentFormatter(1, decimals=0))
     return figure
@@ -210,7 +210,7 @@ _PAPER_MARK: dict[str, Any] = {"markerfacecolor": "none", "markeredgecolor": sty
 
 
 def _bars(rows: Sequence[Row], labels: Sequence[str], colour: Sequence[str]) -> Figure:
-    """Horizontal bars with intervals: a row of text has room for any name."""
+    """Draw horizontal bars with intervals, which leave room for long names."""
     figure, ax = style.axes(1.2 + 0.55 * len(rows))
     value, low, high = np.array([(row.value, row.low, row.high) for row in rows], float).T
     at = np.arange(len(rows))

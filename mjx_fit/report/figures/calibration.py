@@ -1,4 +1,4 @@
-"""Figures of the calibration experiment: how much one attempt tells, and whether the belief is honest."""
+"""Figures of the calibration experiment: information in one attempt, and calibration of the posterior."""
 
 from typing import Any
 
@@ -16,13 +16,13 @@ Trials = list[dict[str, Any]]
 
 LEVELS = np.linspace(0.05, 0.95, 19)
 HEADED = 45.0
-"""Degrees by which the names of pairs are turned."""
+"""Rotation of the names of pairs, in degrees."""
 MOST_PAIRS = 12
-"""Pairs side by side on one axis; more make a matrix."""
+"""Most pairs on one axis; more are drawn as a matrix."""
 
 
 def error_by_actions(summary: list[Row]) -> Figure:
-    """Mean position error after one update from a part of an attempt, by the number of actions read."""
+    """Draw the mean position error after one update from part of an attempt, by number of actions used."""
     figure, ax = style.axes()
     methods = [name for name in ("full", "frame_by_frame") if _by_actions(summary, name)]
     colour, marker = style.colours(methods), style.markers(methods)
@@ -34,14 +34,14 @@ def error_by_actions(summary: list[Row]) -> Figure:
     prior = next(row for row in summary if (row.method, row.group) == ("prior", "all"))
     ax.axhline(prior.value, color=style.PAPER_COLOUR, linestyle="--", linewidth=1)
     handles = style.method_handles(methods)
-    handles.append(Line2D([], [], color=style.PAPER_COLOUR, linestyle="--", label="before it"))
-    ax.set(xlabel="Actions of the attempt that are read", ylabel="Position error (cm)", ylim=(0, None))
+    handles.append(Line2D([], [], color=style.PAPER_COLOUR, linestyle="--", label="prior"))
+    ax.set(xlabel="Actions of the attempt used", ylabel="Position error (cm)", ylim=(0, None))
     style.legend(figure, handles)
     return figure
 
 
 def error_by_attempt(summary: list[Row]) -> Figure:
-    """Mean position error before and after each attempt of a sequence."""
+    """Draw the mean position error before and after each attempt of a sequence."""
     figure, ax = style.axes()
     after = _by_attempt(summary, "full", "position_error_cm")
     first = _by_attempt(summary, "prior", "position_error_cm").get(1)
@@ -55,7 +55,7 @@ def error_by_attempt(summary: list[Row]) -> Figure:
 
 
 def coverage_by_attempt(summary: list[Row]) -> Figure:
-    """Share of the holes inside the ellipses of 50 and 90 % after each attempt of a sequence."""
+    """Draw the coverage of the 50 and 90 % ellipses after each attempt of a sequence."""
     figure, ax = style.axes()
     kinds = ((90, style.MATCHED_COLOUR, "o"), (50, style.MISMATCHED_COLOUR, "s"))
     for level, colour, marker in kinds:
@@ -63,7 +63,7 @@ def coverage_by_attempt(summary: list[Row]) -> Figure:
         style.points(ax, list(rows), list(rows.values()), color=colour, marker=marker)
         ax.axhline(level / 100, color=colour, linestyle="--", linewidth=1)
         ax.set_xticks(list(rows))
-    ax.set(xlabel="Failed attempts", ylabel="Holes inside the ellipse", ylim=(0.3, 1))
+    ax.set(xlabel="Failed attempts", ylabel="Coverage", ylim=(0.3, 1))
     ax.yaxis.set_major_formatter(PercentFormatter(1, decimals=0))
     handles = [
         Line2D([], [], color=c, marker=m, markersize=5, label=f"{level} % ellipse") for level, c, m in kinds
@@ -73,7 +73,7 @@ def coverage_by_attempt(summary: list[Row]) -> Figure:
 
 
 def coverage(trials: Trials) -> Figure:
-    """Share of the holes inside the ellipse of each probability; on the diagonal the belief is honest."""
+    """Draw the observed coverage of each credible ellipse; a calibrated posterior lies on the diagonal."""
     figure, ax = style.axes()
     methods = list(dict.fromkeys(trial["method"] for trial in trials))
     colour, marker = style.colours(methods), style.markers(methods)
@@ -81,13 +81,13 @@ def coverage(trials: Trials) -> Figure:
         squared = np.array([t["squared_mahalanobis"] for t in trials if t["method"] == name])
         share = [inside(squared, float(level)).mean() for level in LEVELS]
         ax.plot(LEVELS, share, color=colour[name], marker=marker[name], markersize=4)
-    _diagonal(ax, "Probability of the ellipse", "Holes inside it")
+    _diagonal(ax, "Probability of the ellipse", "Observed coverage")
     style.legend(figure, style.method_handles(methods))
     return figure
 
 
 def match_reliability(trials: Trials, names: tuple[str, ...]) -> Figure:
-    """How often peg and hole match, by the probability that h_match, and the filter behind it, gives it."""
+    """Draw the reliability diagram of the match probability of h_match and of the histogram filter."""
     own = [trial for trial in trials if trial["method"] == "full"]
     matched = np.array([trial["pair"][0] == trial["pair"][1] for trial in own])
     filtered = np.array([trial["type_probability"][names.index(trial["pair"][0])] for trial in own])
@@ -101,14 +101,14 @@ def match_reliability(trials: Trials, names: tuple[str, ...]) -> Figure:
         half = 1.96 * np.sqrt(frequency * (1 - frequency) / n)
         bars = style.spread(frequency, frequency - half, frequency + half)
         ax.errorbar(mean, frequency, bars, color=colour, marker=marker, markersize=5)
-    _diagonal(ax, "Probability of a match", "Attempts that match")
+    _diagonal(ax, "Predicted probability of a match", "Observed frequency")
     handles = [Line2D([], [], color=c, marker=m, markersize=5, label=name) for name, _, c, m in kinds]
     style.legend(figure, handles)
     return figure
 
 
 def match_by_pair(summary: list[Row]) -> Figure:
-    """Area under the ROC curve of h_match: each peg's own hole against each other hole."""
+    """Draw the match AUROC of h_match: each peg's matching hole against each other hole type."""
     pairs = {row.group: row for row in summary if row.metric == "match_auroc" and row.group.count(":") == 1}
     names = [name for name in pairs if not name.startswith("actions")]
     rows = [pairs[name] for name in names]
@@ -119,12 +119,12 @@ def match_by_pair(summary: list[Row]) -> Figure:
     ax.axhline(0.5, color=style.PAPER_COLOUR, linestyle="--", linewidth=1)
     texts = ["{} peg,\n{} hole".format(*name.split(":")) for name in names]
     ax.set_xticks(range(len(rows)), texts, rotation=HEADED, ha="right", rotation_mode="anchor")
-    ax.set(ylabel="Area under ROC", ylim=(0.45, 1.0))
+    ax.set(ylabel="Match AUROC", ylim=(0.45, 1.0))
     return figure
 
 
 def _match_matrix(rows: list[Row]) -> Figure:
-    """The same for many pairs: a cell for each, pegs below one another, holes side by side."""
+    """Draw many pairs as a matrix: a row for each peg, a column for each hole."""
     names = list(dict.fromkeys(row.group.split(":")[0] for row in rows))
     area = np.full((len(names), len(names)), np.nan)
     for row in rows:
@@ -141,7 +141,7 @@ def _match_matrix(rows: list[Row]) -> Figure:
     ax.set_yticks(range(len(names)), labels)
     ax.set(xlabel="Hole", ylabel="Peg")
     ax.grid(visible=False)
-    figure.colorbar(image, ax=ax, label="Area under ROC (cells: %)", format="%g", fraction=0.046, pad=0.03)
+    figure.colorbar(image, ax=ax, label="Match AUROC (cells: %)", format="%g", fraction=0.046, pad=0.03)
     return figure
 
 
@@ -154,7 +154,7 @@ def _by_actions(summary: list[Row], method: str) -> dict[int, Row]:
 
 
 def _by_number(summary: list[Row], method: str, metric: str, prefix: str) -> dict[int, Row]:
-    """Rows whose groups are numbers after a prefix."""
+    """Return the rows whose groups are numbers after a prefix, by number."""
     rows = [row for row in summary if (row.method, row.metric) == (method, metric)]
     return {number: row for row in rows if (number := number_in(row.group, prefix)) is not None}
 

@@ -1,4 +1,4 @@
-"""Which figures an experiment has: a name, a sentence, and how it is drawn."""
+"""Figures of each experiment: name, caption and drawing function."""
 
 from collections.abc import Callable
 
@@ -13,7 +13,7 @@ Drawing = tuple[str, str, Callable[[], Figure]]
 
 
 def of_result(result: Result) -> list[Drawing]:
-    """The figures of a result; an experiment that has none of its own, or no trials, has its table."""
+    """Return the figures of a result; empty for unknown experiments and results without trials."""
     kinds = {
         "assembly": _assembly,
         "attempt": _attempt,
@@ -32,32 +32,32 @@ def _assembly(result: Result) -> list[Drawing]:
     shown: list[Drawing] = [
         (
             "success",
-            "Share of all pegs that the robot inserted within that many attempts at the peg; bands are 95 % "
-            "intervals by bootstrap over trials.",
+            "Insertion rate within k attempts at a peg, over all pegs; bands are 95 % intervals by bootstrap "
+            "over trials.",
             lambda: assembly.success_curve(result.trials, cap),
         ),
         (
             "attempts",
-            "Attempts that the first n pegs took together, as in the paper: areas are shares of the trials, "
-            f"vertical lines the methods' means; a peg given to a human counts {cap}.",
+            "Cumulative attempts for the first n pegs, as in the paper: histograms over trials, with means "
+            f"as vertical lines; a peg with human intervention counts {cap} attempts.",
             lambda: assembly.attempts_histogram(result.trials),
         ),
     ]
     if any((row.metric, row.group) == ("intervention_rate", "all") for row in result.summary):
         caption = (
-            f"Share of all pegs that a human had to insert after {cap} attempts, with 95 % intervals by "
-            "bootstrap over trials; where it was none or every peg, Wilson's for that many trials: wide."
+            f"Human intervention rate: share of all pegs inserted by a human after {cap} attempts, with 95 % "
+            "intervals by bootstrap over trials; wider Wilson intervals over trials for rates of 0 and 1."
         )
         beside = paper_values.beside(result.config)
         drawing = ("interventions", caption, lambda: assembly.intervention_rate(result.summary, beside))
         shown.insert(1, drawing)
     if all("tried" in trial and "holes" in trial for trial in result.trials):
-        caption = "What the attempts of an assembly were spent on, on average over the trials."
+        caption = "Mean number of attempts of an assembly by outcome, over all trials."
         shown.append(("spent", caption, lambda: assembly.where_attempts_went(result.trials)))
     if any(row.metric == "attempts_ratio" for row in result.summary):
         caption = (
-            "Attempts of full for all pegs over those of each other method in the same trials, with 95 % "
-            "intervals by bootstrap over trials: left of the dashed line full needs fewer."
+            "Ratio of attempts for all pegs, full to each other method, in the same trials, with 95 % "
+            "intervals by bootstrap over trials; full needs fewer attempts left of the dashed line."
         )
         shown.append(("ratio", caption, lambda: assembly.attempts_ratio(result.summary)))
     return shown
@@ -68,15 +68,15 @@ def _attempt(result: Result) -> list[Drawing]:
     drawings: list[Drawing] = []
     if any(row.metric == "success_rate" for row in result.summary):
         caption = (
-            f"Success of single attempts by pair, detector “{kind}”, with Wilson 95 % intervals; the paper's "
-            "rate is of matched pairs, and its figures look like the detector “disc”."
+            f"Success rate of single attempts by pair, detector “{kind}”, with Wilson 95 % intervals; the "
+            "paper's rate is for matched pairs, and its figures suggest the detector “disc”."
         )
         drawings.append(("success", caption, lambda: assembly.attempt_success(result.summary)))
     matched = [trial for trial in result.trials if trial["matched"]]
     if matched:
         caption = (
-            "Success of matched attempts by the error of the estimate over which they start, with Wilson "
-            f"95 % intervals in bins of {assembly.ERROR_BIN_MM:g} mm."
+            "Success rate of attempts at a matching hole by detection error, in bins of "
+            f"{assembly.ERROR_BIN_MM:g} mm with Wilson 95 % intervals."
         )
         drawings.append(("error", caption, lambda: assembly.success_by_error(matched)))
     return drawings
@@ -86,14 +86,14 @@ def _by_attempt(result: Result) -> list[Drawing]:
     return [
         (
             "attempts",
-            "Mean distance of the believed from the true position after each failed attempt at a hole, of "
-            "those that came so far, with 95 % intervals by bootstrap over holes.",
+            "Mean position error after each failed attempt at a hole, over the holes with that many "
+            "attempts, with 95 % intervals by bootstrap over holes.",
             lambda: calibration.error_by_attempt(result.summary),
         ),
         (
             "coverage-by-attempt",
-            "Share of the true positions inside the ellipses of 50 and 90 % after each failed attempt, with "
-            "95 % intervals by bootstrap over holes: below the dashed line the belief is too sure.",
+            "Coverage of the 50 and 90 % ellipses of the posterior after each failed attempt, with 95 % "
+            "intervals by bootstrap over holes; the posterior is overconfident below the dashed line.",
             lambda: calibration.coverage_by_attempt(result.summary),
         ),
     ]
@@ -102,7 +102,7 @@ def _by_attempt(result: Result) -> list[Drawing]:
 def _calibration(result: Result) -> list[Drawing]:
     actions = max(trial["actions"] for trial in result.trials)
     whole = [trial for trial in result.trials if trial["actions"] == actions]
-    # Only a set whose attempts start from this sensor's own beliefs tells what it makes of several.
+    # Several attempts are comparable only if they start from this sensor's own posterior.
     own = result.request.get("beliefs_of") == result.request.get("sensor", {}).get("full", "-")
     several = _by_attempt(result) if own else []
     names = config_from_tree(result.config).scene.names
@@ -110,19 +110,20 @@ def _calibration(result: Result) -> list[Drawing]:
         *several,
         (
             "actions",
-            "Mean distance of the believed from the true position after one failed attempt, by how much of "
-            "it is read, with 95 % intervals by bootstrap over holes.",
+            "Mean position error after one failed attempt, by the number of actions used, with 95 % "
+            "intervals by bootstrap over holes.",
             lambda: calibration.error_by_actions(result.summary),
         ),
         (
             "coverage",
-            "Share of the true positions inside the belief's ellipse, by the ellipse's probability: on the "
-            "dashed line the belief is honest, below it too sure.",
+            "Observed coverage of the posterior's ellipses by their probability: the posterior is calibrated "
+            "on the dashed line, and overconfident below it.",
             lambda: calibration.coverage(whole),
         ),
         (
             "reliability",
-            "How often peg and hole match, by the probability given to it, with 95 % intervals.",
+            "Reliability diagram: observed frequency of a match per bin of predicted probability, with 95 % "
+            "intervals.",
             lambda: calibration.match_reliability(whole, names),
         ),
         *_by_pair(result, len(names)),
@@ -133,8 +134,8 @@ def _by_pair(result: Result, n_types: int) -> list[Drawing]:
     if n_types == 1:
         return []
     caption = (
-        "How well one failed attempt tells a peg's own hole from another: area under the ROC curve with "
-        "95 % intervals by bootstrap over holes; 0.5 is chance."
+        "Match AUROC after one failed attempt, by peg type and mismatched hole type, with 95 % intervals by "
+        "bootstrap over holes; 0.5 is chance."
     )
     return [("pairs", caption, lambda: calibration.match_by_pair(result.summary))]
 
@@ -144,17 +145,16 @@ def _position(result: Result) -> list[Drawing]:
     mismatched: list[Drawing] = [
         (
             "error",
-            "Mean distance of the believed from the true position before the first and after each attempt, "
-            "at holes that do not match the peg, so that every trial has all attempts; the paper's figure, "
-            "with 95 % intervals by bootstrap over trials.",
+            "Mean position error before the first attempt and after each, at mismatched holes, where every "
+            "trial has all attempts; as in the paper, with 95 % intervals by bootstrap over trials.",
             lambda: single_hole.error_by_attempt(summary),
         ),
     ]
     spread: list[Drawing] = [
         (
             "error-spread",
-            "How the errors of mismatched trials are spread: median (dot), middle half (bar), middle 90 % "
-            "(line).",
+            "Distribution of the position error at mismatched holes: median (dot), middle 50 % (bar), middle "
+            "90 % (line).",
             lambda: single_hole.errors_spread(result.trials),
         ),
     ]
@@ -164,15 +164,15 @@ def _position(result: Result) -> list[Drawing]:
         *mismatched,
         (
             "error-matched",
-            "Mean distance of the believed from the true position after each attempt, at holes that match: "
-            "the belief stays as it is once the peg is in.",
+            "Mean position error after each attempt at matching holes; the posterior no longer changes once "
+            "the peg is inserted.",
             lambda: single_hole.error_by_attempt(summary, "matched:"),
         ),
         *spread,
         (
             "coverage",
-            "Share of the true positions inside the belief's 90 % ellipse, of the trials whose peg is not in "
-            "yet: below the dashed line the belief is too sure.",
+            "Coverage of the posterior's 90 % ellipse, over trials whose peg is not yet inserted; the "
+            "posterior is overconfident below the dashed line.",
             lambda: single_hole.coverage_by_attempt(summary),
         ),
     ]
@@ -182,15 +182,15 @@ def _insertion(result: Result) -> list[Drawing]:
     shown: list[Drawing] = [
         (
             "success",
-            "Share of the pegs that are in their hole within so many attempts; the paper's figure, with 95 % "
-            "intervals by bootstrap over draws, Wilson's where it is all or none.",
+            "Insertion rate within k attempts, as in the paper, with 95 % intervals by bootstrap over draws, "
+            "or Wilson's for rates of 0 and 1.",
             lambda: single_hole.success_by_attempts(result.summary),
         )
     ]
     if any(row.metric == "attempts_saved" for row in result.summary):
         caption = (
-            "How many attempts fewer full needs than another method in the same trial, on average, with 95 % "
-            "intervals by bootstrap over draws; p by a sign-flip test, adjusted by Holm."
+            "Attempts saved by full compared with each other method in the same trials, on average, with 95 "
+            "% intervals by bootstrap over draws; p from a sign-flip test with Holm's adjustment."
         )
         shown.append(("saved", caption, lambda: single_hole.attempts_saved(result.summary)))
     return shown

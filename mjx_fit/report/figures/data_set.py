@@ -1,4 +1,4 @@
-"""Figures of a data set: the pictures of its card."""
+"""Figures of a data set."""
 
 from itertools import product
 
@@ -15,15 +15,15 @@ from mjx_fit.types import Rollout
 from mjx_fit.utils.type_colours import FIGURE_COLOURS
 
 VIEW_CM = 6.0
-"""Half width of the picture of visited positions."""
+"""Half width of the figure of visited positions."""
 MOST_ROWS = 16
-"""Pairs of which each has a row of its own: of more, the rows are pegs."""
+"""Most pairs with a row each; beyond it, mismatched holes of a peg share a row."""
 
 
 def interaction_lengths(data: Rollout, names: tuple[str, ...]) -> Figure:
-    """How many pegs were not inserted yet, action by action, by shape where peg and hole match.
+    """Draw the share of pegs not yet inserted after each action, by shape where peg and hole match.
 
-    Kaplan and Meier's estimate, since interactions of different policies are cut off at different lengths.
+    The estimate is Kaplan and Meier's, since interactions of different policies end at different lengths.
     """
     matched, peg = np.asarray(data.felt.peg_type == data.truth.hole_type), np.asarray(data.felt.peg_type)
     length, inserted = np.asarray(data.felt.length), np.asarray(data.truth.inserted)
@@ -39,34 +39,39 @@ def interaction_lengths(data: Rollout, names: tuple[str, ...]) -> Figure:
         left = np.cumprod(1 - ended[going > 0] / going[going > 0])
         label = f"{name} ({which.sum():,})"
         ax.step([0, *actions[going > 0]], [1, *left], where="post", color=colour, label=label)
-    ax.set(xlabel="Actions (of 0.1 s)", ylabel="Not inserted yet", ylim=(-0.02, 1.04), xlim=(0, actions[-1]))
+    ax.set(
+        xlabel="Actions (100 ms each)",
+        ylabel="Pegs not yet inserted",
+        ylim=(-0.02, 1.04),
+        xlim=(0, actions[-1]),
+    )
     ax.yaxis.set_major_formatter(PercentFormatter(1, decimals=0))
     figure.legend(loc="outside upper left", ncols=2)
     return figure
 
 
 def visited_positions(data: Rollout) -> Figure:
-    """Where the tip was relative to the true hole, all actions of all interactions together."""
+    """Draw end-effector positions relative to the true hole, over all actions of all interactions."""
     tip = np.asarray(data.felt.trace.tip_pos_world)[..., :2] - np.asarray(data.truth.hole_pos_world)[:, None]
     x, y = 100 * tip[_real(data)].T
     counts, edges, _ = np.histogram2d(x, y, bins=np.linspace(-VIEW_CM, VIEW_CM, 61), density=False)
     figure, ax = style.axes(4.2)
     shown = np.ma.masked_equal(counts.T, 0)
-    # One image instead of 3,600 squares keeps the page small.
+    # Rasterised: one image instead of 3,600 squares keeps the page small.
     mesh = ax.pcolormesh(edges, edges, shown, norm=LogNorm(1, max(counts.max(), 10)), rasterized=True)
     ax.plot(0, 0, "+", color="#D55E00", markersize=14, markeredgewidth=2)
-    ax.set(xlabel="x from the hole's centre (cm)", ylabel="y from the hole's centre (cm)", aspect="equal")
+    ax.set(xlabel="x from the hole centre (cm)", ylabel="y from the hole centre (cm)", aspect="equal")
     ax.grid(visible=False)
-    # A log axis writes its labels as formulas, which the style has switched off.
-    figure.colorbar(mesh, ax=ax, label="Actions that ended there", format="%g", fraction=0.046, pad=0.03)
+    # A log axis formats its labels as formulas, which the style disables.
+    figure.colorbar(mesh, ax=ax, label="Number of actions", format="%g", fraction=0.046, pad=0.03)
     return figure
 
 
 def forces_by_pair(data: Rollout, config: Config) -> Figure:
-    """Force of the peg on the plate by pair: what half and what 90 % of the samples lie within.
+    """Draw the contact force by pair: the ranges of the middle 50 % and 90 % of the samples.
 
-    Actions with some contact alone; one sample in ten is looked at. Where there are more than ``MOST_ROWS``
-    pairs, all holes that do not match a peg share a row.
+    Only actions with contact are used, and every tenth sample. If there are more than ``MOST_ROWS`` pairs,
+    all mismatched holes of a peg share a row.
     """
     tared = (
         np.asarray(data.felt.trace.wrench_sensor)[:, :, ::10, :3]
@@ -92,7 +97,7 @@ def forces_by_pair(data: Rollout, config: Config) -> Figure:
 
 
 def _pairs(data: Rollout, names: tuple[str, ...]) -> list[tuple[str, Bool[np.ndarray, "n"], bool]]:
-    """The rows of a figure by pair: label, which rollouts are in it, and whether peg and hole match."""
+    """Return the rows of a figure by pair: label, mask of its rollouts, and whether peg and hole match."""
     peg, hole = np.asarray(data.felt.peg_type), np.asarray(data.truth.hole_type)
     if len(names) ** 2 <= MOST_ROWS:
         return [
@@ -105,5 +110,5 @@ def _pairs(data: Rollout, names: tuple[str, ...]) -> list[tuple[str, Bool[np.nda
 
 
 def _real(data: Rollout) -> Bool[np.ndarray, "n J"]:
-    """Which actions were performed."""
+    """Return the mask of the actions that were performed."""
     return np.arange(data.felt.trace.action_world.shape[1]) < np.asarray(data.felt.length)[:, None]

@@ -1,4 +1,4 @@
-"""Figures of the experiments at one hole, in the paper's form and with what it leaves out beside it."""
+"""Figures of the experiments at one hole, as in the paper, with the figures that it omits."""
 
 from typing import Any
 
@@ -15,11 +15,11 @@ Trials = list[dict[str, Any]]
 
 
 def error_by_attempt(summary: list[Row], kind: str = "") -> Figure:
-    """Mean position error before the first attempt and after each; the oracle's is nought and is left out.
+    """Draw the mean position error before the first attempt and after each, without the oracle (zero).
 
     Args:
         summary: Rows of a position result.
-        kind: Prefix of the groups: none for mismatched pairs, ``matched:``.
+        kind: Prefix of the groups: empty for mismatched pairs, ``matched:`` for matched ones.
     """
     figure, ax = style.axes()
     lines = {
@@ -36,7 +36,7 @@ def error_by_attempt(summary: list[Row], kind: str = "") -> Figure:
 
 
 def errors_spread(trials: Trials) -> Figure:
-    """Quartiles of the position error after each attempt, mismatched pairs: what a mean does not tell.
+    """Draw the quantiles of the position error after each attempt, for mismatched pairs.
 
     Args:
         trials: Rows of a position result.
@@ -65,23 +65,23 @@ def errors_spread(trials: Trials) -> Figure:
 
 
 def coverage_by_attempt(summary: list[Row]) -> Figure:
-    """Share of the holes inside the belief's ellipse of 90 % after each attempt.
+    """Draw the coverage of the 90 % ellipse after each attempt.
 
     Args:
         summary: Rows of a position result.
     """
-    figure = _shares(summary, "coverage_90", "Holes inside the 90 % ellipse")
+    figure = _shares(summary, "coverage_90", "Coverage of the 90 % ellipse")
     figure.axes[0].axhline(0.9, color=style.PAPER_COLOUR, linestyle="--", linewidth=1)
     return figure
 
 
 def success_by_attempts(summary: list[Row]) -> Figure:
-    """Share of the trials that are done within k attempts: the paper's figure.
+    """Draw the insertion rate within k attempts, as in the paper.
 
     Args:
         summary: Rows of an insertion result.
     """
-    return _shares(summary, "success_rate", "Pegs inserted")
+    return _shares(summary, "success_rate", "Insertion rate")
 
 
 def _shares(summary: list[Row], metric: str, ylabel: str) -> Figure:
@@ -95,15 +95,15 @@ def _shares(summary: list[Row], metric: str, ylabel: str) -> Figure:
 
 
 def attempts_saved(summary: list[Row]) -> Figure:
-    """How many attempts ``full`` saves against each other method, pair by pair.
+    """Draw the attempts that ``full`` saves compared with each other method, over pairs of trials.
 
     Args:
         summary: Rows of an insertion result.
     """
     rows = [row for row in summary if row.metric == "attempts_saved"]
     p_values = {row.group: row.value for row in summary if row.metric == "p_value"}
-    words = [f"than {style.label(row.group)},\np {_p(p_values.get(row.group))}" for row in rows]
-    return style.against(rows, words, 0, "Attempts fewer")
+    words = [f"vs. {style.label(row.group)},\np {_p(p_values.get(row.group))}" for row in rows]
+    return style.against(rows, words, 0, "Attempts saved")
 
 
 def _p(value: float | None) -> str:
@@ -113,7 +113,7 @@ def _p(value: float | None) -> str:
 
 
 def _by_number(summary: list[Row], metric: str, kind: str) -> dict[str, dict[int, Row]]:
-    """Rows of one metric whose groups are numbers behind a prefix, by method and number."""
+    """Return the rows of a metric whose groups are numbers after a prefix, by method and number."""
     found: dict[str, dict[int, Row]] = {}
     for row in summary:
         number = number_in(row.group, kind)

@@ -1,4 +1,4 @@
-"""How every figure looks, and how a figure becomes SVG that can stand in a page beside others."""
+"""Common style of all figures, and their conversion to SVG for a page."""
 
 import io
 import re
@@ -15,8 +15,8 @@ from matplotlib.lines import Line2D
 
 from mjx_fit.evaluation.statistics import Row
 
-RC: Any = {  # matplotlib has a type of its own for the keys
-    "figure.figsize": (5.2, 3.6),  # inches: narrow, so that the text is still legible on a phone
+RC: Any = {  # matplotlib types the keys
+    "figure.figsize": (5.2, 3.6),  # inches: narrow, legible on a phone
     "figure.constrained_layout.use": True,
     "figure.dpi": 150,
     "font.size": 11,
@@ -36,7 +36,7 @@ RC: Any = {  # matplotlib has a type of its own for the keys
     "text.parse_math": False,  # a method's name may hold a dollar sign
 }
 
-# Okabe and Ito's palette, which colour-blind people can tell apart.
+# Okabe and Ito's colour-blind safe palette.
 _COLOURS = {
     "full": "#0072B2",
     "failure_position": "#E69F00",
@@ -49,7 +49,7 @@ _COLOURS = {
     "oracle": "#4d4d4d",
     "spiral": "#0072B2",
 }
-# Tol's muted palette, for methods that we do not know.
+# Tol's muted palette, for unknown methods.
 _OTHERS = ("#882255", "#117733", "#999933", "#332288", "#AA4499", "#44AA99", "#DDCC77", "#661100")
 _MARKERS = "osD^vPX<>"
 
@@ -59,11 +59,11 @@ MATCHED_COLOUR, MISMATCHED_COLOUR = "#0072B2", "#D55E00"
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure, ready for the page.
+    """Figure, ready for the page.
 
     Attributes:
         name: File name without suffix; unique in a report.
-        caption: One sentence.
+        caption: Caption.
         svg: The figure as an SVG document.
     """
 
@@ -73,7 +73,7 @@ class Picture:
 
 
 def picture(name: str, caption: str, draw: Callable[[], Figure]) -> Picture:
-    """Draws a figure in the common style; the same data give the same bytes."""
+    """Draw a figure in the common style; the same data give the same bytes."""
     with matplotlib.rc_context(RC):
         buffer = io.StringIO()
         nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
@@ -82,7 +82,7 @@ def picture(name: str, caption: str, draw: Callable[[], Figure]) -> Picture:
 
 
 def axes(height_in: float | None = None) -> tuple[Figure, Axes]:
-    """An empty figure with one set of axes."""
+    """Return an empty figure with one set of axes."""
     figure = Figure()
     if height_in is not None:
         figure.set_figheight(height_in)
@@ -90,26 +90,26 @@ def axes(height_in: float | None = None) -> tuple[Figure, Axes]:
 
 
 def colours(methods: Sequence[str]) -> dict[str, str]:
-    """A colour for each method: ours have fixed ones, others take turns in alphabetical order."""
+    """Return a colour for each method: fixed for ours, in alphabetical order for others."""
     others = sorted(set(methods) - set(_COLOURS))
     chosen = {name: _OTHERS[i % len(_OTHERS)] for i, name in enumerate(others)}
     return {name: _COLOURS.get(name) or chosen[name] for name in methods}
 
 
 def markers(methods: Sequence[str]) -> dict[str, str]:
-    """A marker for each method, so that colour is not all that tells them apart."""
+    """Return a marker for each method, so that methods differ by more than colour."""
     return {name: _MARKERS[i % len(_MARKERS)] for i, name in enumerate(methods)}
 
 
 def label(name: str) -> str:
-    """A name as a person reads it, in at most two short lines."""
+    """Return a readable name in at most two short lines."""
     words = name.replace("_", " ").strip() or name
     lines = textwrap.wrap(words, 20, max_lines=2, placeholder="…")
     return "\n".join(lines)
 
 
 def legend(figure: Figure, handles: Sequence[Any]) -> None:
-    """A legend above the axes, where it covers nothing; none where there is nothing to tell apart."""
+    """Add a legend above the axes, if there are handles."""
     if not handles:
         return
     n_columns = 2 if any(len(handle.get_label()) > 16 for handle in handles) else 3
@@ -117,7 +117,7 @@ def legend(figure: Figure, handles: Sequence[Any]) -> None:
 
 
 def method_handles(methods: Sequence[str]) -> list[Line2D]:
-    """Legend entries of the methods' lines."""
+    """Return the legend entries of the methods' lines."""
     colour, marker = colours(methods), markers(methods)
     return [
         Line2D([], [], color=colour[name], marker=marker[name], markersize=5, label=label(name))
@@ -126,7 +126,7 @@ def method_handles(methods: Sequence[str]) -> list[Line2D]:
 
 
 def points(ax: Axes, at: Sequence[float], rows: Sequence[Row], *, lying: bool = False, **look: Any) -> None:
-    """Values of a summary with their intervals: upright, or lying where the rows stand one below another."""
+    """Plot values of a summary with their intervals, vertical or, if ``lying``, horizontal."""
     value, low, high = ([getattr(row, end) for row in rows] for end in ("value", "low", "high"))
     ends = spread(value, low, high)
     look = {"marker": "o", "markersize": 5} | look
@@ -137,7 +137,7 @@ def points(ax: Axes, at: Sequence[float], rows: Sequence[Row], *, lying: bool = 
 
 
 def against(rows: Sequence[Row], words: Sequence[str], equal: float, xlabel: str) -> Figure:
-    """One method against each of others, a line of text for each; dashed is where it is no better."""
+    """Plot one method against others, a row for each; the dashed line marks equality."""
     figure, ax = axes(1.2 + 0.55 * len(rows))
     at = list(range(len(rows)))
     points(ax, at, rows, lying=True, linestyle="none", color=MATCHED_COLOUR)
@@ -149,13 +149,13 @@ def against(rows: Sequence[Row], words: Sequence[str], equal: float, xlabel: str
 
 
 def spread(value: Any, low: Any, high: Any) -> np.ndarray:
-    """Interval ends as the (2, n) distances below and above that matplotlib takes; none where unknown."""
+    """Return interval ends as matplotlib's (2, n) distances below and above; 0 where unknown."""
     value, low, high = (np.asarray(x, float) for x in (value, low, high))
     return np.nan_to_num(np.maximum([value - low, high - value], 0))
 
 
 def _unique_ids(svg: str, name: str) -> str:
-    """Prefixes every id: matplotlib calls each figure's parts alike, and the page holds many figures."""
+    """Prefix every id: matplotlib repeats ids across figures, and the page contains many figures."""
     prefix = re.sub(r"[^A-Za-z0-9_-]", "-", name)
     svg = re.sub(r'\bid="([^"]+)"', rf'id="{prefix}.\1"', svg)
     svg = re.sub(r'href="#([^"]+)"', rf'href="#{prefix}.\1"', svg)

@@ -1,4 +1,4 @@
-"""The figure of a training run."""
+"""Figure of a training run."""
 
 import json
 from pathlib import Path
@@ -15,13 +15,13 @@ from mjx_fit.utils import bounded_json
 from mjx_fit.utils.errors import RequestError
 
 LARGEST, LARGEST_LINE = 2**30, 2**16
-"""Bytes of a ``metrics.jsonl`` and of one of its lines: a million epochs."""
+"""Largest ``metrics.jsonl`` and largest line, in bytes: a million epochs."""
 
 _Measure = Annotated[float, Field(ge=-1e12, le=1e12, allow_inf_nan=False)]
 
 
 class _Record(TypedDict):
-    """What is drawn of an epoch."""
+    """Values of an epoch that are drawn."""
 
     __pydantic_config__ = ConfigDict(strict=True)  # pyright: ignore[reportGeneralTypeIssues]
 
@@ -35,12 +35,12 @@ _RECORD = TypeAdapter(_Record)
 
 
 def read_metrics(path: Path) -> list[dict[str, Any]]:
-    """The epochs of a ``metrics.jsonl`` in order; should one stand there twice, its last record.
+    """Return the epochs of a ``metrics.jsonl`` in order, each with its last record.
 
-    A run that is at work, or was killed, may have left half a line at the end.
+    The last line may be incomplete if the run is still running or was killed.
 
     Raises:
-        RequestError: The file cannot be read, or holds no epoch.
+        RequestError: The file cannot be read, or contains no epoch.
     """
     epochs: dict[int, dict[str, Any]] = {}
     try:
@@ -58,22 +58,22 @@ def read_metrics(path: Path) -> list[dict[str, Any]]:
                     f"report: {path} line {number} is not a record with an epoch: {error}"
                 ) from None
     if not epochs:
-        raise RequestError(f"report: {path} holds no epoch yet; nothing can be shown")
+        raise RequestError(f"report: {path} contains no epoch yet: nothing to show")
     return [epochs[epoch] for epoch in sorted(epochs)]
 
 
 def training_curve(metrics: list[dict[str, Any]]) -> Figure:
-    """Negative log-likelihood of the truth under the updated belief, by epoch, against the prior's.
+    """Draw the negative log-likelihood of the true state under posterior and prior, by epoch.
 
     Args:
-        metrics: Records of a run; of ``nll``, ``val_nll`` and ``prior_nll`` those are drawn that are there.
+        metrics: Records of a run; ``nll``, ``val_nll`` and ``prior_nll`` are drawn where present.
     """
     figure, ax = style.axes()
     epoch = np.array([record["epoch"] for record in metrics])
     lines = (
         ("nll", "training", "#999999", "-"),
         ("val_nll", "validation", "#0072B2", "-"),
-        ("prior_nll", "prior belief", "#D55E00", "--"),
+        ("prior_nll", "prior", "#D55E00", "--"),
     )
     few = "o" if len(epoch) < 30 else ""
     for key, name, colour, dash in lines:
