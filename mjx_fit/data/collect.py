@@ -9,7 +9,7 @@ import numpy as np
 from mjx_fit.config import limits
 from mjx_fit.config.schema import Config, require_room
 from mjx_fit.data import hdf5
-from mjx_fit.data.plan import Plan, check
+from mjx_fit.data.plan import Plan, check, require_engine
 from mjx_fit.data.sequences import Sequences
 from mjx_fit.data.writer import Writer, is_finished, new_manifest, new_shard
 from mjx_fit.engines.failures import kept_in
@@ -40,11 +40,12 @@ def collect(config: Config, out: Path, plan: Plan, engine: Engine, update: Updat
     Raises:
         RequestError: A value is invalid, or the folder holds something else, or is in use.
     """
-    check(plan, engine)
+    check(plan)
     if plan.policy in ("random", "mixed"):
         require_room(config, "random.reach_m", config.random.reach_m)
         limits.require_random_upright(config.scene, config.control, config.random)
     _require_memory(config, plan)
+    require_engine(plan, engine)
     request, shards = plan.request(config), plan.shards()
     wanted = new_manifest(request, (plan.shard_index, plan.num_shards))
     if is_finished(out, wanted, shards):

@@ -103,15 +103,12 @@ def plan_of(manifest: Manifest) -> Plan:
     return Plan(actions=asked.pop(STORED_ACTIONS), **asked, shard_index=index, num_shards=of)
 
 
-def check(plan: Plan, engine: Engine) -> None:
-    """Check that what a plan asks for can be collected by an engine.
+def check(plan: Plan) -> None:
+    """Check the numbers of a plan.
 
     Raises:
-        RequestError: A value is out of range, or the engine has another name or policy than the plan says.
+        RequestError: One is out of range.
     """
-    if resolve(plan.engine) != engine.name:
-        raise RequestError(f"--engine: {plan.engine} does not match the engine {engine.name}")
-    _require_policy(plan.policy, stored_policy_name(engine))
     require_seed(plan.seed)
     require("--episodes", plan.episodes, 1, MAX_EPISODES)
     require("--actions", plan.actions, 1, MAX_ACTIONS)
@@ -133,8 +130,15 @@ def check(plan: Plan, engine: Engine) -> None:
         )
 
 
-def _require_policy(name: str, own: str | None) -> None:
-    """Refuse data that would be stored under the name of another policy."""
+def require_engine(plan: Plan, engine: Engine) -> None:
+    """Check that the engine and its policy are those of the plan, so that no data get another's name.
+
+    Raises:
+        RequestError: They differ, or there is no such policy.
+    """
+    name, own = plan.policy, stored_policy_name(engine)
+    if resolve(plan.engine) != engine.name:
+        raise RequestError(f"--engine: {plan.engine} does not match the engine {engine.name}")
     if own is None and name not in POLICIES:
         raise RequestError(f"--policy: {shown(name)} is invalid: expected one of {', '.join(POLICIES)}")
     if own is not None and (name != own or own in POLICIES):

@@ -90,6 +90,8 @@ def rollouts():
     attempts = draw_attempts(jax.random.key(7), jnp.arange(12), "mixed", CONFIG)
     active = np.arange(12) != 4
     simulators = NativeEngine(CONFIG, 2, breakable), MjxEngine(CONFIG, 2, breakable)
+    for simulator in simulators:
+        simulator.policy_name = None  # its data are stored as those of the library's own policies
     return attempts, [simulator.run(attempts, 4, active) for simulator in simulators], simulators, active
 
 

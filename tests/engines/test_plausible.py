@@ -36,7 +36,9 @@ def pushing(push):
     """An engine in which attempts of one policy are pushed by so much (m) in each action instead."""
 
     pushed = policies.stateless(lambda seen: jnp.asarray(push, jnp.float32))
-    return NativeEngine(CONFIG, 1, policies.by_name(policies.spiral(CONFIG.spiral), pushed))
+    engine = NativeEngine(CONFIG, 1, policies.by_name(policies.spiral(CONFIG.spiral), pushed))
+    engine.policy_name = None  # its data are stored as those of the library's own policies
+    return engine
 
 
 def half_pushed(n=8):
