@@ -25,7 +25,7 @@ bench: $(READY)
 	$(RUN)/mjx-fit bench
 
 docs: $(READY)
-	PDOC_ALLOW_EXEC=1 $(RUN)/pdoc --docformat google --output-directory docs/api mjx_fit '!mjx_fit.cli'
+	PDOC_ALLOW_EXEC=1 $(RUN)/python docs/build_api.py
 
 paper: $(READY)
 	$(RUN)/mjx-fit paper --out runs/paper
