@@ -1,4 +1,4 @@
-"""The public names for type checkers; ``__init__.py`` loads them when they are used."""
+# Public names for type checkers. No docstring: it would replace that of __init__.py in the API pages.
 
 from mjx_fit.api import collect_dataset as collect_dataset
 from mjx_fit.api import draw_attempts as draw_attempts
