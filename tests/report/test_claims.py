@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from places import EXPERIMENTS
 from test_report import EVIL, Page, assembly, dataset_folder, run_folder
 
 from mjx_fit.evaluation import insertion, position, results
@@ -12,6 +13,8 @@ from mjx_fit.evaluation.results import Result
 from mjx_fit.evaluation.statistics import Row
 from mjx_fit.report import claims
 from mjx_fit.report.build import build
+from mjx_fit.report.figures import catalogue
+from mjx_fit.report.figures.style import picture
 
 
 def of(experiment: str, *rows: Row) -> tuple[str, ...]:
@@ -156,3 +159,9 @@ def test_a_legend_names_only_what_the_page_has(tmp_path: Path):
     assert "arXiv" not in text
     assert "mismatched" not in text
     assert "swatch" not in text[text.index("</nav>") :]
+
+
+def test_no_figure_shows_a_formula_as_text():
+    result = results.read(EXPERIMENTS / "paper" / "position.json")
+    for name, _, draw in catalogue.of_result(result):
+        assert "mathdefault" not in picture(name, name, draw).svg

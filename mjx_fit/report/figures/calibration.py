@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FormatStrFormatter, LogLocator, PercentFormatter
+from matplotlib.ticker import PercentFormatter
 
 from mjx_fit.evaluation.results import number_in
 from mjx_fit.evaluation.scores import inside, reliability
@@ -49,8 +49,7 @@ def error_by_attempt(summary: list[Row]) -> Figure:
     attempts = list(rows)
     style.points(ax, attempts, list(rows.values()), color=style.MATCHED_COLOUR)
     ax.set(xlabel="Failed attempts", ylabel="Position error (cm)", yscale="log", xticks=attempts)
-    ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-    ax.yaxis.set_major_formatter(FormatStrFormatter("%g"))
+    style.log_axis(ax.yaxis)
     return figure
 
 

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FormatStrFormatter, LogLocator, MaxNLocator, PercentFormatter
+from matplotlib.ticker import MaxNLocator, PercentFormatter
 
 from mjx_fit.evaluation.results import by_method, number_in
 from mjx_fit.evaluation.statistics import Row
@@ -29,8 +29,7 @@ def error_by_attempt(summary: list[Row], kind: str = "") -> Figure:
     }
     _lines(ax, lines)
     ax.set(xlabel="Attempts", ylabel="Position error (cm)", yscale="log")
-    ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-    ax.yaxis.set_major_formatter(FormatStrFormatter("%g"))
+    style.log_axis(ax.yaxis)
     style.legend(figure, style.method_handles(list(lines)))
     return figure
 
@@ -55,8 +54,7 @@ def errors_spread(trials: Trials) -> Figure:
         ax.vlines(at, first, third, color=colour[name], linewidth=6)
         ax.plot(at, middle, "o", color="white", markeredgecolor=colour[name], markersize=5)
     ax.set(xlabel="Attempts", ylabel="Position error (cm)", yscale="log")
-    ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-    ax.yaxis.set_major_formatter(FormatStrFormatter("%g"))
+    style.log_axis(ax.yaxis)
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     style.legend(
         figure, [Line2D([], [], color=colour[n], linewidth=6, label=style.label(n)) for n in methods]

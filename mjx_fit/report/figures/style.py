@@ -10,8 +10,10 @@ from typing import Any
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
 from mjx_fit.evaluation.statistics import Row
 
@@ -106,6 +108,16 @@ def label(name: str) -> str:
     words = name.replace("_", " ").strip() or name
     lines = textwrap.wrap(words, 20, max_lines=2, placeholder="…")
     return "\n".join(lines)
+
+
+def log_axis(axis: Axis) -> None:
+    """Label a logarithmic axis at 1, 2 and 5 times powers of ten, in plain numbers.
+
+    Minor ticks have no labels: Matplotlib writes theirs as formulas, which our SVG keeps as text.
+    """
+    axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axis.set_major_formatter(FormatStrFormatter("%g"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def legend(figure: Figure, handles: Sequence[Any]) -> None:
