@@ -10,10 +10,10 @@ demo: $(READY)
 	$(RUN)/mjx-fit demo
 
 test: lint
-	$(RUN)/pytest -n 2 --dist loadfile
+	$(RUN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 quick: $(READY)
-	$(RUN)/pytest -n 2 --dist loadfile -m "not slow and not gpu and not long"
+	$(RUN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -m "not slow and not gpu and not long"
 
 lint: $(READY)
 	$(RUN)/ruff check .

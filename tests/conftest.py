@@ -38,7 +38,16 @@ LONG = {
 ``make quick`` leaves them out."""
 
 
+SLOWEST_FIRST = ("training", "engines", "cli", "hostile_configs", "parity", "examples", "crash", "going_on")
+"""Modules that take half a minute and more, longest first: two processes then end at about the same time."""
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    def place(item: pytest.Item) -> int:
+        name = item.path.stem.removeprefix("test_")
+        return SLOWEST_FIRST.index(name) if name in SLOWEST_FIRST else len(SLOWEST_FIRST)
+
+    items.sort(key=place)
     for item in items:
         if item.path.stem.removeprefix("test_") in LONG:
             item.add_marker("long")

@@ -216,7 +216,7 @@ def test_report_and_demo_leave_foreign_folders_alone(refused, data, tmp_path):
     assert "holds other files (thesis.txt)" in refused("report", data, "--out", tmp_path)
     assert "holds other files (thesis.txt)" in refused("demo", "--out", tmp_path)
     (tmp_path / "index.html").write_text("<html>mine</html>")
-    assert "index.html of something else" in refused("report", data, "--out", tmp_path)
+    assert "its index.html is not a report" in refused("report", data, "--out", tmp_path)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["index.html", "thesis.txt"]
 
 
@@ -355,6 +355,7 @@ def test_data_to_training_to_assembly_to_report(data, trained, tmp_path, capsys,
     capsys.readouterr()
 
 
+@pytest.mark.slow  # test_collect has it without the command line
 def test_sequences_start_from_what_the_runs_sensor_believes(trained, tmp_path, capsys):
     (run, settings), out = trained, tmp_path / "own"
     command = ["collect", "--out", str(out), "--episodes", "8", "--sequence", "2", "--steps", "6", "--run"]

@@ -49,12 +49,13 @@ def replace_by_foreign(rng, path, _):
     path.write_bytes(rng.randbytes(path.stat().st_size))
 
 
-def test_two_hundred_damages_are_all_found_and_what_is_healthy_stays_readable(folder, tmp_path):
+@pytest.mark.parametrize("count", [40, pytest.param(200, marks=pytest.mark.slow)])
+def test_damages_are_all_found_and_what_is_healthy_stays_readable(folder, tmp_path, count):
     rng = random.Random(0)
     whole = reader.load(folder)
     names = sorted(path.name for path in folder.glob("*.h5"))
     kinds = (flip, truncate, delete, swap, replace_by_foreign)
-    for i in range(200):
+    for i in range(count):
         out = tmp_path / f"{i}"
         shutil.copytree(folder, out)
         kind = kinds[i % len(kinds)]
