@@ -1,4 +1,4 @@
-"""Does an MJX rollout of many worlds ever stop for ever? Many runs, each watched by another process.
+"""Does an MJX rollout of many worlds ever hang? Many runs, each watched by another process.
 
     python experiments/physics/hang.py [--dispatch inline|async]
 
