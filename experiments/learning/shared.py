@@ -46,7 +46,7 @@ def first_attempts(folder: Path) -> Episode:
 
 
 def shown(data: Episode, seed: int = 0, batch: int = 256) -> Attempts:
-    """Reads episodes, with noise drawn by the episode's id."""
+    """Read episodes, with noise drawn by the episode's id."""
     root = root_key(seed, "baselines")
 
     @jax.jit
