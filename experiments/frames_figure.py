@@ -1,4 +1,4 @@
-"""Draws the frames of the guide, and measures which sign F_z has when the peg presses on the plate.
+"""Draw the frames of the guide, and measure which sign F_z has when the peg presses on the plate.
 
     python experiments/frames_figure.py docs/frames.png
 
@@ -29,7 +29,7 @@ Frame = tuple[np.ndarray, np.ndarray]
 
 
 def push(model: Any, posture: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Raises the plate, away from its hole, into the lower face of a peg that a stiff arm holds still.
+    """Raise the plate, away from its hole, into the lower face of a peg that a stiff arm holds still.
 
     Returns:
         How far the plate has come, mm (0: it touches); F_z as the sensor reads it, tared, N.
@@ -110,7 +110,7 @@ def _draw_frame(ax: Any, on_image: Any, frame: Frame, name: str, place: tuple, l
 
 
 def main(path: str) -> None:
-    """Simulates the push and draws the three panels."""
+    """Simulate the push and draw the three panels."""
     gl.choose()
     import matplotlib.pyplot as plt
     import mujoco

@@ -1,4 +1,4 @@
-"""Draws the picture of the README: a moment of an assembly, with what is believed.
+"""Draw the picture of the README: a moment of an assembly, with the current beliefs.
 
     python experiments/scene_picture.py docs/scene.png
 
@@ -15,7 +15,7 @@ TRIAL, SHARE = 0, 0.43
 
 
 def main(path: str) -> None:
-    """Plays the assembly and keeps one frame."""
+    """Play the assembly and keep one frame."""
     gl.choose()
     from mjx_fit.config.files import read_config
     from mjx_fit.engines.select import make_engine

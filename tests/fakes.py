@@ -1,4 +1,4 @@
-"""Stand-ins that decide by decree what physics would."""
+"""Fakes that replace physics by fixed outcomes."""
 
 import dataclasses
 

@@ -1,4 +1,4 @@
-"""Data sets that mean no good: whole by their digests, and wrong in what they hold."""
+"""Hostile data sets: valid digests, invalid content."""
 
 import io
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Result files that mean no good: right ones, changed in one place or several."""
+"""Hostile result files: valid ones, changed in one place or several."""
 
 import copy
 import json

@@ -1,4 +1,4 @@
-"""Where the files lie that tests look at."""
+"""Paths of the files that tests read."""
 
 from pathlib import Path
 

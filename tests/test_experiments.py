@@ -1,4 +1,4 @@
-"""Scripts of experiments can be imported: what they take from the library is there."""
+"""Scripts of experiments can be imported: the names that they use exist in the library."""
 
 import importlib.util
 import sys

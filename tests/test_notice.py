@@ -1,4 +1,4 @@
-"""NOTICE says of what is installed beside us what those programs and packages say of themselves."""
+"""NOTICE agrees with what the installed programs and packages state about their licences."""
 
 import re
 import subprocess

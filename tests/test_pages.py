@@ -1,4 +1,4 @@
-"""What the pages say of the tests is true: each test that a page names is there."""
+"""Check that each test that a page names exists."""
 
 import re
 

@@ -1,4 +1,4 @@
-"""What does a world cost that has ended its attempt?
+"""How much does a world cost after its attempt has ended?
 
     python experiments/data/finished.py
 

@@ -1,6 +1,6 @@
 """The full data set: how long it takes, and with how much memory: ``python experiments/data/full.py DIR``.
 
-The data go to DIR, numbers and figures of the set and of its making beside this file, by the folder's name.
+The data go to DIR, numbers and figures of the set and its collection next to this file, by the name of DIR.
 """
 
 import resource

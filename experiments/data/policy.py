@@ -2,9 +2,9 @@
 
     python experiments/data/policy.py
 
-The paper gives its policy one line: random actions, as the wiggle of the spiral. Read literally that is a
-walk with steps of sigma; this compares the readings of it, and what else could be done, on what matters for
-learning, with the spiral of an attempt beside them.
+The paper gives its policy one line: random actions, like the exploration noise of the spiral. Read
+literally that is a walk with steps of sigma; this compares the possible readings, other policies and the
+spiral of an attempt by criteria that matter for learning.
 """
 
 from dataclasses import replace
@@ -38,7 +38,7 @@ PUSH_M = Config().random.push_m
 
 
 def walk(sigma_m: float) -> policies.Policy:
-    """Steps of N(0, σ²) in the plane from wherever the tip is, pressed on the plate."""
+    """Steps of N(0, σ²) in the plane from the current end effector position, pressed on the socket."""
 
     def command(seen):
         return jnp.append(sigma_m * jax.random.normal(seen.key, (2,)), -PUSH_M)
@@ -81,7 +81,7 @@ HERE = Path(__file__).parent
 
 
 def main() -> None:
-    """Runs every candidate from the same starts in the same holes."""
+    """Run every candidate from the same starts in the same holes."""
     config = Config()
     attempts = draw_attempts(root_key(0, "policy"), jnp.arange(EPISODES), "random", config)
     done: dict[str, Rollout] = {}

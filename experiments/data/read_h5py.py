@@ -5,7 +5,7 @@
 Nothing of this library is needed: copy what you like.
 """
 
-# h5py cannot say what stands behind a name.
+# h5py has no static types for named members.
 # pyright: reportIndexIssue=false, reportOperatorIssue=false, reportArgumentType=false
 # pyright: reportCallIssue=false, reportGeneralTypeIssues=false, reportAttributeAccessIssue=false
 

@@ -2,8 +2,8 @@
 
     python experiments/learning/ablation.py FOLDER [ROW ...]
 
-Data and runs go to FOLDER, outside the checkout; the table to ``ablation.json`` beside this file. Killed, the
-same command goes on. Every row trains for about ``STEPS`` steps of 32 windows, with seed 0 and, where the
+Data and runs go to FOLDER, outside the checkout; the table to ``ablation.json`` beside this file. Rerun the
+command to resume. Every row trains for about ``STEPS`` steps of 32 windows, with seed 0 and, where the
 default hangs on it, two more, and is judged by one update after each failed spiral of the same set.
 """
 
@@ -32,7 +32,7 @@ STEPS = 2400
 TEST = Plan(episodes=3000, actions=100, policy="spiral", seed=1000)
 
 AS_IT_WAS = "sensor.positional=true"
-"""What ``configs/cpu.yaml`` had until this table advised against it."""
+"""Settings of ``configs/cpu.yaml`` until this table advised against it."""
 
 PAPER = ("noise=peg", "contact_features=false", "places=0", "positional=false")
 """The paper's sensor."""

@@ -1,4 +1,4 @@
-"""Draws the figures of this page from its result files: ``python experiments/learning/figures.py``."""
+"""Draw the figures of this page from its result files: ``python experiments/learning/figures.py``."""
 
 from pathlib import Path
 

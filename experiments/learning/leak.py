@@ -1,4 +1,4 @@
-"""Is all that the sensor knows what was felt? Exchange what was felt, and see whether anything is left.
+"""Check that the sensor uses only its measurements: exchange them, and see whether information is left.
 
     python experiments/learning/leak.py TRAINING TEST RUN      data of spirals, the run to be questioned
 

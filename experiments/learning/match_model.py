@@ -1,4 +1,4 @@
-"""How should what h_match says be taken by the histogram filter? On a frozen encoder.
+"""How should the histogram filter use h_match? Compared on a frozen encoder.
 
     python experiments/learning/match_model.py COUNTED SEQUENCES RUN
 

@@ -1,4 +1,4 @@
-"""Is what is felt again at the same hole new? Errors of a sensor's readings, attempt after attempt.
+"""Are repeated measurements at the same hole independent? Errors of a sensor, attempt after attempt.
 
     python experiments/learning/repeats.py SEQUENCES RUN
 

@@ -1,4 +1,4 @@
-"""What the scripts beside this file have in common: readings of failed spirals, and their truth."""
+"""Share code among the scripts of this folder: readings of failed spirals, and their truth."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,7 +23,7 @@ ACTIONS = CONFIG.task.attempt_actions
 
 @dataclass(frozen=True)
 class Attempts:
-    """Failed attempts as a sensor is shown them, and what it should say.
+    """Failed attempts as input of a sensor, and the expected output.
 
     Attributes:
         reading: n readings, NumPy.
@@ -46,7 +46,7 @@ def first_attempts(folder: Path) -> Episode:
 
 
 def shown(data: Episode, seed: int = 0, batch: int = 256) -> Attempts:
-    """Reads episodes, with noise drawn by the episode's id."""
+    """Read episodes, with noise drawn by the episode's id."""
     root = root_key(seed, "baselines")
 
     @jax.jit

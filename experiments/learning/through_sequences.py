@@ -3,7 +3,7 @@
     python experiments/learning/through_sequences.py TEST.json OWN.json RUN
 
 Both files are of ``mjx-fit evaluate calibration --run RUN``.
-Writes ``through_sequences.json`` beside this file.
+Writes ``through_sequences.json`` next to this file.
 """
 
 import json

@@ -1,4 +1,4 @@
-"""What do tree ensembles make of hand-made features of the same traces?
+"""How accurate are tree ensembles on hand-made features of the same traces?
 
     python experiments/learning/trees.py TRAINING TEST     needs scikit-learn: pip install -e '.[bench]'
 

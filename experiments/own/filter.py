@@ -1,4 +1,4 @@
-"""A filter of one's own: particles, which also learn from the failure itself where the hole is not.
+"""Use your own filter: particles, which also learn from the failure itself where the hole is not.
 
 python experiments/own/filter.py [TRIALS]
 """

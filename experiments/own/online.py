@@ -1,4 +1,4 @@
-"""One logged attempt becomes a better belief: python experiments/own/online.py LOG.npz PEG X Y.
+"""Update a belief from one logged attempt: python experiments/own/online.py LOG.npz PEG X Y.
 
 LOG.npz holds the arrays of ``mf.SensorLog``; (X, Y) is where the detector saw the hole, m.
 """

@@ -1,4 +1,4 @@
-"""A low-level policy of one's own: a raster in the place of the paper's spiral.
+"""Use your own low-level policy: a raster instead of the paper's spiral.
 
     python experiments/own/policy.py [TRIALS]
 
@@ -18,7 +18,7 @@ LINES, REACH_M, PUSH_M = 5, 0.015, 0.004
 
 
 def raster(seen: mf.PolicyInput) -> jax.Array:
-    """Sweeps to and fro along x, line by line in y, pressed on the plate."""
+    """Sweep to and fro along x, line by line in y, pressed on the plate."""
     line, along = jnp.divmod(seen.step / seen.horizon * LINES, 1.0)
     x = REACH_M * (2 * along - 1) * jnp.where(line % 2 == 0, 1, -1)
     y = REACH_M * (2 * line / (LINES - 1) - 1)

@@ -1,4 +1,4 @@
-"""A sensor of one's own: a linear one, fitted in a second, which is better than none.
+"""Use your own sensor: a linear fit, made in a second and better than none.
 
     python experiments/own/sensor.py DATA TEST
 
@@ -19,7 +19,7 @@ RIDGE = 10.0
 
 
 def features(felt: mf.Felt) -> np.ndarray:
-    """How force and centre of pressure go with where the tip is, on average over each trace."""
+    """Compute how force and centre of pressure vary with the TCP position, mean over each trace."""
     n = len(felt.length)
     seen = mf.readings(felt, jax.random.split(jax.random.key(0), n), mf.Config())
     one, tip = jnp.ones((*seen.mask.shape, 1)), 100 * seen.tip_pos_estimate
@@ -30,7 +30,7 @@ def features(felt: mf.Felt) -> np.ndarray:
 
 
 def main(data: Path, test: Path) -> None:
-    """Fits on the failures of one set, and updates the prior at those of the other."""
+    """Fit on the failures of one set, and update the prior at those of the other."""
     sides = []
     for folder in (data, test):
         episodes = mf.load_dataset(folder)

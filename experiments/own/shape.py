@@ -1,4 +1,4 @@
-"""A shape of one's own: an L and a square, from boxes to data.
+"""Use your own shapes: an L and a square, from boxes to data.
 
     python experiments/own/shape.py FOLDER [EPISODES [ACTIONS]]
 

@@ -4,7 +4,7 @@
 
 One choice changed at a time, with the outcome model by the belief's covariance. What is believed beforehand
 stays what it is: σ = 1 cm whatever the detector, success by distance as at a gap of 1 mm. Result files go to
-FOLDER, the table and the figure beside this file. Killed, the same command goes on.
+FOLDER, the table and the figure next to this file. Rerun the command to resume.
 """
 
 import argparse

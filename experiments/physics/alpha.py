@@ -4,7 +4,8 @@
     python experiments/physics/alpha.py error          success by the error of the estimate, 0 to 30 mm
     python experiments/physics/alpha.py sensitivity    each choice of the physics varied alone
 
-All in the C engine, seed 0. Attempts of one command share places, directions of the error, and wiggles.
+All in the C engine, seed 0. Attempts of one command share places, directions of the error, and
+exploration noise.
 """
 
 import sys

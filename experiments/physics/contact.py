@@ -30,7 +30,7 @@ peg that lands or runs into an edge is stopped within a few milliseconds: an imp
 
 
 def main() -> None:
-    """Runs the attempts and counts."""
+    """Run the attempts and count."""
     config = Config()
     n_types = config.scene.n_types
     matched, others = np.arange(MATCHED) % n_types, mismatched_pairs(n_types)[np.arange(OTHERS) % 6]

@@ -1,8 +1,8 @@
-"""The contact bit that is told from force, against the simulator's own.
+"""Compare contact detected from force with the simulator's own.
 
     python experiments/physics/contact_bit.py DATA...
 
-DATA are data sets that were made before contact was told from force, such as experiments/data/sample: their
+DATA are data sets made before contact was detected from force, such as experiments/data/sample: their
 files hold the simulator's bit, whether a contact force acted at any step of the action. Noise is drawn.
 """
 
@@ -21,7 +21,7 @@ BIAS_N = (0.0, 0.5, 1.0, 2.0)
 
 
 def main(folders: list[Path]) -> None:
-    """A line for each error of the tare."""
+    """Print a line for each error of the tare."""
     wrench, simulated = [], []
     for path in sorted(path for folder in folders for path in folder.glob("*.h5")):
         with h5py.File(path) as file:

@@ -25,7 +25,7 @@ LIMIT_S = 60
 
 
 def main() -> None:
-    """Runs each batch in a process of its own and says which came to an end."""
+    """Run each batch in a process of its own and report which came to an end."""
     ended = {}
     for batch in BATCHES:
         try:

@@ -1,4 +1,4 @@
-"""Does an MJX rollout of many worlds ever stop for ever? Many runs, each watched by another process.
+"""Does an MJX rollout of many worlds ever hang? Many runs, each watched by another process.
 
     python experiments/physics/hang.py [--dispatch inline|async]
 
@@ -29,7 +29,7 @@ LIMIT_S = 600
 
 
 def main(dispatch: str) -> None:
-    """Starts the processes one after the other and counts the runs that came to an end."""
+    """Start the processes one after the other and count the runs that came to an end."""
     results = {}
     for worlds in WORLDS:
         seconds, hung = [], 0
@@ -47,7 +47,7 @@ def main(dispatch: str) -> None:
 
 
 def work(worlds: int, dispatch: str) -> None:
-    """Compiles once and runs one action of all worlds several times, saying how long each took."""
+    """Compile once and run one action of all worlds several times; print how long each took."""
     if dispatch == "inline":
         process_setup.configure()
     else:

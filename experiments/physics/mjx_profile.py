@@ -30,7 +30,7 @@ WORLDS, STEPS = 128, 100
 
 
 def main() -> None:
-    """Times every variant."""
+    """Time every variant."""
     nothing = {"collide": lambda model, data: data, "solve": _free}
     variants = {
         "as it is": ({}, True),

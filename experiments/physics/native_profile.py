@@ -25,7 +25,7 @@ STEPS = ACTIONS * SUBSTEPS
 
 
 def main() -> None:
-    """Times the variants in turn, so that a slow minute meets them all."""
+    """Time the variants in turn, so that a slow minute meets them all."""
     config = Config()
     attempts = attempts_of(config, WORLDS)
     torque, start = _recorded(config)

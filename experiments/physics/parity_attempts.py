@@ -27,7 +27,7 @@ SUCCESS_MARGIN, FORCE_MARGIN = 0.06, 0.10
 
 
 def main() -> None:
-    """Runs the same attempts in both engines and compares what comes of them."""
+    """Run the same attempts in both engines and compare the outcomes."""
     config = Config()
     matched, others = np.arange(ATTEMPTS // 2) % config.scene.n_types, mismatched_pairs(config.scene.n_types)
     others = others[np.arange(ATTEMPTS // 2) % len(others)]

@@ -27,7 +27,7 @@ STEPS_BETWEEN = 170
 
 
 def main() -> None:
-    """Compares smooth dynamics, accelerations and readings from free states and from states in contact."""
+    """Compare smooth dynamics, accelerations and readings from free states and from states in contact."""
     config = Config()
     scene = simulation_scene(config.scene)
     free, touching = _free_states(scene), _contact_states(config)

@@ -21,7 +21,7 @@ TIMES = 3
 
 
 def main() -> None:
-    """Times actions of its own lifting task with the arm alone over the table."""
+    """Time actions of its own lifting task with the arm alone over the table."""
     control = robosuite.load_composite_controller_config(controller="BASIC")
     env = robosuite.make(
         "Lift",

@@ -1,4 +1,4 @@
-"""What the experiments on the physics have in common: where results go, and how they look."""
+"""Share code among the physics experiments: where results go, and how figures look."""
 
 import sys
 from collections.abc import Callable
@@ -22,17 +22,17 @@ sys.path.append(str(FOLDER.parents[1]))  # benchmarks/ is not installed
 
 
 def begin() -> None:
-    """Sets the process up as a command of mjx_fit is."""
+    """Set up the process like a command of mjx_fit."""
     process_setup.configure()
 
 
 def save(name: str, results: dict[str, Any]) -> None:
-    """Writes ``name.json``: the results, the command, and what it ran on."""
+    """Write ``name.json``: the results, the command, and what it ran on."""
     script.save(FOLDER / f"{name}.json", results)
 
 
 def draw(name: str, make: Callable[[], Figure]) -> None:
-    """Writes ``name.png`` in the style of all figures."""
+    """Write ``name.png`` in the style of all figures."""
     script.draw(FOLDER / f"{name}.png", make)
 
 
@@ -43,7 +43,7 @@ def spiral_attempts(config: Config, use: str, peg: np.ndarray, hole: np.ndarray)
 
 
 def force(rollouts: Rollout) -> np.ndarray:
-    """Norm of the tared force (n, samples), N, NaN behind an interaction's end."""
+    """Norm of the tared force (n, samples), N, NaN after an interaction's end."""
     wrench = rollouts.felt.trace.wrench_sensor - rollouts.felt.tare_sensor[:, None, None]
     norm = np.linalg.norm(wrench[..., :3], axis=-1)
     real = np.arange(norm.shape[1]) < rollouts.felt.length[:, None]

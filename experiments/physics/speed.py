@@ -2,8 +2,8 @@
 
     python experiments/physics/speed.py [raw_batch native ...]
 
-Every point is measured as ``mjx-fit bench`` measures its rows. With names, those are measured anew and the
-other rows of the result file kept.
+Every point is measured as ``mjx-fit bench`` measures its rows. With names, those are measured again and the
+other rows of the result file are kept.
 """
 
 import json
@@ -30,7 +30,7 @@ WORLDS = {"cpu": (16, 64, 256, 1024, 4096), "gpu": (256, 1024, 4096, 16384)}
 
 
 def main() -> None:
-    """Measures and draws."""
+    """Measure and draw."""
     names = sys.argv[1:] or NAMES
     kept = json.loads((shared.FOLDER / "speed.json").read_text())["rows"] if len(names) < len(NAMES) else []
     rows = [row for row in kept if row["name"] not in names]

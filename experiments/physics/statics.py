@@ -29,7 +29,7 @@ OFFSET_M = 0.045
 
 
 def main() -> None:
-    """Presses pegs of all shapes at random places."""
+    """Press pegs of all shapes at random places."""
     config = Config()
     scene = simulation_scene(config.scene)
     rng = np.random.default_rng(0)
@@ -61,7 +61,7 @@ def main() -> None:
 
 
 def _press(scene: Scene, config: Config, chain, torque, rng: np.random.Generator, i: int) -> dict:
-    """Presses one peg for some seconds and compares the last reading with the controller's force."""
+    """Press one peg for some seconds and compare the last reading with the controller's force."""
     model = scene.models[pair_index(i % 3, (i // 3) % 3, scene.n_types)]
     data = mujoco.MjData(model)
     hole = rng.uniform(*np.array(PANDA.workspace_m).T)

@@ -35,7 +35,7 @@ DT_S = 0.002
 
 
 def main() -> None:
-    """Steps in all directions from a grid of places."""
+    """Step in all directions from a grid of places."""
     config = Config()
     axes = [np.linspace(low, high, GRID) for low, high in PANDA.workspace_m]
     place = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 2)

@@ -1,4 +1,4 @@
-"""What the benchmark times does what its rows say."""
+"""The computations that the benchmark times match its rows."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""What is collected."""
+"""Content of collected data sets."""
 
 from dataclasses import replace
 from typing import Any

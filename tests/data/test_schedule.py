@@ -1,4 +1,4 @@
-"""What the episodes of a data set are to do."""
+"""Schedule of the episodes of a data set."""
 
 import jax
 import jax.numpy as jnp

@@ -1,4 +1,4 @@
-"""Files of broken worlds, which people send with a report."""
+"""Files of diverged simulations, which users send with a report."""
 
 import pickle
 from typing import Any

@@ -1,4 +1,4 @@
-"""Attempts that leave what the model can answer for are stopped, named, counted and no training data."""
+"""Attempts outside the range of the model are stopped, named, counted and left out of training."""
 
 import dataclasses
 

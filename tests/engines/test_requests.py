@@ -1,4 +1,4 @@
-"""What engines, sensors and filters refuse of what Python hands them: one line that names the field."""
+"""Invalid arguments from Python that engines, sensors and filters refuse: one line that names the field."""
 
 import dataclasses
 import time

@@ -1,4 +1,4 @@
-"""What is said beside numbers that were made away from where the sensor was trained."""
+"""Warnings next to numbers made outside the sensor's training conditions."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""Attempts in a row at one hole, with physics by decree, and the experiments that are made of them."""
+"""Attempts in a row at one hole, with fake physics, and the experiments built from them."""
 
 import shutil
 from contextlib import suppress

@@ -1,4 +1,4 @@
-"""A finished run that gets more, and a run that starts from another: what comes of it is what it says."""
+"""Continuing a finished run, and starting a run from another: results agree with what is reported."""
 
 import json
 from dataclasses import fields, replace

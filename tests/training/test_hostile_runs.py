@@ -1,4 +1,4 @@
-"""What stands beside a checkpoint in a run's folder, empty, torn or planted."""
+"""Files next to a checkpoint in a run's folder: empty, torn or planted."""
 
 import json
 

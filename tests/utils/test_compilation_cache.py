@@ -1,4 +1,4 @@
-"""What is kept of compiled computations, and is damaged, is made again."""
+"""Damaged entries of the compilation cache are made again."""
 
 import os
 import warnings

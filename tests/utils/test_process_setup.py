@@ -1,4 +1,4 @@
-"""What a command does to its process."""
+"""Process settings of a command."""
 
 import os
 import subprocess

@@ -1,4 +1,4 @@
-"""What long work says of itself where there is no terminal."""
+"""Progress lines of long work without a terminal."""
 
 import pytest
 

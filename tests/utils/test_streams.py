@@ -1,4 +1,4 @@
-"""Whatever a shell makes of the standard streams, nothing is raised, and nothing is mixed."""
+"""Standard streams in any state that a shell can create: nothing is raised, and nothing is mixed."""
 
 import os
 import subprocess

@@ -1,4 +1,4 @@
-"""The watchdog ends what stands still, and nothing else."""
+"""The watchdog ends a command without progress, and nothing else."""
 
 import subprocess
 import sys
