@@ -3,7 +3,7 @@
 import argparse
 from dataclasses import fields, replace
 
-from mjx_fit.cli.options import POLICY_FILE, add_command, config_of, configurable, policy_of, simulating
+from mjx_fit.cli.options import add_command, config_of, configurable, policy_of, simulating, with_policy
 from mjx_fit.cli.output import show
 from mjx_fit.cli.path_argument import path
 from mjx_fit.utils.errors import WorkError
@@ -24,12 +24,7 @@ def add_collect(parsers: argparse._SubParsersAction) -> None:
         help="most actions in one episode (default: task.attempt_actions, 100)",
     )
     length.add_argument("--steps", dest="actions", type=int, help=argparse.SUPPRESS)  # its former name
-    parser.add_argument(
-        "--policy",
-        default="spiral",
-        metavar="P",
-        help=f"spiral, random, mixed, or {POLICY_FILE} (default spiral)",
-    )
+    with_policy(parser, "spiral, random, mixed", "spiral")
     parser.add_argument(
         "--batch", type=int, default=250, metavar="B", help="most episodes in one file (default 250)"
     )

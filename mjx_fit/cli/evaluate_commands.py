@@ -6,7 +6,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from mjx_fit.cli.options import (
-    POLICY_FILE,
     RUN,
     add_command,
     config_of,
@@ -14,6 +13,7 @@ from mjx_fit.cli.options import (
     policy_of,
     run_of,
     simulating,
+    with_policy,
 )
 from mjx_fit.cli.path_argument import path
 from mjx_fit.utils.errors import RequestError, shown
@@ -92,7 +92,7 @@ def _with_methods(parser: argparse.ArgumentParser, methods: str) -> None:
 def _with_trials(parser: argparse.ArgumentParser, count: int, what: str) -> None:
     parser.add_argument("--out", type=path, required=True, metavar="FILE.json")
     parser.add_argument("--trials", type=int, default=count, metavar="N", help=f"{what} (default {count})")
-    parser.add_argument("--policy", metavar="P", help=f"{POLICY_FILE} (default: the spiral)")
+    with_policy(parser, "spiral", None)
     simulating(parser)
     configurable(parser)
 

@@ -4,7 +4,7 @@ import errno
 import sys
 from collections.abc import Sequence
 
-from mjx_fit.cli.arguments import parser
+from mjx_fit.cli.parser import parser
 from mjx_fit.utils import environment, granted_cpus, interrupts, memory, streams
 from mjx_fit.utils.errors import RequestError, WorkError, one_line
 

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from mjx_fit.control.policies import Policy
 
 RUN = "folder of a training run (default: the weights that ship with the package)"
-POLICY_FILE = "FILE.py:NAME, a mjx_fit.Policy or a function of PolicyInput"
+_POLICY_FILE = "FILE.py:NAME, a mjx_fit.Policy or a function of PolicyInput"
 
 
 class Parser(argparse.ArgumentParser):
@@ -62,6 +62,13 @@ def configurable(parser: argparse.ArgumentParser) -> None:
         "--threads", type=int, metavar="N", help="most CPU threads (default: all that it may use)"
     )
     with_config(parser)
+
+
+def with_policy(parser: argparse.ArgumentParser, names: str, default: str | None) -> None:
+    """Add the policy: one of these names, or one in a file."""
+    parser.add_argument(
+        "--policy", default=default, metavar="P", help=f"{names}, or {_POLICY_FILE} (default: spiral)"
+    )
 
 
 def with_config(parser: argparse.ArgumentParser) -> None:

@@ -8,7 +8,7 @@ import pytest
 from places import EARLIER_RUN
 
 from mjx_fit.cli import main, train_command
-from mjx_fit.cli.arguments import parser
+from mjx_fit.cli.parser import parser
 from mjx_fit.config.files import read_config, read_stored_config
 from mjx_fit.config.schema import Config, config_differences, config_to_yaml
 from mjx_fit.config.sections.learning import SensorConfig, TrainConfig

@@ -15,7 +15,7 @@ from fakes import FakeEngine
 from places import TESTS
 
 from mjx_fit.cli import main
-from mjx_fit.cli.arguments import parser
+from mjx_fit.cli.parser import parser
 from mjx_fit.config.files import read_config
 from mjx_fit.config.schema import Config, config_to_tree, config_to_yaml
 from mjx_fit.data.collect import collect

@@ -35,7 +35,8 @@ _SUCCESS_BY_ERROR = (
     (0.987, 0.980, 0.873, 0.653, 0.313, 0.400, 0.327, 0.093, 0.060, 0.0),
 )
 
-_SUCCESS_PROBABILITY = (0.118, 0.162, 0.117)
+DEFAULT_ALPHA = (0.118, 0.162, 0.117)
+"""α of the default shapes: success rate of a matched attempt, by ``evaluate attempt --trials 1000``."""
 LEAST_STEP_M = 0.00001
 """Smallest spacing of the error knots that single precision resolves, m."""
 
@@ -117,8 +118,8 @@ class TaskConfig:
         """Replace missing rates (null) by the defaults for these shapes."""
         alphas, by_error = self.success_probability, self.success_by_error
         if alphas is None:
-            mean = round(float(np.mean(_SUCCESS_PROBABILITY)), 6)
-            alphas = _SUCCESS_PROBABILITY if shapes == SHAPES else (mean,) * len(shapes)
+            mean = round(float(np.mean(DEFAULT_ALPHA)), 6)
+            alphas = DEFAULT_ALPHA if shapes == SHAPES else (mean,) * len(shapes)
         if by_error is None:
             means = tuple(np.mean(_SUCCESS_BY_ERROR, axis=0).round(6).tolist())
             by_error = _SUCCESS_BY_ERROR if shapes == SHAPES else (means,) * len(shapes)
