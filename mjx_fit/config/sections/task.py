@@ -36,7 +36,7 @@ _SUCCESS_BY_ERROR = (
 )
 
 DEFAULT_ALPHA = (0.118, 0.162, 0.117)
-"""α of the default shapes: success rate of a matched attempt, by ``evaluate attempt --trials 1000``."""
+"""Outcome model: success rate α of a matched attempt for each default shape (``evaluate attempt --trials 1000``)."""
 LEAST_STEP_M = 0.00001
 """Smallest spacing of the error knots that single precision resolves, m."""
 
