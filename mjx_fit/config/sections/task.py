@@ -36,7 +36,7 @@ _SUCCESS_BY_ERROR = (
 )
 
 DEFAULT_ALPHA = (0.118, 0.162, 0.117)
-"""Outcome model: success rate α of a matched attempt for each default shape (``evaluate attempt --trials 1000``)."""
+"""Success rate of a matched attempt for each default shape, by ``evaluate attempt --trials 1000``."""
 LEAST_STEP_M = 0.00001
 """Smallest spacing of the error knots that single precision resolves, m."""
 
