@@ -1,9 +1,9 @@
-"""The robot's plane of symmetry: what an attempt looks like in the world mirrored at y = 0.
+"""Data augmentation by reflection in the robot's plane of symmetry, y = 0.
 
-Arm, pegs, holes and policies have no left and right, but for small asymmetries of the links' inertias, so the
-mirror image of an interaction is one that could nearly have happened. Vectors change the sign of y; axial
-vectors (torques, angular velocities) change that of x and z. There is no such plane across x: the arm stands
-on one side of the table.
+Arm, pegs, holes and policies are mirror-symmetric except for small asymmetries of the link inertias, so the
+mirror image of an interaction is nearly a valid interaction. Reflection flips the sign of y in vectors and
+the signs of x and z in axial vectors (torques, angular velocities). The x axis allows no such reflection: the
+arm stands on one side of the table.
 """
 
 from dataclasses import replace
@@ -15,12 +15,13 @@ from mjx_fit.types import Array, Belief, Reading
 
 _VECTOR = np.array([1.0, -1.0, 1.0])
 _AXIAL = -_VECTOR
-# The mirrored rotation is (w, -x, y, -z); its negative, the same one, stays near the tool's (0, 1, 0, 0).
+# The mirrored rotation is (w, -x, y, -z). Its negative represents the same rotation and stays near the
+# tool's (0, 1, 0, 0).
 _QUATERNION = np.array([-1.0, 1.0, -1.0, 1.0])
 
 
 def mirror_reading(reading: Reading) -> Reading:
-    """A reading of the mirrored attempt; the sensor's axes lie in the plane or across it."""
+    """Mirror a reading; each sensor axis lies in the plane of symmetry or is normal to it."""
     return replace(
         reading,
         wrench_sensor=reading.wrench_sensor * np.concatenate([_VECTOR, _AXIAL]),
@@ -34,7 +35,7 @@ def mirror_reading(reading: Reading) -> Reading:
 
 
 def mirror_belief(belief: Belief) -> Belief:
-    """The same belief about the mirrored hole."""
+    """Mirror a belief about a hole."""
     sign = _VECTOR[:2]
     return replace(
         belief,
@@ -44,5 +45,5 @@ def mirror_belief(belief: Belief) -> Belief:
 
 
 def mirror_place(place_world: Float[Array, "*batch 2"]) -> Float[Array, "*batch 2"]:
-    """A place on the table, m."""
+    """Mirror a position on the table, m."""
     return place_world * _VECTOR[:2]

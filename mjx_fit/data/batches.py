@@ -1,4 +1,4 @@
-"""Passes over a data set in batches of windows: from the device where it fits, from the host where not."""
+"""Iterate over a data set in batches of windows, from device memory if it fits, otherwise from the host."""
 
 import math
 from collections.abc import Iterator
@@ -14,15 +14,16 @@ from mjx_fit.data.windows import Sample, windows_of
 from mjx_fit.types import Array
 
 DEVICE_SHARE = 0.5
-"""Share of the device's free memory that a data set may take; the rest is for what is computed with it."""
+"""Maximum share of the device's free memory for a data set; the rest is left for the computation."""
 
 
 def placed(data: Episode, free_bytes: int | None = None) -> Episode:
-    """The data set on the device if it fits there, otherwise as NumPy arrays on the host.
+    """Move the data set to the device if it fits there; otherwise keep it as NumPy arrays on the host.
 
     Args:
         data: Stacked episodes.
-        free_bytes: Free memory of the device; None: as the device says, and any amount where it says nothing.
+        free_bytes: Free memory of the device; None: as reported by the device, or unlimited if it reports
+            nothing.
     """
     if free_bytes is None:
         stats = jax.devices()[0].memory_stats()
@@ -35,18 +36,18 @@ def placed(data: Episode, free_bytes: int | None = None) -> Episode:
 def batches(
     data: Episode, episodes: Int[np.ndarray, "n *length"], key: Key[Array, ""], config: Config
 ) -> Iterator[tuple[Sample, Float[Array, "batch *length"]]]:
-    """One pass: a fresh window from each of the episodes, in an order drawn from the key.
+    """Iterate once over the episodes in random order, drawing a new window from each.
 
-    The same key gives the same order, windows and noise, wherever the data are and however large the batches.
+    The same key gives the same order, windows and noise, regardless of batch size and memory location.
 
     Args:
-        data: The data set, on the device or on the host.
-        episodes: Indices of those that take part, or ``windows.chains`` of them.
-        key: Source of the order, of windows, noise and type priors.
-        config: ``train.batch_size`` is the most windows in a batch.
+        data: Data set, on the device or on the host.
+        episodes: Indices of the episodes to use, or ``windows.chains`` of them.
+        key: Random key of the order, windows, noise and type priors.
+        config: Configuration; ``train.batch_size`` is the maximum number of windows per batch.
 
     Yields:
-        Batches of one shape, on the device, and the weight of each window: 0 for those that only fill up.
+        Batches of equal shape, on the device, and the weight of each window: 0 for padding.
     """
     if not len(episodes):
         return
@@ -62,30 +63,30 @@ def batches(
 def in_order(
     episodes: Int[Array, "n *length"], key: Key[Array, ""], batch_size: int
 ) -> tuple[Int[Array, "steps batch *length"], Float[Array, "steps batch *length"], Key[Array, ""]]:
-    """The batches of one pass in an order drawn from the key, their weights, and the key of their windows."""
+    """Shuffle the episodes into batches; return the batches, their weights and the key of their windows."""
     order_key, window_key = jax.random.split(key)
     return *equal_batches(jax.random.permutation(order_key, episodes), batch_size), window_key
 
 
 def n_batches(episodes: Int[Array, "n *length"], batch_size: int) -> int:
-    """In how many batches a pass goes over these; a chain counts as many windows as it is long."""
+    """Number of batches in one pass; a chain of length K counts as K windows."""
     return math.ceil(len(episodes) / max(1, batch_size // math.prod(episodes.shape[1:])))
 
 
 def equal_batches(
     episodes: Int[Array, "n *length"], batch_size: int
 ) -> tuple[Int[Array, "steps batch *length"], Float[Array, "steps batch *length"]]:
-    """Cut into ``n_batches`` batches of equal size, at most ``batch_size`` windows.
+    """Divide episodes into ``n_batches`` batches of equal size, at most ``batch_size`` windows each.
 
-    Equal sizes leave fewer places over than there are batches; those repeat an episode, with weight zero, as
-    has a place in a chain where there is none.
+    Equal sizes leave fewer empty slots than there are batches. Empty slots repeat an episode with weight
+    zero; missing attempts of a chain also have weight zero.
     """
     n, steps = len(episodes), n_batches(episodes, batch_size)
     places = jnp.arange(steps * math.ceil(n / steps))
     taken = episodes[places % n]
     weight = (places < n).reshape(-1, *[1] * (episodes.ndim - 1)) & (taken >= 0)
     if episodes.ndim > 1:
-        # A window that does not count is still computed: not of whatever stands last, which may be broken.
+        # Windows of weight zero are still computed: use a valid episode, since the last one may be diverged.
         taken = jnp.where(taken >= 0, taken, taken[:, :1])
     shape = (steps, -1, *episodes.shape[1:])
     return taken.reshape(shape), weight.astype(float).reshape(shape)

@@ -1,4 +1,4 @@
-"""Collecting rollouts: which peg meets which hole, where, and under which policy."""
+"""Collect rollouts into a data set."""
 
 import time
 from pathlib import Path
@@ -21,24 +21,24 @@ from mjx_fit.utils.filesystem import path_inside
 from mjx_fit.utils.progress import COMPILING, Progress
 
 _BROKEN = "broken"
-"""Folder, in that of the data set, of what can be replayed."""
+"""Subfolder of the data set for replay files of diverged simulations."""
 
 
 def collect(config: Config, out: Path, plan: Plan, engine: Engine, update: Update | None = None) -> None:
-    """Simulates interactions and stores them; goes on where a killed collection of the same kind stopped.
+    """Simulate interactions and store them; resume an interrupted collection with the same request.
 
-    The draws of an episode depend on the seed and its id alone. All batches have one shape, the last one
-    padded: arithmetic may differ in the last bit from one shape to another.
+    The draws of an episode depend on the seed and its id alone. All batches have the same shape, the last one
+    padded, since arithmetic on other shapes may differ in the last bit.
 
     Args:
         config: The configuration.
         out: Folder of the data set.
-        plan: What is to be collected.
-        engine: Simulates the attempts; the one that the plan names.
-        update: What the sensor that ``plan.sensor`` names makes of an attempt.
+        plan: Collection plan.
+        engine: Engine that simulates the attempts; it must be the one named in the plan.
+        update: Belief update with the sensor of fingerprint ``plan.sensor``.
 
     Raises:
-        RequestError: A value is invalid, or the folder holds something else, or is in use.
+        RequestError: A value is invalid, or the folder holds other files or is in use.
     """
     check(plan)
     if plan.policy in ("random", "mixed"):
@@ -59,16 +59,16 @@ def collect(config: Config, out: Path, plan: Plan, engine: Engine, update: Updat
 
 
 def _require_memory(config: Config, plan: Plan) -> None:
-    """Refuses what needs more memory than there is: the attempts of a batch, beside what came of one."""
+    """Refuse a batch whose rollouts, plus those of one attempt, exceed the available memory."""
     rows = plan.sequence * plan.actions + min(plan.actions, config.task.attempt_actions)
     what = f"--batch: {plan.batch} with up to {plan.actions} actions"
     memory.require(plan.worlds * rows * ACTION_BYTES, what, "lower it")
 
 
 def invalid_in(out: Path) -> str:
-    """Words for how many interactions of a collection are not valid; none where all are."""
+    """Describe how many interactions of a collection are invalid; empty if all are valid."""
     count = kept_in(out / _BROKEN)
-    return f", {count} not valid: trainings leave them out" if count else ""
+    return f", {count} invalid (excluded from training)" if count else ""
 
 
 def _fill(

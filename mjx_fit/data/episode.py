@@ -1,4 +1,4 @@
-"""An interaction with what was known before it: the row of a data set."""
+"""Episodes: the rows of a data set, each an interaction and the information available before it."""
 
 from jaxtyping import Bool, Float, Int
 
@@ -7,15 +7,15 @@ from mjx_fit.types import Array, Rollout, pytree
 
 @pytree
 class Episode:
-    """One rollout, and its place in a sequence of attempts of one peg at one hole.
+    """One rollout and its position in a sequence of attempts with one peg at one hole.
 
     Attributes:
-        episode: Its id: sequence times attempts in a sequence, plus number.
+        episode: Id of the episode: sequence times attempts per sequence, plus number.
         sequence: Id of the sequence.
-        number: Which attempt of the sequence it is, from 0.
+        number: Index of the attempt in the sequence, from 0.
         policy: Index into ``mjx_fit.control.policies.NAMES``.
-        estimate_cov: Covariance that went with ``rollout.felt.estimate_world`` before it, m².
-        rollout: What happened. Of length 0 where nothing did, since the sequence had ended before.
+        estimate_cov: Covariance of ``rollout.felt.estimate_world`` before the attempt, m².
+        rollout: Simulated attempt, of length 0 if the sequence had already ended.
     """
 
     episode: Int[Array, "*batch"]
@@ -27,5 +27,5 @@ class Episode:
 
 
 def happened(data: Episode) -> Bool[Array, "*batch"]:
-    """Which episodes were performed, and without fault."""
+    """True for episodes that were performed and did not diverge."""
     return data.rollout.truth.valid & (data.rollout.felt.length > 0)

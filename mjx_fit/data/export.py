@@ -1,4 +1,4 @@
-"""A data set as one file that others read: NumPy's npz, or HDF5 laid out as robomimic's demonstrations."""
+"""Export a data set to a single file: NumPy npz, or HDF5 in the layout of robomimic demonstrations."""
 
 import io
 import json
@@ -34,28 +34,29 @@ _STATE = (
     "wrench_sensor",
     "contact",
 )
-"""What the robot observes once an action is done."""
+"""Observations of the robot at the end of an action."""
 
 _GYM_TYPE = 2
-"""``robomimic.envs.env_base.EnvType.GYM_TYPE``: of the kinds that robomimic has, the one that stands for an
-environment of any making. It names the data's; robomimic has nothing to play them with."""
+"""``robomimic.envs.env_base.EnvType.GYM_TYPE``, robomimic's type for generic environments.
+
+It only labels the data; robomimic cannot simulate this environment."""
 
 _SEED = 0
-"""Of the split into training and validation: the default of ``mjx-fit train``."""
+"""Seed of the train/validation split: the default of ``mjx-fit train``."""
 
 
 def export(folder: Path, out: Path) -> None:
-    """Writes a data set into one file, ``.npz`` or ``.hdf5``.
+    """Write a data set to a single file, ``.npz`` or ``.hdf5``.
 
-    Episodes that did not happen or broke are left out. The HDF5 file is made in memory: the HDF5 library does
-    not survive a disk that is full.
+    Episodes that were not performed or diverged are omitted. The HDF5 file is built in memory, because the
+    HDF5 library does not survive a full disk.
 
     Args:
-        folder: Of the data set.
-        out: The file; what was there is replaced.
+        folder: Folder of the data set.
+        out: Output file; an existing file is replaced.
 
     Raises:
-        RequestError: The data set cannot be read, or the file has another ending.
+        RequestError: The data set cannot be read, or the file has another suffix.
     """
     writers: dict[str, Callable[[Path, Manifest, Path], None]] = {
         ".npz": _write_npz,
@@ -78,16 +79,17 @@ def _write_npz(folder: Path, manifest: Manifest, path: Path) -> None:
     }
     about = {name.replace("/", "_"): field._asdict() for name, field in FIELDS.items()}
     about |= {"shapes": list(manifest.shapes), "request": manifest.request, "versions": manifest.versions}
-    with path.open("wb") as file:  # given a name, savez would add .npz to the temporary one
+    with path.open("wb") as file:  # savez would append .npz to a temporary file name
         np.savez_compressed(file, about=np.array(json.dumps(about)), **arrays)
 
 
 def _write_robomimic(folder: Path, manifest: Manifest, path: Path) -> None:
-    """One group ``data/demo_<episode>`` for each episode, and filter keys ``mask/train`` and ``mask/valid``.
+    """Write one group ``data/demo_<episode>`` per episode and the masks ``mask/train`` and ``mask/valid``.
 
-    ``obs`` row t is before action t and ``next_obs`` after it, each with the wrenches (50, 6) of the action
-    before. Before the first action the robot is at rest, straight down over the estimate. The masks are the
-    sides that ``mjx-fit train`` divides the set into by default: all demonstrations of a sequence are on one.
+    Row t of ``obs`` precedes action t and row t of ``next_obs`` follows it; each contains the wrenches
+    (50, 6) of the preceding action. Before the first action the robot is at rest above the estimate, pointing
+    straight down. The masks are the default train/validation split of ``mjx-fit train``: all demonstrations
+    of a sequence share one mask.
     """
     config = config_from_tree(manifest.request["config"])
     total, buffer = 0, io.BytesIO()
@@ -116,7 +118,7 @@ def _write_robomimic(folder: Path, manifest: Manifest, path: Path) -> None:
 
 
 def _sides(sequences: Int[np.ndarray, "n"], fraction: float) -> dict[str, Int[np.ndarray, "m"]]:
-    """Which episodes are on which side; a single sequence cannot be divided, and trains."""
+    """Split episodes into training and validation; a single sequence cannot be split and goes to training."""
     if len(np.unique(sequences)) < 2:
         return {"train": np.arange(len(sequences)), "valid": np.zeros(0, int)}
     return dict(zip(("train", "valid"), split(sequences, fraction, _SEED), strict=True))
@@ -145,7 +147,7 @@ def _add_demonstration(root: h5py.Group, episode: Episode, policy: str, config: 
     state = vars(rollout.felt.trace) | {"contact": in_contact(clean, config.wrist)}
     for name in _STATE:
         after = np.asarray(state[name][:n])
-        if after.ndim == 1:  # robomimic normalises vectors of floats alone
+        if after.ndim == 1:  # robomimic only normalises float vectors
             after = after.astype(np.float32)[:, None]
         before = np.concatenate(
             [np.reshape(first[name], (1, *after.shape[1:])).astype(after.dtype), after[:-1]]

@@ -1,8 +1,8 @@
-"""One file of a data set: stacked episodes as HDF5, each field with unit, frame, shape and meaning.
+"""Encode and decode shards: stacked episodes as HDF5, each field with unit, frame, shape and meaning.
 
-Equal episodes give equal bytes: no time stamps, and gzip, since lzf's output depends on what lay in memory.
-Files are made and read in memory, so that a full disk or a damaged file is met outside the HDF5 library, and
-what is read is what was verified.
+Equal episodes give equal bytes: files contain no time stamps and use gzip, since the output of lzf depends on
+uninitialised memory. Files are encoded and decoded in memory, so that full disks and damaged files are
+handled outside the HDF5 library, and the decoded bytes are the verified ones.
 """
 
 import io
@@ -25,13 +25,13 @@ from mjx_fit.utils.rates import ACTION_S
 
 
 class Field(NamedTuple):
-    """What is said about a field beside its numbers.
+    """Metadata of a field.
 
     Attributes:
-        unit: Unit of its numbers; several for several columns.
-        frame: Frame that they are in.
-        shape: What its axes are; n episodes of J actions.
-        meaning: What they say.
+        unit: Unit of the values; several if the columns differ.
+        frame: Reference frame of the values.
+        shape: Axes, for n episodes of J actions.
+        meaning: Description of the values.
     """
 
     unit: str
@@ -84,7 +84,7 @@ FIELDS = {
 }
 
 _HDF5 = ("v108", "v110")
-"""Oldest and newest HDF5 whose format may be used: "latest" would be whatever is installed here."""
+"""Oldest and newest HDF5 file format to use; "latest" would depend on the installed library."""
 
 FRAMES = (
     "world: origin on the table under the robot's base, x away from the robot, z up. "
@@ -93,20 +93,20 @@ FRAMES = (
 )
 
 _OWN = ("episode", "sequence", "number", "policy", "estimate_cov")
-"""Fields of the episode; the others are of its rollout."""
+"""Fields of the episode; all others belong to its rollout."""
 
 _FELT = ("length", "tare_sensor", "estimate_world", "peg_type")
 
 CONTACT = "trace/contact"
-"""Follows from the wrenches: written for other readers, checked and not used by ours."""
+"""Contact flag, derived from the wrenches: written for other readers, checked but not used here."""
 
 
 def encode(episodes: Episode, request: dict[str, Any]) -> bytes:
-    """A shard as the content of a file.
+    """Encode a shard as the content of a file.
 
     Args:
-        episodes: Stacked (n,), NumPy arrays.
-        request: What the data set was asked to be; kept in the shard so that it explains itself.
+        episodes: Stacked episodes (n,), as NumPy arrays.
+        request: Request of the data set, stored in the shard to make it self-describing.
     """
     config = config_from_tree(request["config"])
     values = flat(episodes, config)
@@ -118,7 +118,7 @@ def encode(episodes: Episode, request: dict[str, Any]) -> bytes:
         file.attrs["request"] = json.dumps(request)
         for name, field in FIELDS.items():
             value = values[name]
-            # One episode of a trace is one chunk: read alone, nothing else is unpacked with it.
+            # One chunk per episode of a trace: a single episode can be read without unpacking others.
             chunks = (1, *value.shape[1:]) if name.startswith("trace/") else value.shape
             dataset = file.create_dataset(
                 name,
@@ -134,15 +134,15 @@ def encode(episodes: Episode, request: dict[str, Any]) -> bytes:
 
 
 def decode(content: bytes, shard: Shard, request: dict[str, Any]) -> Episode:
-    """What ``encode`` was given; nothing is read of a file that is not as ``encode`` writes it.
+    """Decode the output of ``encode``; reject any other file before reading data from it.
 
     Args:
-        content: Of the file, whose digest is right.
-        shard: What the manifest says of it.
-        request: What the data set was asked to be.
+        content: Content of the file, whose digest has been verified.
+        shard: Entry of the shard in the manifest.
+        request: Request of the data set.
 
     Raises:
-        ValueError: It is not the content of that shard.
+        ValueError: The content is not that of the shard.
     """
     scene = config_from_tree(request["config"]).scene
     try:
@@ -152,7 +152,7 @@ def decode(content: bytes, shard: Shard, request: dict[str, Any]) -> Episode:
     except hdf5_layout.LayoutError:
         raise
     except (OSError, LookupError, RuntimeError, ValueError, TypeError, AttributeError) as error:
-        raise ValueError(f"it is no shard: {' '.join(str(error).split())[:120]}") from None
+        raise ValueError(f"it is not a shard: {' '.join(str(error).split())[:120]}") from None
     contact = fields.pop(CONTACT)
     episodes = _from_fields(fields)
     hdf5_values.require_flags(contact, shard.first_episode)
@@ -161,13 +161,13 @@ def decode(content: bytes, shard: Shard, request: dict[str, Any]) -> Episode:
 
 
 def flat(episodes: Episode, config: Config) -> dict[str, np.ndarray]:
-    """The fields by their names in a file."""
+    """Return the fields by their names in a file."""
     contact = touched(episodes.rollout.felt, config.wrist)
     return {name: contact if name == CONTACT else _get(episodes, name) for name in FIELDS}
 
 
 def _shapes(n: int, actions: int, scene: SceneConfig) -> dict[str, hdf5_layout.Shape]:
-    """The shape of each field, of n episodes."""
+    """Return the shape of each field for n episodes."""
     axes = {"n": n, "J": actions, "joints": len(ROBOTS[scene.robot].joints)}
     return {
         name: tuple(axes[axis] if axis in axes else int(axis) for axis in field.shape.split())

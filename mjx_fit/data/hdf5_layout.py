@@ -1,7 +1,7 @@
-"""How a shard must lie in its file: checked before a number of it is read.
+"""Check the layout of a shard file before reading data from it.
 
-A digest says that a file is the one that was written, not who wrote it. HDF5 can name other files, run
-filters, hold objects and declare terabytes; a shard does none of that.
+A digest proves that a file is unchanged, not who wrote it. HDF5 files can refer to other files, run filters,
+contain objects and declare terabytes; shards do none of this.
 """
 
 from collections.abc import Iterator
@@ -18,42 +18,42 @@ _OTHER_TYPES = {
     **dict.fromkeys(("policy", "length", "peg_type", "hole_type"), np.int32),
     **dict.fromkeys(("inserted", "valid", "trace/contact"), np.bool_),
 }
-"""Types of the fields that are no single floats."""
+"""Types of the fields that are not single-precision floats."""
 
 _INFLATION = 1100
-"""Bytes that one byte can unpack to, at most: deflate ends at 1032."""
+"""Bound on the compression ratio; deflate reaches at most 1032."""
 _SMALL = 4096
 
 
 class LayoutError(ValueError):
-    """The file holds something else than a shard, or something more."""
+    """The file is not a shard, or contains more than a shard."""
 
 
 def type_of(name: str) -> np.dtype:
-    """The type in which a field is stored."""
+    """Return the type in which a field is stored."""
     return np.dtype(_OTHER_TYPES.get(name, np.float32))
 
 
 def require(file: h5py.File, shapes: dict[str, Shape], file_bytes: int) -> None:
-    """Make sure that a file holds these fields as plain data inside itself, and nothing else.
+    """Check that a file contains these fields as plain data of its own, and nothing else.
 
     Args:
-        file: Opened, read from memory.
-        shapes: The shape of each field, by its path.
-        file_bytes: Size of the file: what it says that it holds must fit into it, packed.
+        file: Open file, in memory.
+        shapes: Shape of each field, by path.
+        file_bytes: Size of the file, which bounds the declared size of the uncompressed data.
 
     Raises:
-        LayoutError: It does not; the message names the field.
+        LayoutError: The layout differs; the message names the field.
     """
     declared = 0
     for name, dataset in _datasets(file, set(shapes)):
         declared += _require_plain(name, dataset, shapes[name])
     if declared > _INFLATION * file_bytes + _SMALL:
-        raise LayoutError(f"it says that it holds {declared:,} bytes, more than can be packed into it")
+        raise LayoutError(f"it declares {declared:,} bytes, more than a file of its size can hold")
 
 
 def _datasets(file: h5py.File, names: set[str]) -> Iterator[tuple[str, Any]]:
-    """What is in the places of the fields, by their paths, each reached through hard links alone."""
+    """Iterate over the objects at the paths of the fields, reached through hard links only."""
     groups = {name.rpartition("/")[0] for name in names}
     for place in sorted(groups):
         group = file[place] if place else file
@@ -73,7 +73,7 @@ def _datasets(file: h5py.File, names: set[str]) -> Iterator[tuple[str, Any]]:
 
 
 def _require_plain(name: str, dataset: Any, shape: Shape) -> int:
-    """The bytes of a field, if it is an array of the type and shape that it must be, in the file."""
+    """Check that a field is an array in the file, of the right type and shape; return its size in bytes."""
     if not isinstance(dataset, h5py.Dataset):
         raise LayoutError(f"{name}: expected a data set")
     settings = dataset.id.get_create_plist()
@@ -89,18 +89,18 @@ def _require_plain(name: str, dataset: Any, shape: Shape) -> int:
         raise LayoutError(f"{name}: its shape is {dataset.id.shape}: expected {shape}")
     size, stored = int(np.prod(shape, dtype=np.int64)) * wanted.itemsize, dataset.id.get_storage_size()
     if size > _INFLATION * stored + _SMALL or not stored:
-        raise LayoutError(f"{name}: {stored} bytes are stored of {size:,}")
+        raise LayoutError(f"{name}: only {stored} bytes are stored for {size:,} bytes of data")
     return size
 
 
 def _type_name(found: h5t.TypeID) -> str:
-    """What a type is called in an error; NumPy's name, where it has one."""
+    """Name a type for an error message, by its NumPy name if it has one."""
     if found.get_class() in (h5t.INTEGER, h5t.FLOAT):
         return str(found.dtype)
     kinds = {
         h5t.STRING: "text",
         h5t.VLEN: "variable-length",
         h5t.COMPOUND: "compound",
-        h5t.ENUM: "an enumeration",
+        h5t.ENUM: "enumeration",
     }
-    return kinds.get(found.get_class(), "another one")
+    return kinds.get(found.get_class(), "unknown")

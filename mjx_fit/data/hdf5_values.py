@@ -1,4 +1,4 @@
-"""What the numbers of a shard may be: checked once it is read, before anything is made of it."""
+"""Check the values of a shard after reading and before use."""
 
 import jax
 import numpy as np
@@ -7,20 +7,20 @@ from mjx_fit.control.policies import OWN
 from mjx_fit.data.episode import Episode, happened
 
 LARGEST = 1e12
-"""Of a number that was simulated: squares of it are still far from the end of a float."""
+"""Largest magnitude of a simulated value, whose square is still far below the largest float."""
 
 
 def require(episodes: Episode, first_episode: int, sequence: int, n_types: int) -> None:
-    """Make sure that the numbers of a shard mean something.
+    """Check that the values of a shard are valid.
 
     Args:
-        episodes: Stacked, NumPy arrays of the right types and shapes.
-        first_episode: Id of the first; they follow one another.
-        sequence: Attempts in a row at one hole.
+        episodes: Stacked episodes, as NumPy arrays of the right types and shapes.
+        first_episode: Id of the first episode; ids are consecutive.
+        sequence: Number of consecutive attempts at one hole.
         n_types: Number of shapes.
 
     Raises:
-        ValueError: They do not; the message names the field and the episode.
+        ValueError: A value is invalid; the message names the field and the episode.
     """
     data = episodes.rollout
     ids = first_episode + np.arange(len(episodes.episode))
@@ -45,7 +45,7 @@ def require(episodes: Episode, first_episode: int, sequence: int, n_types: int) 
 
 
 def require_flags(contact: np.ndarray, first_episode: int) -> None:
-    """Make sure that the contact bits of a shard are some.
+    """Check that the contact flags of a shard are booleans.
 
     Raises:
         ValueError: A byte is neither 0 nor 1; the message names the episode.
@@ -55,13 +55,13 @@ def require_flags(contact: np.ndarray, first_episode: int) -> None:
 
 
 def _require_numbers(episodes: Episode, ids: np.ndarray) -> None:
-    """What was performed without fault has numbers; where a simulation broke there may be others."""
+    """Check that valid episodes contain finite numbers; diverged ones may contain others."""
     performed = np.asarray(happened(episodes))
     for path, leaf in jax.tree_util.tree_leaves_with_path(episodes):
         values = np.asarray(leaf)
         if values.dtype.kind != "f":
             continue
-        # The comparison is false for NaN, too.
+        # The comparison is also false for NaN.
         right = (np.abs(values) <= LARGEST).reshape(len(ids), -1).all(axis=1) | ~performed
         name = jax.tree_util.keystr(path[-1:], simple=True)
         _require(name, values, right, ids, f"expected a finite number, at most {LARGEST:.0e}")

@@ -1,6 +1,6 @@
-"""The manifest of a data set: what was asked, and which shards are complete, with their SHA-256.
+"""Manifest of a data set: its request and its completed shards, with their SHA-256.
 
-It carries a SHA-256 of itself, so that a change of a single byte of it is noticed.
+The manifest includes its own SHA-256, so that a change of a single byte is detected.
 """
 
 import hashlib
@@ -18,20 +18,20 @@ FORMAT = 2
 
 
 class FormatError(ValueError):
-    """The manifest is of a format that this version does not read."""
+    """The manifest has a format that this version does not support."""
 
 
 @dataclass(frozen=True)
 class Shard:
-    """A file that is complete.
+    """A completed file of a data set.
 
     Attributes:
-        name: Its name.
-        first_episode: Least id of its episodes, which follow one another.
-        episodes: How many there are.
-        bytes: Its size.
-        sha256: Its SHA-256, hexadecimal.
-        device: What its numbers were computed on; another device may round otherwise.
+        name: Name of the file.
+        first_episode: Id of the first episode; ids are consecutive.
+        episodes: Number of episodes.
+        bytes: Size of the file, bytes.
+        sha256: SHA-256 of the file, hexadecimal.
+        device: Device that computed the data; other devices may round differently.
     """
 
     name: str
@@ -44,15 +44,15 @@ class Shard:
 
 @dataclass(frozen=True)
 class Manifest:
-    """What a folder holds.
+    """Contents of the folder of a data set.
 
     Attributes:
-        request: What was asked, with the resolved configuration.
-        part: Which part of the whole this folder is to hold, from 0, and of how many.
-        versions: Versions of all that its numbers may depend on.
+        request: Request of the data set, with the resolved configuration.
+        part: Index of this folder's part, from 0, and the number of parts.
+        versions: Versions of all packages that may affect the numbers.
         shapes: Names of the shapes, in the order of their indices.
-        complete: Whether all shards of the part are there.
-        shards: Those that are, by name.
+        complete: True if all shards of the part exist.
+        shards: Existing shards, sorted by name.
     """
 
     request: dict[str, Any]
@@ -63,17 +63,17 @@ class Manifest:
     shards: tuple[Shard, ...] = field(default=())
 
     def shard(self, name: str) -> Shard | None:
-        """The shard of that name, or None."""
+        """Return the shard of a name, or None."""
         return next((shard for shard in self.shards if shard.name == name), None)
 
     def with_shard(self, new: Shard) -> "Manifest":
-        """The same with one shard more, or with another in its place."""
+        """Return a copy with a shard added or replaced."""
         others = [shard for shard in self.shards if shard.name != new.name]
         return replace(self, shards=tuple(sorted([*others, new], key=lambda shard: shard.name)))
 
 
 def manifest_text(manifest: Manifest) -> str:
-    """The manifest as text."""
+    """Format the manifest as JSON text."""
     tree = {"format": FORMAT, **asdict(manifest)}
     return json.dumps(tree | {"sha256": _digest(tree)}, indent=1) + "\n"
 
@@ -83,11 +83,11 @@ def _digest(tree: dict[str, Any]) -> str:
 
 
 def parse_manifest(text: str) -> Manifest:
-    """What ``render`` wrote.
+    """Parse the text of ``manifest_text``.
 
     Raises:
-        FormatError: It is of another format.
-        ValueError: It is damaged.
+        FormatError: The format is not supported.
+        ValueError: The manifest is damaged.
     """
     fields = _whole(bounded_json.loads(text, manifest_schema.LARGEST))
     manifest = Manifest(
@@ -104,10 +104,10 @@ def parse_manifest(text: str) -> Manifest:
 
 
 def _whole(tree: Any) -> dict[str, Any]:
-    """The fields of a manifest whose format and digest are right, as its schema allows them."""
+    """Check the format, digest and schema of a manifest and return its fields."""
     if not isinstance(tree, dict) or not isinstance(told := tree.get("format"), int):
-        raise ValueError("it says no format")
-    # Formats before 2 had no digest: what they say of themselves has to be believed.
+        raise ValueError("it has no format")
+    # Formats before 2 had no digest and cannot be verified.
     body = {name: value for name, value in tree.items() if name != "sha256"}
     if told != 1 and tree.get("sha256") != _digest(body):
         raise ValueError("its SHA-256 does not fit")
@@ -118,22 +118,22 @@ def _whole(tree: Any) -> dict[str, Any]:
 
 
 def read_complete_manifest(folder: Path) -> Manifest:
-    """The manifest of a data set that is complete.
+    """Read the manifest of a complete data set.
 
     Raises:
-        RequestError: As in ``read``, or it is not complete.
+        RequestError: As in ``read_manifest``, or the data set is not complete.
     """
     manifest = read_manifest(folder)
     if not manifest.complete:
-        raise RequestError(f"data: {folder} cannot be used: it is not complete; repeat its collect command")
+        raise RequestError(f"data: {folder} cannot be used: it is not complete; rerun its collect command")
     return manifest
 
 
 def read_manifest(folder: Path) -> Manifest:
-    """The manifest of a data set.
+    """Read the manifest of a data set.
 
     Raises:
-        RequestError: The folder is not there, or holds no data set, or one that cannot be read.
+        RequestError: The folder does not exist, or holds no data set or an unreadable one.
     """
     if not folder.is_dir():
         what = "it is a file; give its folder" if folder.is_file() else "there is no such folder"
@@ -142,7 +142,7 @@ def read_manifest(folder: Path) -> Manifest:
         return parse_manifest(read_manifest_text(folder))
     except FileNotFoundError:
         raise RequestError(
-            f"data: {folder} cannot be used: it holds no {MANIFEST_NAME}, so it is no data set"
+            f"data: {folder} cannot be used: it holds no {MANIFEST_NAME}, so it is not a data set"
         ) from None
     except FormatError as error:
         raise RequestError(f"data: {folder} cannot be used: {error}") from None
@@ -153,15 +153,15 @@ def read_manifest(folder: Path) -> Manifest:
 
 
 def read_manifest_text(folder: Path) -> str:
-    """The text of the manifest of a folder.
+    """Read the text of the manifest in a folder.
 
     Raises:
-        OSError: It cannot be read.
-        ValueError: It is no text, or larger than any manifest.
+        OSError: The file cannot be read.
+        ValueError: The file is not text, or is larger than any manifest.
     """
     return bounded_json.read_text(folder / MANIFEST_NAME, manifest_schema.LARGEST)
 
 
 def write_manifest(folder: Path, manifest: Manifest) -> None:
-    """Writes it as a whole or not at all."""
+    """Write a manifest atomically."""
     files.write_text(folder / MANIFEST_NAME, manifest_text(manifest))

@@ -1,6 +1,6 @@
-"""What may stand in a manifest: names, counts and bounds, checked where one is read.
+"""Schema of manifests: names, counts and bounds, checked on reading.
 
-A manifest says which files are opened and how much is read, so that nothing of it may be believed before.
+A manifest determines which files are opened and how much is read, so it is not trusted before this check.
 """
 
 from typing import Annotated, Any, Literal, NotRequired
@@ -13,9 +13,9 @@ from mjx_fit.control.policy_file import NAME
 from mjx_fit.utils import bounded_json
 
 MAX_EPISODES, MAX_ACTIONS, MAX_BATCH, MAX_SEQUENCE = 10**7, 1000, 65536, 30
-"""Of what one command may ask for."""
+"""Limits of a single command."""
 LARGEST = 4 * 2**30
-"""Bytes of a manifest: 10^7 episodes in shards of one."""
+"""Maximum size of a manifest, bytes: 10^7 episodes in shards of one."""
 SHARD_NAME = r"^shard-[0-9]{8,12}\.h5$"
 
 _STRICT = ConfigDict(strict=True, extra="forbid")
@@ -68,10 +68,10 @@ _SCHEMA = TypeAdapter(_Manifest)
 
 
 def require(fields: Any) -> dict[str, Any]:
-    """The fields of a manifest, format and digest left out, if they are as they must be.
+    """Validate and return the fields of a manifest, without format and digest.
 
     Raises:
-        ValueError: They are not; the message names the first place where.
+        ValueError: A field is invalid; the message names the first one.
     """
     manifest = bounded_json.check(_SCHEMA, fields)
     index, of = manifest["part"]
@@ -93,17 +93,17 @@ def require(fields: Any) -> dict[str, Any]:
 
 
 def _require_shards(shards: list[dict[str, Any]], request: dict[str, Any]) -> None:
-    """Each shard is named after its first episode, and none has an episode of another one."""
+    """Check that each shard is named after its first episode and that no two shards overlap."""
     most = max(request["batch"], request["sequence"])
     end = 0
     for shard in sorted(shards, key=lambda shard: shard["first_episode"]):
         name, first, n = shard["name"], shard["first_episode"], shard["episodes"]
         if name != f"shard-{first:08d}.h5":
-            raise ValueError(f"shards: {name} is not the name of a shard that begins with episode {first}")
+            raise ValueError(f"shards: {name} is not the name of a shard that starts at episode {first}")
         if n > most:
             raise ValueError(f"shards: {name}: {n} episodes cannot be used: a batch has at most {most}")
         if first < end:
-            raise ValueError(f"shards: {name}: its episodes are in another shard, too")
+            raise ValueError(f"shards: {name}: its episodes overlap with another shard")
         end = first + n
         if end > request["episodes"]:
-            raise ValueError(f"shards: {name}: it ends behind the last of {request['episodes']} episodes")
+            raise ValueError(f"shards: {name}: it ends after the last of {request['episodes']} episodes")

@@ -120,7 +120,7 @@ def test_missing_or_damaged_data_is_one_line(folder, tmp_path):
     with pytest.raises(RequestError, match="there is no such folder"):
         reader.load(tmp_path / "nowhere")
     for read in (reader.load, reader.damages):
-        with pytest.raises(RequestError, match="it is no data set"):
+        with pytest.raises(RequestError, match="it is not a data set"):
             read(tmp_path)
     shutil.copy(folder / "shard-00000005.h5", tmp_path)
     assert "missing" in reader.damages(tmp_path)["manifest.json"]

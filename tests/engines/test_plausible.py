@@ -156,7 +156,7 @@ def test_many_are_counted_and_not_all_named(tmp_path, capsys):
 def test_a_data_set_counts_them_and_training_leaves_them_out(tmp_path, monkeypatch, capsys):
     plan = Plan(12, 3, "mixed", "native", batch=6)
     collect.collect(CONFIG, tmp_path / "data", plan, pushing((0.3, 0, 0)))
-    assert collect.invalid_in(tmp_path / "data") == ", 6 not valid: trainings leave them out"
+    assert collect.invalid_in(tmp_path / "data") == ", 6 invalid (excluded from training)"
     assert reader.describe(tmp_path / "data")["invalid"] == 6
     data = reader.load(tmp_path / "data")
     assert happened(data).sum() == 6
