@@ -26,10 +26,11 @@ os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=1")
 
 
 LONG = {
-    "assembly", "attention", "augment", "batches", "bench", "calibration", "checkpoint", "cli", "collect",
+    "assembly", "attention", "batches", "bench", "calibration", "checkpoint", "cli", "collect",
     "collision", "compilation_cache", "contact_sensor", "crash", "damaged_checkpoint", "demo", "engines",
     "examples", "export", "export_readers", "files", "going_on", "hostile_configs", "hostile_data",
-    "hostile_results", "hostile_runs", "interrupts", "loss", "machine_paths", "memory", "newton_solver",
+    "hostile_results", "hostile_runs", "interrupts", "loss", "machine_paths", "memory", "mirror",
+    "newton_solver",
     "numerics", "package", "paper", "parity", "parts", "plausible", "public", "reader", "requests",
     "single_hole", "torch_twin", "tracker", "training", "types", "video", "viewer", "viser_access",
     "watchdog", "windows",

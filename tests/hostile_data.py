@@ -15,7 +15,7 @@ from synthetic import make_episodes
 from mjx_fit.config.schema import Config
 from mjx_fit.data.episode import Episode
 from mjx_fit.data.hdf5 import encode
-from mjx_fit.data.hdf5_layout import type_of
+from mjx_fit.data.hdf5_check_layout import type_of
 from mjx_fit.data.manifest import Manifest, write_manifest
 from mjx_fit.data.plan import Plan
 from mjx_fit.data.writer import new_manifest, new_shard

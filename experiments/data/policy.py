@@ -24,7 +24,7 @@ from mjx_fit.engines.native.engine import NativeEngine
 from mjx_fit.evaluation.statistics import wilson
 from mjx_fit.report import script
 from mjx_fit.scene.parts import plate_top_m
-from mjx_fit.sensors.preprocess import touched
+from mjx_fit.sensors.force_torque import touched
 from mjx_fit.types import Array, Rollout
 from mjx_fit.utils import process_setup
 from mjx_fit.utils.randomness import root_key

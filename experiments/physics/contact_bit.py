@@ -14,7 +14,7 @@ import jax
 import numpy as np
 
 import mjx_fit as mf
-from mjx_fit.sensors.preprocess import in_contact, measured
+from mjx_fit.sensors.force_torque import in_contact, measured
 
 BIAS_N = (0.0, 0.5, 1.0, 2.0)
 """Errors of the tare, in F_x."""

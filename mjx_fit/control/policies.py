@@ -62,7 +62,7 @@ class PolicyInput:
         tip_angvel_world: Angular velocity of the TCP, rad/s.
         wrench_sensor: Force (N) and torque (N·m) that the arm exerts on the peg, measured by the F/T sensor
             during the previous action: 500 Hz, tared, with sensor noise. Noise alone before the first action.
-        contact: True if this wrench indicates contact (``mjx_fit.sensors.preprocess.in_contact``).
+        contact: True if this wrench indicates contact (``mjx_fit.sensors.force_torque.in_contact``).
     """
 
     start: PolicyStart

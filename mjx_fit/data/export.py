@@ -17,10 +17,10 @@ from mjx_fit.data.episode import Episode, happened
 from mjx_fit.data.hdf5 import FIELDS, flat
 from mjx_fit.data.manifest import Manifest, read_complete_manifest
 from mjx_fit.data.reader import load, read_shards
-from mjx_fit.data.windows import split
+from mjx_fit.data.split import split_sequences
 from mjx_fit.engines.attempt_rules import START_HEIGHT_M
 from mjx_fit.scene.parts import plate_top_m
-from mjx_fit.sensors.preprocess import in_contact
+from mjx_fit.sensors.force_torque import in_contact
 from mjx_fit.types import SUBSTEPS, Rollout
 from mjx_fit.utils import files, locks
 from mjx_fit.utils.errors import RequestError
@@ -121,7 +121,7 @@ def _sides(sequences: Int[np.ndarray, "n"], fraction: float) -> dict[str, Int[np
     """Split episodes into training and validation; a single sequence cannot be split and goes to training."""
     if len(np.unique(sequences)) < 2:
         return {"train": np.arange(len(sequences)), "valid": np.zeros(0, int)}
-    return dict(zip(("train", "valid"), split(sequences, fraction, _SEED), strict=True))
+    return dict(zip(("train", "valid"), split_sequences(sequences, fraction, _SEED), strict=True))
 
 
 def _add_demonstration(root: h5py.Group, episode: Episode, policy: str, config: Config) -> int:

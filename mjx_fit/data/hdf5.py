@@ -15,11 +15,11 @@ import numpy as np
 from mjx_fit.config.schema import Config, config_from_tree
 from mjx_fit.config.sections.world import SceneConfig
 from mjx_fit.control.policies import NAMES
-from mjx_fit.data import hdf5_layout, hdf5_values
+from mjx_fit.data import hdf5_check_layout, hdf5_check_values
 from mjx_fit.data.episode import Episode
 from mjx_fit.data.manifest import FORMAT, Shard
 from mjx_fit.scene.robot import ROBOTS
-from mjx_fit.sensors.preprocess import touched
+from mjx_fit.sensors.force_torque import touched
 from mjx_fit.types import Felt, Rollout, Trace, Truth
 from mjx_fit.utils.rates import ACTION_S
 
@@ -147,16 +147,16 @@ def decode(content: bytes, shard: Shard, request: dict[str, Any]) -> Episode:
     scene = config_from_tree(request["config"]).scene
     try:
         with h5py.File(io.BytesIO(content), "r") as file:
-            hdf5_layout.require(file, _shapes(shard.episodes, request["steps"], scene), len(content))
+            hdf5_check_layout.require(file, _shapes(shard.episodes, request["steps"], scene), len(content))
             fields = {name: np.asarray(file[name]) for name in FIELDS}
-    except hdf5_layout.LayoutError:
+    except hdf5_check_layout.LayoutError:
         raise
     except (OSError, LookupError, RuntimeError, ValueError, TypeError, AttributeError) as error:
         raise ValueError(f"it is not a shard: {' '.join(str(error).split())[:120]}") from None
     contact = fields.pop(CONTACT)
     episodes = _from_fields(fields)
-    hdf5_values.require_flags(contact, shard.first_episode)
-    hdf5_values.require(episodes, shard.first_episode, request["sequence"], scene.n_types)
+    hdf5_check_values.require_flags(contact, shard.first_episode)
+    hdf5_check_values.require(episodes, shard.first_episode, request["sequence"], scene.n_types)
     return episodes
 
 
@@ -166,7 +166,7 @@ def flat(episodes: Episode, config: Config) -> dict[str, np.ndarray]:
     return {name: contact if name == CONTACT else _get(episodes, name) for name in FIELDS}
 
 
-def _shapes(n: int, actions: int, scene: SceneConfig) -> dict[str, hdf5_layout.Shape]:
+def _shapes(n: int, actions: int, scene: SceneConfig) -> dict[str, hdf5_check_layout.Shape]:
     """Return the shape of each field for n episodes."""
     axes = {"n": n, "J": actions, "joints": len(ROBOTS[scene.robot].joints)}
     return {

@@ -22,7 +22,7 @@ from mjx_fit.data.manifest import (
     read_manifest,
     read_manifest_text,
 )
-from mjx_fit.sensors.preprocess import touched
+from mjx_fit.sensors.force_torque import touched
 from mjx_fit.types import Array, Rollout
 from mjx_fit.utils import files
 from mjx_fit.utils.errors import RequestError

@@ -13,11 +13,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, Key
 
 from mjx_fit.config.schema import Config
-from mjx_fit.data.augment import mirror_belief, mirror_place, mirror_reading
 from mjx_fit.data.episode import Episode, happened
-from mjx_fit.sensors.preprocess import Window, read_window
+from mjx_fit.data.mirror import mirror_belief, mirror_place, mirror_reading
+from mjx_fit.sensors.force_torque import Window, read_window
 from mjx_fit.types import Array, Belief, Reading, pytree
-from mjx_fit.utils.errors import RequestError
 
 MIN_ACTIONS = 5
 """Half a second: a shorter interaction is dropped, it ended before anything could be felt."""
@@ -46,31 +45,6 @@ class Sample:
 def usable(data: Episode) -> Bool[np.ndarray, "episodes"]:
     """Which episodes can be trained on: simulated without fault, and at least ``MIN_ACTIONS`` long."""
     return np.asarray(happened(data)) & (np.asarray(data.rollout.felt.length) >= MIN_ACTIONS)
-
-
-def split(
-    sequences: Int[np.ndarray, "episodes"], fraction: float, seed: int
-) -> tuple[Int[np.ndarray, "training"], Int[np.ndarray, "validation"]]:
-    """Indices of the training and of the validation episodes, at random, at least one of each.
-
-    A sequence, whose episodes share a hole, goes to one side as a whole.
-
-    Args:
-        sequences: Which sequence each episode belongs to.
-        fraction: Share of the sequences that goes to validation.
-        seed: Source of the choice.
-
-    Raises:
-        RequestError: There are fewer than two sequences.
-    """
-    ids, of_episode = np.unique(sequences, return_inverse=True)
-    n = len(ids)
-    if n < 2:
-        raise RequestError(f"--data: {n} holes with a peg cannot be used: training needs at least 2")
-    n_validation = min(max(1, round(fraction * n)), n - 1)
-    chosen = np.zeros(n, bool)
-    chosen[np.random.default_rng(seed).permutation(n)[:n_validation]] = True
-    return np.flatnonzero(~chosen[of_episode]), np.flatnonzero(chosen[of_episode])
 
 
 def chains(data: Episode, episodes: Int[np.ndarray, "n"], length: int) -> Int[np.ndarray, "m length"]:

@@ -7,7 +7,7 @@ from jaxtyping import Float, Int, Key
 from mjx_fit.config.sections.world import WristConfig
 from mjx_fit.control.policies import Policy, PolicyInput, PolicyStart, State, start_of
 from mjx_fit.engines.attempt_rules import Tip
-from mjx_fit.sensors import preprocess
+from mjx_fit.sensors import force_torque
 from mjx_fit.types import SUBSTEPS, Array, Attempt, pytree
 
 _NOISE = 2**21
@@ -54,8 +54,8 @@ def act(
         step: Index j of the action.
     """
     tare_key, noise_key = jax.random.split(jax.random.fold_in(memory.key, _NOISE))
-    tare = preprocess.measured_tare(memory.tare_sensor, tare_key, wrist)
-    wrench = preprocess.measured(memory.wrench_sensor, tare, jax.random.fold_in(noise_key, step), wrist)
+    tare = force_torque.measured_tare(memory.tare_sensor, tare_key, wrist)
+    wrench = force_torque.measured(memory.wrench_sensor, tare, jax.random.fold_in(noise_key, step), wrist)
     seen = PolicyInput(
         start=memory.start,
         attempt_key=memory.key,
@@ -66,7 +66,7 @@ def act(
         tip_linvel_world=tip.linvel_world,
         tip_angvel_world=tip.angvel_world,
         wrench_sensor=wrench,
-        contact=preprocess.in_contact(wrench, wrist),
+        contact=force_torque.in_contact(wrench, wrist),
         horizon=horizon,
     )
     return policy.act(memory.state, seen)

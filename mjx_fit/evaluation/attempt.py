@@ -14,7 +14,7 @@ from mjx_fit.engines.threads import even_batch
 from mjx_fit.evaluation import result_file, results
 from mjx_fit.evaluation.request import Request
 from mjx_fit.evaluation.results import Result
-from mjx_fit.sensors.preprocess import peak_force
+from mjx_fit.sensors.force_torque import peak_force
 from mjx_fit.task.attempt_loop import spirals_at
 from mjx_fit.types import Rollout
 from mjx_fit.utils.progress import COMPILING, Progress

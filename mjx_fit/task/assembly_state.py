@@ -18,7 +18,7 @@ from mjx_fit.config.schema import Config
 from mjx_fit.filters.outcome_model import success_probability
 from mjx_fit.filters.updates import initial_belief
 from mjx_fit.scene.scenarios import Trials
-from mjx_fit.sensors.preprocess import peak_force
+from mjx_fit.sensors.force_torque import peak_force
 from mjx_fit.task import greedy
 from mjx_fit.task.attempt_log import Diary, believed
 from mjx_fit.task.attempt_loop import Tried, Try, spirals_at

@@ -16,7 +16,7 @@ from mjx_fit.config.schema import Config
 from mjx_fit.engines.interface import Engine
 from mjx_fit.filters.kalman import scale_tril
 from mjx_fit.filters.updates import initial_belief
-from mjx_fit.sensors.preprocess import peak_force
+from mjx_fit.sensors.force_torque import peak_force
 from mjx_fit.task.attempt_loop import Tried, Try, attempt_rounds, spirals_at
 from mjx_fit.task.estimator import Update
 from mjx_fit.task.methods import KNOWN_VARIANCE_M2, HoleMethod, of_rows

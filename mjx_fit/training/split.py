@@ -8,7 +8,8 @@ from jaxtyping import Bool, Int
 
 from mjx_fit.config.schema import Config
 from mjx_fit.data.episode import Episode
-from mjx_fit.data.windows import split, usable
+from mjx_fit.data.split import split_sequences
+from mjx_fit.data.windows import usable
 from mjx_fit.sensors.encoder import WRENCH_AXES
 from mjx_fit.types import SUBSTEPS
 from mjx_fit.utils.errors import RequestError
@@ -30,7 +31,7 @@ def usable_sides(
             f"expected at most train.max_window, {config.train.max_window}"
         )
     keep = usable(data)
-    sides = split(np.asarray(data.sequence), config.train.validation_fraction, seed)
+    sides = split_sequences(np.asarray(data.sequence), config.train.validation_fraction, seed)
     train_ids, val_ids = (ids[keep[ids]] for ids in sides)
     if not len(train_ids) or not len(val_ids):
         raise RequestError(

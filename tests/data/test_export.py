@@ -14,7 +14,7 @@ from mjx_fit.config.schema import Config
 from mjx_fit.data import hdf5, reader
 from mjx_fit.data.export import export
 from mjx_fit.data.manifest import read_manifest, write_manifest
-from mjx_fit.data.windows import split
+from mjx_fit.data.split import split_sequences
 from mjx_fit.utils.errors import RequestError
 
 
@@ -70,7 +70,7 @@ def test_the_masks_are_the_sides_that_training_would_take(native, tmp_path):
     folder = Collector(native)(tmp_path / "set", sequence=2, episodes=30)
     export(folder, tmp_path / "set.hdf5")
     data = reader.load(folder)
-    sides = split(np.asarray(data.sequence), Config().train.validation_fraction, seed=0)
+    sides = split_sequences(np.asarray(data.sequence), Config().train.validation_fraction, seed=0)
     with h5py.File(tmp_path / "set.hdf5") as file:
         root: Any = file
         masks = [[name.decode() for name in root[f"mask/{side}"]] for side in ("train", "valid")]

@@ -13,7 +13,8 @@ from synthetic import make_episodes, with_truth
 from mjx_fit.config.schema import Config
 from mjx_fit.config.sections.learning import TrainConfig
 from mjx_fit.config.sections.world import WristConfig
-from mjx_fit.data.windows import MIN_ACTIONS, chains, sample_windows, split, usable
+from mjx_fit.data.split import split_sequences
+from mjx_fit.data.windows import MIN_ACTIONS, chains, sample_windows, usable
 from mjx_fit.scene.parts import plate_top_m
 from mjx_fit.utils.errors import RequestError
 
@@ -150,20 +151,20 @@ def test_broken_and_short_interactions_are_not_usable():
 @given(n=st.integers(2, 200), each=st.integers(1, 3), fraction=st.floats(0.01, 0.99), seed=st.integers(0, 99))
 def test_split_is_a_partition_of_whole_sequences_with_something_on_both_sides(n, each, fraction, seed):
     sequences = np.arange(n * each) // each
-    train, validation = split(sequences, fraction, seed)
+    train, validation = split_sequences(sequences, fraction, seed)
     assert len(train)
     assert len(validation)
     np.testing.assert_array_equal(np.sort(np.r_[train, validation]), np.arange(n * each))
     assert not set(sequences[train]) & set(sequences[validation])
     assert abs(len(validation) / each - fraction * n) <= 1
-    np.testing.assert_array_equal(split(sequences, fraction, seed)[1], validation)
+    np.testing.assert_array_equal(split_sequences(sequences, fraction, seed)[1], validation)
 
 
 def test_split_depends_on_the_seed_and_refuses_one_sequence():
     ids = np.arange(100)
-    assert not np.array_equal(split(ids, 0.1, 0)[1], split(ids, 0.1, 1)[1])
+    assert not np.array_equal(split_sequences(ids, 0.1, 0)[1], split_sequences(ids, 0.1, 1)[1])
     with pytest.raises(RequestError, match="at least 2"):
-        split(np.zeros(5, int), 0.1, 0)
+        split_sequences(np.zeros(5, int), 0.1, 0)
 
 
 @settings(max_examples=50)

@@ -10,7 +10,7 @@ from matplotlib.ticker import PercentFormatter
 
 from mjx_fit.config.schema import Config
 from mjx_fit.report.figures import style
-from mjx_fit.sensors.preprocess import touched
+from mjx_fit.sensors.force_torque import touched
 from mjx_fit.types import Rollout
 from mjx_fit.utils.type_colours import FIGURE_COLOURS
 

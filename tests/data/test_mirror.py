@@ -12,9 +12,9 @@ from synthetic import make_rollouts
 from mjx_fit.config.schema import Config
 from mjx_fit.config.sections.world import WristConfig
 from mjx_fit.control import policies
-from mjx_fit.data.augment import mirror_belief, mirror_place, mirror_reading
+from mjx_fit.data.mirror import mirror_belief, mirror_place, mirror_reading
 from mjx_fit.engines.native.engine import NativeEngine
-from mjx_fit.sensors.preprocess import Window, centre_of_pressure, peak_force, read_window, touched
+from mjx_fit.sensors.force_torque import Window, centre_of_pressure, peak_force, read_window, touched
 from mjx_fit.types import Attempt, Belief, Reading
 
 SILENT = WristConfig(force_noise_n=0.0, torque_xy_noise_nm=0.0, torque_z_noise_nm=0.0)
