@@ -184,7 +184,7 @@ class Reading:
         tip_quat_world: Orientation of the TCP.
         tip_linvel_world: Linear velocity of the TCP, m/s.
         tip_angvel_world: Angular velocity of the TCP, rad/s.
-        contact: Contact flag, as a float 0 or 1, from the measured force (``sensors.force_torque.in_contact``).
+        contact: Contact flag, 0 or 1, from the measured force (``sensors.force_torque.in_contact``).
         action_world: Commanded displacement of the TCP, m.
         mask: True for real rows, False for padding.
         peg_type: Index of the peg's shape, known to the robot.

@@ -1,4 +1,4 @@
-"""What it is about, in minutes: assemblies with the weights that come with it, or a small training first."""
+"""The demo: assemblies, a video and a page within minutes, optionally after a small training."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,14 +28,14 @@ VIDEO = "assembly.mp4"
 
 @dataclass(frozen=True)
 class Size:
-    """How much the demo does: without a training, about three minutes on two shared cores.
+    """Size of the demo: about three minutes on two shared cores, without training.
 
     Attributes:
         assemblies: Trials of the assembly experiment.
-        episodes: Interactions that are collected for a training.
-        steps: Most actions in one.
+        episodes: Episodes to collect for training.
+        steps: Most actions in one episode.
         fps: Frames per second of the video.
-        speed: Seconds of an attempt in a second of it.
+        speed: Playback speed of the video.
     """
 
     assemblies: int = 5
@@ -46,13 +46,13 @@ class Size:
 
 
 def run_demo(config: Config, out: Path, size: Size, train: bool) -> None:
-    """Runs every stage into ``out``; a stage that is done is not done again.
+    """Run every stage into ``out``; a rerun skips finished stages.
 
     Args:
         config: The configuration.
         out: The folder.
-        size: How much is done.
-        train: Whether to collect data and train on them, instead of the weights that come with the package.
+        size: Size of the demo.
+        train: Collect data and train on them, instead of using the weights that ship.
 
     Raises:
         RequestError: The folder holds the demo of another configuration, or other files.
@@ -96,7 +96,7 @@ def _stages(config: Config, out: Path, size: Size, train: bool) -> None:
 
 
 def _collect(config: Config, data: Path, size: Size, engine: Engine, console: Console) -> None:
-    console.rule(f"{size.episodes} interactions of up to {size.steps} actions")
+    console.rule(f"{size.episodes} episodes of up to {size.steps} actions")
     collect(config, data, Plan(size.episodes, size.steps, POLICY), engine)
 
 
@@ -111,7 +111,7 @@ def _train(config: Config, data: Path, run: Path, console: Console) -> None:
 
 
 def _video(result: Path, run: Path, video: Path, size: Size, console: Console) -> None:
-    """In a process of its own: MuJoCo chooses its OpenGL when it is imported, and here it has been."""
+    """Render in a separate process: MuJoCo chooses its OpenGL on import, which has happened here."""
     words = ["render", result, "--run", run, "--out", video, "--fps", size.fps, "--speed", size.speed]
     if children.run([str(word) for word in words]):
-        console.print("no video, then; everything else is there")
+        console.print("the video failed; everything else is complete")

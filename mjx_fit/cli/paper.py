@@ -1,4 +1,4 @@
-"""The paper, whole: data, training, all experiments and a report; a kill loses little."""
+"""Reproduce the paper: data, training, all experiments and a report; a rerun resumes."""
 
 import time
 from collections.abc import Callable
@@ -35,20 +35,20 @@ from mjx_fit.utils.randomness import require_seed, root_key
 
 @dataclass(frozen=True)
 class Size:
-    """How much of everything.
+    """Size of the reproduction.
 
     Attributes:
-        preset: Of ``configs/``: the sensor and its training.
-        episodes: Interactions to train on, in sequences of ``sequence``.
-        sequence: Attempts in a row at one hole.
-        held_out: Interactions to calibrate on.
-        own: Interactions to calibrate on by attempt: five in a row, from what the sensor believes by then.
-        attempts: Single attempts for each shape, and mismatched ones in all.
-        positions: Trials of the position experiment, of either kind.
+        preset: Preset in ``configs/`` for the sensor and its training.
+        episodes: Training episodes, in sequences of ``sequence``.
+        sequence: Consecutive attempts at one hole.
+        held_out: Calibration episodes.
+        own: Calibration episodes by attempt: five consecutive ones, from the sensor's posterior.
+        attempts: Single matched attempts per shape, and mismatched attempts in total.
+        positions: Trials of the position experiment, matched and mismatched each.
         insertions: Draws of the insertion experiment.
-        seeds: Of the wiggles, for each of them.
+        seeds: Seeds of the exploration noise for each draw.
         assemblies: Trials of the assembly experiment.
-        many: Trials of ``full`` alone, for the rate of interventions.
+        many: Trials of ``full`` alone, for the intervention rate.
     """
 
     preset: str
@@ -74,12 +74,12 @@ POSITION = "full,frame_by_frame,oracle"
 INSERTION = "full,no_update,sample,frame_by_frame,oracle"
 ASSEMBLY = "failure_only,failure_position,full,perfect_match,perfect_sensor,oracle"
 ATTEMPTS_EACH, ATTEMPTS_FULL = 167, 11
-"""Attempts that one assembly takes under all methods together, and under ``full``, as they were seen."""
+"""Observed attempts per assembly, summed over all methods, and for ``full`` alone."""
 WINDOW_IN_ACTIONS = 9.0
-"""What a window costs in training, in simulated actions: 3 ms against 0.33 ms on two cores."""
+"""Training cost of a window in simulated actions: 3 ms against 0.33 ms on two cores."""
 PROBE, PROBE_ACTIONS = 256, 5
 HELD_OUT, OWN = 1, 2
-"""Added to the seed of what is held out, and of what starts from the sensor's own beliefs: other holes."""
+"""Seed offsets of held-out and on-policy data, so that their holes differ from the training's."""
 RESULTS = (
     "calibration",
     "calibration_by_attempt",
@@ -96,10 +96,10 @@ RESULTS = (
 
 
 def size_of(name: str) -> Size:
-    """The size of a name.
+    """Return the size with this name.
 
     Raises:
-        RequestError: There is none.
+        RequestError: The name is unknown.
     """
     if name not in SIZES:
         raise RequestError(f"--size: {shown(name)} is invalid: choose from {', '.join(SIZES)}")
@@ -107,16 +107,16 @@ def size_of(name: str) -> Size:
 
 
 def run_paper(config: Config, out: Path, size: Size, seed: int) -> None:
-    """Runs every stage into ``out``; what is done is not done again.
+    """Run every stage into ``out``; a rerun skips finished stages.
 
     Args:
         config: The configuration.
         out: Folder for everything.
-        size: How much of everything.
+        size: Size of the reproduction.
         seed: Root seed.
 
     Raises:
-        RequestError: The folder holds something else, or there is to be no baseline to compare with.
+        RequestError: The folder holds something else, or the configuration trains no baseline.
     """
     _check(config, out, seed)
     with locks.holding(out):
@@ -125,7 +125,9 @@ def run_paper(config: Config, out: Path, size: Size, seed: int) -> None:
 
 def _run(config: Config, out: Path, size: Size, seed: int) -> None:
     console = Console(highlight=False)
-    engine = make_engine("auto", config)  # for all stages: detector and outcome model are no part of it
+    engine = make_engine(
+        "auto", config
+    )  # shared by all stages: it depends on neither detector nor outcome model
     stages = _stages(Request(config, out, engine, trials=0, seed=seed), size)
     console.print(_forecast(config, size, engine))
     for number, (title, work) in enumerate(stages.items(), 1):
@@ -139,7 +141,7 @@ def _run(config: Config, out: Path, size: Size, seed: int) -> None:
 
 
 def _check(config: Config, out: Path, seed: int) -> None:
-    """Before hours of work, not behind them."""
+    """Refuse invalid requests before hours of work."""
     require_seed(seed)
     require_seed(seed + OWN)
     if not config.train.baseline_share:
@@ -154,7 +156,7 @@ def _check(config: Config, out: Path, seed: int) -> None:
 
 
 def _stages(base: Request, size: Size) -> dict[str, Callable[[], object]]:
-    """What is done, by title; ``base`` is what all requests share, with the folder in the place of a file."""
+    """Return the stages by title; ``base`` holds what all requests share, with the folder as ``out``."""
     config, out, engine, seed = base.config, base.out, base.engine, base.seed
     data, test, run = (path_inside(out, name) for name in ("data", "held_out", "run"))
     plan = Plan(size.episodes, config.task.attempt_actions, "spiral", seed=seed, sequence=size.sequence)
@@ -172,7 +174,7 @@ def _stages(base: Request, size: Size) -> dict[str, Callable[[], object]]:
         return insertion(replace(request, seeds=size.seeds))
 
     return {
-        f"{size.episodes:,} interactions to train on": lambda: collect(config, data, plan, engine),
+        f"{size.episodes:,} episodes to train on": lambda: collect(config, data, plan, engine),
         f"{size.held_out:,} to calibrate on": lambda: collect(config, test, test_plan, engine),
         "train": lambda: train_from(data, config, Run(run, seed)),
         "calibration": lambda: calibrate(config, out / "calibration.json", run, test, seed),
@@ -194,7 +196,7 @@ def _stages(base: Request, size: Size) -> dict[str, Callable[[], object]]:
 
 
 def _by_attempt(base: Request, run: Path, episodes: int) -> None:
-    """Calibration on attempts in a row, from what the sensor believes by then."""
+    """Calibrate on consecutive attempts that start from the sensor's posterior."""
     config, out = base.config, base.out
     sensor = load_trained_sensor(run)
     actions = config.task.attempt_actions
@@ -204,7 +206,7 @@ def _by_attempt(base: Request, run: Path, episodes: int) -> None:
 
 
 def _forecast(config: Config, size: Size, engine: Engine) -> str:
-    """How long it will take, from a few simulated actions: rough, and said so."""
+    """Estimate the total time from a few simulated actions."""
     actions = config.task.attempt_actions
     windows = (1 + config.train.baseline_share) * config.train.epochs * size.episodes
     attempts = (
@@ -221,7 +223,7 @@ def _forecast(config: Config, size: Size, engine: Engine) -> str:
     minutes = (attempts * actions + WINDOW_IN_ACTIONS * windows) / speed / 60
     return (
         f"About {attempts:,} attempts and {windows:,.0f} windows of training: roughly {minutes:,.0f} minutes "
-        f"here, at {speed:,.0f} actions a second. Stopped, the same command goes on."
+        f"here, at {speed:,.0f} actions a second. Rerun the command to resume."
     )
 
 

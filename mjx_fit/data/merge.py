@@ -1,4 +1,4 @@
-"""Joining the parts of a data set that several machines collected."""
+"""Merge the parts of a data set that several machines collected."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -16,11 +16,11 @@ from mjx_fit.utils.progress import Progress
 
 
 def merge(parts: Sequence[Path], out: Path) -> None:
-    """Makes of all parts of a data set what one machine would have made; killed, the same call goes on.
+    """Merge all parts of a data set into the one that a single machine would have made; a rerun resumes.
 
     Args:
-        parts: Folders of the parts, each complete, in any order.
-        out: Folder of the whole.
+        parts: Folders of all parts, each complete, in any order.
+        out: Folder of the merged data set.
 
     Raises:
         RequestError: A part is missing, unfinished, damaged, or of another data set; or ``out`` holds
@@ -48,7 +48,7 @@ def merge(parts: Sequence[Path], out: Path) -> None:
 
 
 def _whole(manifests: dict[Path, Manifest]) -> Manifest:
-    """The manifest of the whole, without shards."""
+    """Return the manifest of the merged data set, without shards."""
     (first_folder, first), *others = manifests.items()
     of = first.part[1]
     for folder, part in others:
@@ -60,7 +60,7 @@ def _whole(manifests: dict[Path, Manifest]) -> Manifest:
         ]
         if differing:
             raise RequestError(
-                f"data: {folder} cannot be used: it is no part of the same whole as {first_folder} "
+                f"data: {folder} cannot be used: it is not a part of the same data set as {first_folder} "
                 f"({differing[0]})"
             )
         if part.part[1] != of:
@@ -79,7 +79,7 @@ def _whole(manifests: dict[Path, Manifest]) -> Manifest:
 
 
 def _require_of_these(out: Path, shards: dict[str, Shard]) -> None:
-    """What was merged before must have come of these parts as they are now."""
+    """Check that shards merged earlier come from these parts."""
     if not (out / MANIFEST_NAME).is_file():
         return
     for there in read_manifest(out).shards:
@@ -88,7 +88,7 @@ def _require_of_these(out: Path, shards: dict[str, Shard]) -> None:
 
 
 def _content(folder: Path, shard: Shard, request: dict[str, Any]) -> bytes:
-    """A shard that is whole: what is damaged or no shard is not carried on."""
+    """Return the content of a shard, after a check for damage."""
     try:
         content = content_of(folder, shard)
         decode(content, shard, request)

@@ -1,4 +1,4 @@
-"""What a data set is asked to be."""
+"""Plan of a data set: what to collect."""
 
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -16,12 +16,12 @@ from mjx_fit.utils.errors import RequestError, require, shown
 from mjx_fit.utils.randomness import require_seed
 
 STORED_ACTIONS = "steps"
-"""What data sets call ``Plan.actions``, from the beginning."""
+"""Key of ``Plan.actions`` in stored requests, kept from the first version."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What is to be collected.
+    """Plan of a data set.
 
     Example:
         >>> import mjx_fit as mf
@@ -30,18 +30,18 @@ class Plan:
 
     Attributes:
         episodes: Number of rollouts, a multiple of ``sequence``.
-        actions: Most actions in one. A spiral is as long as an attempt, ``task.attempt_actions``, or cut off.
+        actions: Most actions in one rollout. A spiral lasts ``task.attempt_actions`` unless this is less.
         policy: ``spiral``, ``random``, or ``mixed``: both in turn; or the name of the engine's custom policy.
         engine: ``auto``, ``mjx`` or ``native``.
         seed: Root seed.
-        batch: Most rollouts in one shard. Their sequences are simulated at once.
-        sequence: Attempts in a row of one peg at one hole. The first starts from the detector's estimate,
-            later ones from estimates as a filter may have them by then; what follows an insertion is left
-            out.
-        shard_index: Which part of the whole to collect, from 0.
-        num_shards: Of how many parts.
-        sensor: Fingerprint of the sensor from whose beliefs the later attempts of a sequence start; empty:
-            they start from drawn ones.
+        batch: Most rollouts in one shard; their sequences are simulated together.
+        sequence: Consecutive attempts of one peg at one hole. The first starts from the detector's estimate,
+            later ones from estimates that resemble a filter's. Attempts after an insertion are not
+            performed.
+        shard_index: Part of the data set to collect, from 0.
+        num_shards: Number of parts.
+        sensor: Fingerprint of the sensor whose posteriors the later attempts start from; empty: sampled
+            estimates.
     """
 
     episodes: int = 3000
@@ -61,16 +61,16 @@ class Plan:
 
     @property
     def worlds(self) -> int:
-        """Worlds in each batch, one for each sequence; the last batch may have idle ones."""
+        """Number of worlds in each batch, one per sequence; the last batch may have idle worlds."""
         return even_batch(self.sequences, max(1, self.batch // self.sequence))
 
     def shards(self) -> dict[str, int]:
-        """The shards of this part: the first sequence of each, by file name."""
+        """Return the shards of this part: the first sequence of each, by file name."""
         starts = range(0, self.sequences, self.worlds)[self.shard_index :: self.num_shards]
         return {f"shard-{start * self.sequence:08d}.h5": start for start in starts}
 
     def command(self, out: Path) -> str:
-        """The command that collects this, but for the configuration."""
+        """Return the command that collects this, without its configuration."""
         options = [
             f"--{field.name.replace('_', '-')} {getattr(self, field.name)}"
             for field in fields(self)
@@ -81,10 +81,10 @@ class Plan:
         return f"mjx-fit collect --out {out} " + " ".join(options)
 
     def request(self, config: Config) -> dict[str, Any]:
-        """What makes the whole what it is, JSON-ready: the same in all its parts.
+        """Return the identity of the data set, JSON-ready and equal in all parts.
 
-        No interaction depends on how a sensor is built and trained, but on the sensor that was made, which is
-        named: the sections ``sensor`` and ``train`` are always the same: bytes and digests depend on them.
+        Episodes depend on the sensor itself, which ``sensor`` identifies, but not on the sections ``sensor``
+        and ``train``. Those are stored with fixed values, because bytes and digests depend on them.
         """
         return {
             "episodes": self.episodes,
@@ -97,7 +97,7 @@ class Plan:
 
 
 def plan_of(manifest: Manifest) -> Plan:
-    """What a data set was asked to be."""
+    """Return the plan of a data set."""
     index, of = manifest.part
     asked = {name: value for name, value in manifest.request.items() if name != "config"}
     return Plan(actions=asked.pop(STORED_ACTIONS), **asked, shard_index=index, num_shards=of)

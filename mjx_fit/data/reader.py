@@ -1,4 +1,4 @@
-"""Reading a data set: all of it, what is wrong with it, and what it holds in numbers."""
+"""Read a data set: its episodes, its damage and its summary."""
 
 import errno
 import os
@@ -27,17 +27,17 @@ from mjx_fit.types import Array, Rollout
 from mjx_fit.utils import files
 from mjx_fit.utils.errors import RequestError
 
-_LOST = "nothing says what the shards should be; collect them again into another folder"
+_LOST = "the list of shards is lost; collect again into another folder"
 
 
 def load(folder: Path, without: Collection[str] = ()) -> Episode:
-    """All episodes of a data set, stacked in the order of their ids, as NumPy arrays.
+    """Load all episodes of a data set, stacked in the order of their ids, as NumPy arrays.
 
-    Those that did not happen or broke are among them; see ``happened``.
+    The result includes episodes that were not performed or diverged; see ``happened``.
 
     Args:
-        folder: Of the data set.
-        without: Names of shards to leave out, such as those that ``damages`` names.
+        folder: Folder of the data set.
+        without: Names of shards to skip, such as those in ``damages``.
 
     Raises:
         RequestError: The folder holds no data set, an unfinished one or a damaged shard.
@@ -45,11 +45,11 @@ def load(folder: Path, without: Collection[str] = ()) -> Episode:
     manifest = read_complete_manifest(folder)
     wanted = [shard for shard in manifest.shards if shard.name not in without]
     if not wanted:
-        raise RequestError(f"data: {folder} cannot be used: no shard is left to be read")
+        raise RequestError(f"data: {folder} cannot be used: every shard is excluded")
     stacked, row = None, 0
     for part in read_shards(folder, wanted, manifest.request):
         if stacked is None:
-            # In place at once: joined at the end, everything would be in memory twice.
+            # Filled in place: concatenation at the end would hold everything in memory twice.
             n = sum(shard.episodes for shard in wanted)
             stacked = jax.tree.map(lambda leaf, n=n: np.empty((n, *leaf.shape[1:]), leaf.dtype), part)
         rows = slice(row, row := row + len(part.episode))
@@ -59,15 +59,15 @@ def load(folder: Path, without: Collection[str] = ()) -> Episode:
 
 
 def read_shards(folder: Path, shards: Collection[Shard], request: dict[str, Any]) -> Iterator[Episode]:
-    """The episodes of these shards, one shard after the other.
+    """Yield the episodes of these shards, one shard at a time.
 
     Args:
-        folder: Of the data set.
-        shards: Of its manifest.
-        request: What the data set was asked to be.
+        folder: Folder of the data set.
+        shards: Entries of its manifest.
+        request: Request of the data set.
 
     Raises:
-        RequestError: One is damaged.
+        RequestError: A shard is damaged.
     """
     for shard in shards:
         try:
@@ -77,14 +77,14 @@ def read_shards(folder: Path, shards: Collection[Shard], request: dict[str, Any]
 
 
 def content_of(folder: Path, shard: Shard) -> bytes:
-    """What the file of a shard holds, byte for byte as the manifest says.
+    """Return the content of a shard's file after checking its size and digest.
 
     Raises:
         OSError: It cannot be read.
-        ValueError: It is another one.
+        ValueError: Its size or digest differs from the manifest.
     """
     path = folder / shard.name
-    if not path.is_file():  # nor a pipe or a device, which would not end
+    if not path.is_file():  # a pipe or a device would never end
         raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), shard.name)
     size = path.stat().st_size
     if size == shard.bytes:  # before anything is read
@@ -96,10 +96,10 @@ def content_of(folder: Path, shard: Shard) -> bytes:
 
 
 def damages(folder: Path) -> dict[str, str]:
-    """What is wrong with a data set: what happened to each damaged file, by its name; empty if all is well.
+    """Return the damage of a data set: a description for each damaged file, by name.
 
     Raises:
-        RequestError: The folder is no data set, or one of another format.
+        RequestError: The folder is not a data set, or has another format.
     """
     try:
         manifest = parse_manifest(read_manifest_text(folder))
@@ -112,9 +112,9 @@ def damages(folder: Path) -> dict[str, str]:
     except (OSError, ValueError) as error:
         return {MANIFEST_NAME: f"damaged ({error}): {_LOST}"}
     found = {shard.name: _damage(folder, shard, manifest) for shard in manifest.shards}
-    # A collection at work, or killed, may have one shard more than its manifest names yet.
+    # A collection in progress may have one shard that its manifest does not list yet.
     for path in sorted(folder.glob("*.h5")) if manifest.complete else ():
-        found.setdefault(path.name, "foreign: the manifest does not name it; remove it")
+        found.setdefault(path.name, "foreign: the manifest does not list it; remove it")
     return {name: what for name, what in found.items() if what}
 
 
@@ -131,11 +131,11 @@ def _damage(folder: Path, shard: Shard, manifest: Manifest) -> str:
         what = str(error)
     digest = files.sha256(path)
     twins = [one.name for one in manifest.shards if one.sha256 == digest and one.name != shard.name]
-    return f"swapped: it holds what {twins[0]} should hold" if twins else f"damaged: {what}"
+    return f"swapped: it holds the content of {twins[0]}" if twins else f"damaged: {what}"
 
 
 def describe(folder: Path) -> dict[str, Any]:
-    """What a data set holds: episodes, steps, pairs, success rate, units, engine, seed; JSON-ready.
+    """Summarise a data set: episodes, actions, pairs, success rates, units, engine, seed; JSON-ready.
 
     Raises:
         RequestError: As in ``load``.
@@ -185,7 +185,7 @@ def describe(folder: Path) -> dict[str, Any]:
 
 
 def _real(length: Array, steps: int) -> Array:
-    """Which actions were performed, (n, J)."""
+    """Mask of the performed actions, (n, J)."""
     return np.arange(steps) < np.asarray(length)[:, None]
 
 

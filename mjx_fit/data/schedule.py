@@ -1,4 +1,4 @@
-"""What the episodes of a data set are to do: pure functions of a root key and ids."""
+"""Draw the attempts of a data set: pure functions of a root key and ids."""
 
 from functools import partial
 from itertools import permutations
@@ -19,14 +19,14 @@ POLICIES = (*policies.NAMES, "mixed")
 
 
 def mismatched_pairs(n_types: int) -> Int[np.ndarray, "pairs 2"]:
-    """Peg and hole type of every pair of different types; none of one type."""
+    """Return peg and hole type of every mismatched pair; empty for a single type."""
     return np.array(list(permutations(range(n_types), 2)), int).reshape(-1, 2)
 
 
 def pair_of(
     sequences: Int[np.ndarray, "n"], n_types: int
 ) -> tuple[Int[np.ndarray, "n"], Int[np.ndarray, "n"]]:
-    """Peg and hole type of each sequence: even ids take the matched pairs in turn, odd ids the others."""
+    """Return peg and hole type of each sequence: even ids take matched pairs in turn, odd ids others."""
     turn = sequences // 2
     pair = np.stack([turn % n_types] * 2, 1)
     others = mismatched_pairs(n_types)
@@ -39,9 +39,9 @@ def pair_of(
 def policy_of(
     policy: str, sequences: Int[np.ndarray, "n"], number: int, n_types: int
 ) -> Int[np.ndarray, "n"]:
-    """Index of the policy of each sequence's attempt; ``mixed`` takes turns, in all pairs alike.
+    """Return the policy index of each sequence's attempt; ``mixed`` alternates within every pair.
 
-    Any other name is that of an engine's own policy.
+    Any other name means a custom policy.
     """
     if policy == "mixed":
         turn = sequences // 2
@@ -51,9 +51,9 @@ def policy_of(
 
 
 def _shifts(turn: Int[np.ndarray, "n"], n_types: int) -> Int[np.ndarray, "n"]:
-    """What lets a pair alternate although it comes again after an even number of turns.
+    """Return shifts that make a pair alternate policies even if it repeats after an even number of turns.
 
-    A matched pair comes again after C turns, another after C (C - 1).
+    A matched pair repeats after C turns, a mismatched pair after C (C - 1).
     """
     if n_types == 1:
         return np.zeros_like(turn)
@@ -61,7 +61,7 @@ def _shifts(turn: Int[np.ndarray, "n"], n_types: int) -> Int[np.ndarray, "n"]:
 
 
 def draw_attempts(root: Key[Array, ""], sequences: Int[Array, "n"], policy: str, config: Config) -> Attempt:
-    """The first attempt of each sequence, from the detector's estimate."""
+    """Draw the first attempt of each sequence, from the detector's estimate."""
     hole_pos, estimate, wiggle, _ = draw_places(root, sequences, config)
     which = _pair_and_policy(sequences, policy, 0, config)
     return _attempts(which, hole_pos, estimate, wiggle)
@@ -70,7 +70,7 @@ def draw_attempts(root: Key[Array, ""], sequences: Int[Array, "n"], policy: str,
 def draw_later_attempts(
     root: Key[Array, ""], sequences: Int[Array, "n"], policy: str, number: int, config: Config
 ) -> tuple[Attempt, Float[Array, "n 2 2"]]:
-    """Attempt ``number`` (1 or more) of each sequence, and the covariance of its estimate (m²)."""
+    """Draw attempt ``number`` (1 or more) of each sequence, and the covariance of its estimate (m²)."""
     hole_pos, _, _, later = draw_places(root, sequences, config)
     estimate, cov, wiggle = _updated(later, hole_pos, number, config.sequence)
     which = _pair_and_policy(sequences, policy, number, config)
@@ -80,15 +80,15 @@ def draw_later_attempts(
 def draw_places(
     root: Key[Array, ""], ids: Int[Array, "n"], config: Config
 ) -> tuple[Float[Array, "n 2"], Float[Array, "n 2"], Key[Array, "n"], Key[Array, "n"]]:
-    """Where the holes are, what the detector says, and keys.
+    """Draw hole positions, detections and keys.
 
     Args:
         root: Root key.
-        ids: Each draw depends on the root key and its own id alone.
-        config: Gives the detector, and the robot whose workspace it is.
+        ids: Ids; each draw depends on the root key and its own id alone.
+        config: Defines the detector and the robot's workspace.
 
     Returns:
-        True places, uniform in the workspace, m; estimates, m; keys of the policies; keys of later attempts.
+        True positions, uniform in the workspace, m; estimates, m; keys of policies; keys of later attempts.
     """
     return _places(root, ids, config.detector, ROBOTS[config.scene.robot])
 
@@ -108,7 +108,7 @@ def _places(root: Key[Array, ""], ids: Int[Array, "n"], detector: DetectorConfig
 def _updated(
     keys: Key[Array, "n"], hole_pos_world: Float[Array, "n 2"], number: int, config: SequenceConfig
 ) -> tuple[Float[Array, "n 2"], Float[Array, "n 2 2"], Key[Array, "n"]]:
-    """Estimates as a filter could have them after some attempts: N(truth, Σ), with Σ of any direction."""
+    """Draw estimates that resemble a filter's after some attempts: N(truth, Σ), Σ with random orientation."""
 
     def draw(key, hole_pos):
         size, turn, error, wiggle = jax.random.split(jax.random.fold_in(key, number), 4)

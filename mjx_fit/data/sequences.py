@@ -1,4 +1,4 @@
-"""Simulating sequences: attempts in a row of one peg at one hole, a batch of sequences at once."""
+"""Simulate sequences: consecutive attempts of one peg at one hole, a batch of sequences at a time."""
 
 from dataclasses import replace
 from functools import partial
@@ -29,12 +29,13 @@ class Sequences:
     Args:
         engine: Simulates the attempts.
         config: The configuration.
-        plan: What is collected.
-        dumps: Folder for what is needed to replay diverged simulations.
-        update: The estimator from whose beliefs later attempts start; None: they start from drawn ones.
+        plan: The collection plan.
+        dumps: Folder for the files that replay diverged simulations.
+        update: Estimator whose posteriors later attempts start from; None: later attempts start from sampled
+            estimates.
 
     Attributes:
-        broken: Worlds so far that are not valid: left out of training.
+        broken: Number of diverged simulations so far; training excludes them.
     """
 
     def __init__(self, engine: Engine, config: Config, plan: Plan, dumps: Path, update: Update | None):
@@ -43,7 +44,7 @@ class Sequences:
         self.broken = 0
 
     def __call__(self, start: int) -> Episode:
-        """The episodes of one batch of sequences, in the order of their ids."""
+        """Simulate one batch of sequences and return its episodes in the order of their ids."""
         plan = self._plan
         batch = _Batch(self._config, plan, start, learns=self._update is not None)
         engine = _EachPolicy(self._engine, self._config, batch, self._dumps)
@@ -54,7 +55,7 @@ class Sequences:
             if plan.sequence == 1:
                 whole = one
                 continue
-            if whole is None:  # in place at once: kept and joined at the end, all would be there twice
+            if whole is None:  # filled in place: concatenation would hold everything twice
                 whole = jax.tree.map(partial(_with_axis, plan.sequence), one)
             jax.tree.map(lambda to, leaf, n=number: to.__setitem__((slice(None), n), leaf), whole, one)
         assert whole is not None
@@ -69,10 +70,10 @@ def _nothing_learned(beliefs: Belief, felt: Felt, keys: Key[Array, "n"]) -> Beli
 
 
 class _Batch:
-    """Where the sequences of a batch stand.
+    """State of a batch of sequences.
 
     Attributes:
-        ids: Of the episodes of the round at work.
+        ids: Ids of the episodes of the current round.
     """
 
     def __init__(self, config: Config, plan: Plan, start: int, *, learns: bool):
@@ -88,7 +89,7 @@ class _Batch:
         return self._sequences * self._plan.sequence + self._number
 
     def next_try(self) -> Try | None:
-        """The next attempt of each sequence; None after the last one."""
+        """Return the next attempt of each sequence; None after the last."""
         if self._number == self._plan.sequence:
             return None
         attempts, self._cov = self._attempts()
@@ -100,7 +101,7 @@ class _Batch:
         return Try(attempts, self._going, self._belief, keys)
 
     def record(self, tried: Tried) -> Episode:
-        """Takes over what was learned; gives the round's episodes."""
+        """Store the posteriors and return the episodes of the round."""
         done, policy = tried.rollouts, np.asarray(tried.asked.attempts.policy)
         number = np.full_like(self.ids, self._number)
         one = Episode(self.ids, self._sequences, number, policy, np.asarray(self._cov), done)
@@ -121,10 +122,10 @@ class _Batch:
 
 
 class _EachPolicy:
-    """An engine that gives the attempts of each policy as many actions as that policy has.
+    """Engine wrapper that runs the attempts of each policy with that policy's number of actions.
 
     Attributes:
-        broken: Worlds so far that are not valid. They are reported.
+        broken: Number of diverged simulations so far; each is reported.
     """
 
     def __init__(self, engine: Engine, config: Config, batch: _Batch, dumps: Path):
@@ -139,7 +140,7 @@ class _EachPolicy:
         active: Bool[np.ndarray, "n"] | None = None,
         horizon: int | None = None,
     ) -> Rollout:
-        """See ``Engine.run``. A spiral's horizon is that of the task, whatever is asked for here."""
+        """See ``Engine.run``. The horizon of a spiral is always ``task.attempt_actions``."""
         actions = self._config.task.attempt_actions if actions is None else actions
         kind, ids = np.asarray(attempts.policy), self._batch.ids
         active = np.ones(len(kind), bool) if active is None else active

@@ -9,14 +9,14 @@ from mjx_fit.utils.errors import RequestError
 def split_sequences(
     sequences: Int[np.ndarray, "episodes"], fraction: float, seed: int
 ) -> tuple[Int[np.ndarray, "training"], Int[np.ndarray, "validation"]]:
-    """Indices of the training and of the validation episodes, at random, at least one of each.
+    """Draw the indices of training and validation episodes, at least one of each.
 
-    A sequence, whose episodes share a hole, goes to one side as a whole.
+    All episodes of a sequence share a hole and go to the same side.
 
     Args:
-        sequences: Which sequence each episode belongs to.
-        fraction: Share of the sequences that goes to validation.
-        seed: Source of the choice.
+        sequences: Sequence of each episode.
+        fraction: Share of validation sequences.
+        seed: Seed of the draw.
 
     Raises:
         RequestError: There are fewer than two sequences.

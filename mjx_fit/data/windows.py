@@ -19,7 +19,7 @@ from mjx_fit.sensors.force_torque import Window, read_window
 from mjx_fit.types import Array, Belief, Reading, pytree
 
 MIN_ACTIONS = 5
-"""Half a second: a shorter interaction is dropped, it ended before anything could be felt."""
+"""Shortest usable episode, half a second: shorter ones end before any informative contact."""
 
 
 @pytree
@@ -27,12 +27,12 @@ class Sample:
     """One training example.
 
     Attributes:
-        reading: What the sensors are shown.
+        reading: Input of the sensors.
         prior: The belief before the attempt: μ0, Σ0, ξ0.
         hole_type: True type of the hole.
         hole_pos_world: True position of the hole, m.
-        failed: False where the window contains the moment of insertion: such a window says nothing about
-            P(o_match | type, peg, the attempt failed), and the histogram filter already counts the outcome.
+        failed: False where the window contains the insertion. Such a window carries no information about
+            P(o_match | type, peg, failure), and the histogram filter already uses the outcome.
     """
 
     reading: Reading
@@ -43,21 +43,21 @@ class Sample:
 
 
 def usable(data: Episode) -> Bool[np.ndarray, "episodes"]:
-    """Which episodes can be trained on: simulated without fault, and at least ``MIN_ACTIONS`` long."""
+    """Mask of the episodes usable for training: valid, and at least ``MIN_ACTIONS`` long."""
     return np.asarray(happened(data)) & (np.asarray(data.rollout.felt.length) >= MIN_ACTIONS)
 
 
 def chains(data: Episode, episodes: Int[np.ndarray, "n"], length: int) -> Int[np.ndarray, "m length"]:
-    """Arrange episodes in runs of attempts in a row at one hole, along which a belief is handed on.
+    """Arrange episodes in runs of consecutive attempts at one hole, along which the belief is passed.
 
     Args:
         data: Stacked episodes.
-        episodes: Indices of those that take part.
-        length: Attempts in a run. A longer sequence is cut into several, each of which begins with what its
-            own first attempt started from.
+        episodes: Indices of the episodes to use.
+        length: Attempts in a run. A longer sequence is cut into several runs; each starts from the stored
+            belief of its first attempt.
 
     Returns:
-        Indices; -1 where a run has ended. A run without its first attempt is left out.
+        Indices; -1 after the end of a run. Runs without their first attempt are excluded.
     """
     sequence, number = (np.asarray(leaf)[episodes] for leaf in (data.sequence, data.number))
     runs, run = np.unique(np.stack([sequence, number // length], 1), axis=0, return_inverse=True)
@@ -73,12 +73,12 @@ def sample_windows(
 ) -> Sample:
     """Draw one window from each of the chosen episodes.
 
-    Its length is uniform in [``train.min_window``, ``train.max_window``], cut to what the episode has, its
-    start uniform over what is left; it is padded to ``max_window``.
+    The length is uniform in [``train.min_window``, ``train.max_window``], limited by the episode; the start
+    is uniform over the remaining positions. Windows are padded to ``max_window``.
 
     Args:
-        data: Stacked along one leading axis.
-        episodes: Indices into it, or chains of them, which are mirrored as a whole.
+        data: Episodes, stacked along one leading axis.
+        episodes: Indices, or chains of indices; a chain is mirrored as a whole.
         key: Source of windows, noise and type priors.
         config: Static; ``train``, ``wrist`` and ``scene`` are used.
     """
@@ -93,7 +93,7 @@ def windows_of(
 
     Args:
         rows: The episodes, stacked.
-        indices: Their indices in the data set, on which the draws depend.
+        indices: Indices in the data set; the draws depend on them.
         key: Source of windows, noise and type priors.
         config: Static.
     """
@@ -114,7 +114,7 @@ def windows_of(
 
 
 def _sample_one(episode: Episode, key: Key[Array, ""], config: Config) -> tuple[Sample, Bool[Array, ""]]:
-    """A window, and whether it is one to be mirrored."""
+    """Draw a window, and whether to mirror it."""
     rollout = episode.rollout
     count_key, start_key, noise_key, prior_key, side_key = jax.random.split(key, 5)
     train = config.train
@@ -138,7 +138,7 @@ def _sample_one(episode: Episode, key: Key[Array, ""], config: Config) -> tuple[
 
 
 def _mirror(sample: Sample) -> Sample:
-    """The sample as it would be in the mirrored world."""
+    """Return the sample of the mirrored world."""
     return replace(
         sample,
         reading=mirror_reading(sample.reading),
@@ -148,9 +148,9 @@ def _mirror(sample: Sample) -> Sample:
 
 
 def _prior(episode: Episode, key: Key[Array, ""], n_types: int) -> Belief:
-    """μ0, Σ0 are what the interaction started from; ξ0 is three draws from U(0, 1) divided by their sum.
+    """Draw the prior: μ0 and Σ0 as stored, ξ0 as uniform draws divided by their sum.
 
-    Drawing μ0 afresh would show the sensor two detector readings where a real attempt has one.
+    A new μ0 would give the sensor two detector readings where a real attempt has one.
     """
     estimate = episode.rollout.felt.estimate_world
     # uniform() may return 0 but never 1: a type of probability 0 would make the loss infinite.

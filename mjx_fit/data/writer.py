@@ -1,7 +1,7 @@
-"""Adding shards to a data set, so that a kill at any moment loses the shard at work and nothing else.
+"""Write shards to a data set; a kill at any moment loses only the shard in progress.
 
-A shard is written under a temporary name, synced and renamed; the manifest is written anew after each shard.
-So whatever the manifest names is there and whole, and a collection that was killed goes on behind it.
+A shard is written under a temporary name, synced and renamed; then the manifest is rewritten. Every shard
+that the manifest names is therefore complete, and a killed collection resumes after it.
 """
 
 import sys
@@ -20,25 +20,25 @@ from mjx_fit.utils import files, locks, provenance
 from mjx_fit.utils.errors import RequestError
 
 _SIDE = {"broken", "report"}
-"""Folders that may stand beside the shards."""
+"""Folders allowed next to the shards."""
 
 
 def new_manifest(request: dict[str, Any], part: tuple[int, int]) -> Manifest:
-    """The manifest of a data set of which nothing is there yet, made by this installation."""
+    """Return the manifest of an empty data set, with the versions of this installation."""
     return Manifest(request, part, provenance.versions(), config_from_tree(request["config"]).scene.names)
 
 
 def new_shard(name: str, episodes: Int[np.ndarray, "n"], content: bytes) -> Shard:
-    """The manifest's entry for a shard of these episodes, computed on this device, and the file's content."""
+    """Return the manifest entry of a shard with these episodes and this content, computed on this device."""
     size, digest = len(content), files.sha256_of(content)
     return Shard(name, int(episodes[0]), len(episodes), size, digest, provenance.device())
 
 
 def is_finished(folder: Path, wanted: Manifest, names: Iterable[str]) -> bool:
-    """Whether the folder holds all of what is wanted, whole. Nothing is written.
+    """Return whether the folder holds all wanted shards, undamaged. Writes nothing.
 
     Raises:
-        RequestError: It holds something else.
+        RequestError: The folder holds another data set.
     """
     if not (folder / MANIFEST_NAME).is_file():
         return False
@@ -48,13 +48,13 @@ def is_finished(folder: Path, wanted: Manifest, names: Iterable[str]) -> bool:
 
 
 def is_whole(folder: Path, manifest: Manifest, name: str) -> bool:
-    """Whether a shard is in the manifest and its file is as the manifest says."""
+    """Return whether the manifest lists a shard and its file has the listed digest."""
     shard, path = manifest.shard(name), folder / name
     return shard is not None and path.is_file() and files.sha256(path) == shard.sha256
 
 
 class Writer:
-    """A context manager: holds the folder for itself, and writes shards into it.
+    """Context manager that locks a folder and writes shards into it.
 
     Args:
         folder: Where to; made if it is not there.
@@ -101,7 +101,10 @@ class Writer:
                 )
         for name in missing:
             if self._manifest.shard(name) is not None:
-                print(f"mjx-fit: {name} in {self._folder} is damaged or missing: made anew", file=sys.stderr)
+                print(
+                    f"mjx-fit: {name} in {self._folder} is damaged or missing: it is collected again",
+                    file=sys.stderr,
+                )
         return missing
 
     def write(self, shard: Shard, content: bytes) -> None:
@@ -115,7 +118,7 @@ class Writer:
         self._save(self._manifest.with_shard(shard))
 
     def finish(self) -> None:
-        """Notes that all shards are there. What is finished is not touched again."""
+        """Mark the data set complete. A complete data set is not changed again."""
         self._save(replace(self._manifest, complete=True))
 
     def _save(self, manifest: Manifest) -> None:
@@ -126,7 +129,7 @@ class Writer:
 
 
 def _require_ours(folder: Path) -> None:
-    """A data set may go to a new folder, or to one in which a data set was begun."""
+    """Check that the folder is new or holds an unfinished data set."""
     if folder.exists() and not folder.is_dir():
         raise RequestError(f"--out: {folder} is invalid: expected a folder")
     if not folder.is_dir() or (folder / MANIFEST_NAME).is_file():

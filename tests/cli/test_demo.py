@@ -48,7 +48,7 @@ def test_without_a_video_the_demo_has_everything_else(tmp_path, capsys, monkeypa
     monkeypatch.setattr("mjx_fit.cli.demo.children.run", lambda words: 2)
     small = ["task.attempt_actions=6", "task.max_attempts=1", "task.n_holes=1"]
     run_demo(read_config(None, small), tmp_path / "demo", Size(assemblies=1), train=False)
-    assert "no video, then" in capsys.readouterr().out
+    assert "the video failed" in capsys.readouterr().out
     assert "<video" not in (tmp_path / "demo" / "index.html").read_text()
 
 

@@ -136,7 +136,10 @@ def test_parts_merge_into_what_one_machine_makes(collect, tmp_path):
     for given, message in (
         (parts[:2], "part 2 of 3 is missing"),
         ([parts[0], whole], "it is a part of 1"),
-        ([*parts, collect(tmp_path / "odd", **{**plan, "seed": 1})], r"no part of the same whole .*seed"),
+        (
+            [*parts, collect(tmp_path / "odd", **{**plan, "seed": 1})],
+            r"not a part of the same data set .*seed",
+        ),
     ):
         with pytest.raises(RequestError, match=message):
             merge(given, tmp_path / "refused")

@@ -98,7 +98,7 @@ def test_a_shard_too_many_is_named(folder, tmp_path):
     out = tmp_path / "more"
     shutil.copytree(folder, out)
     shutil.copy(out / "shard-00000005.h5", out / "shard-00000099.h5")
-    assert reader.damages(out) == {"shard-00000099.h5": "foreign: the manifest does not name it; remove it"}
+    assert reader.damages(out) == {"shard-00000099.h5": "foreign: the manifest does not list it; remove it"}
 
 
 @given(place=st.integers(0, 10**6), bits=st.integers(1, 255))
