@@ -85,7 +85,7 @@ def test_what_is_damaged_is_named_and_made_anew_and_nothing_else(kind, folder, c
     words = {
         truncate: "bytes instead of",
         delete: "missing",
-        swap: "holds what shard-00000015",
+        swap: "holds the content of shard-00000015",
     }
     assert words.get(kind, "SHA-256") in said["shard-00000005.h5"]
     stamps = {path: path.stat().st_mtime_ns for path in out.iterdir() if path.name not in said}
