@@ -46,7 +46,7 @@ def as_inputs(prior, sensed, model) -> tuple[Belief, Observation]:
 
 
 @settings(max_examples=30, deadline=None)
-@given(seed=SEEDS, n_types=st.sampled_from([1, 2, 3, 7, 12]), peg=st.integers(0, 11), hard=st.booleans())
+@given(seed=SEEDS, n_types=st.sampled_from([1, 3, 12]), peg=st.integers(0, 11), hard=st.booleans())
 def test_update_is_bayes_by_enumeration(seed, n_types, peg, hard):
     prior, sensed, model, alpha = draw(seed, n_types)
     peg %= n_types

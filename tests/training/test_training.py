@@ -246,6 +246,7 @@ def test_data_that_no_sensor_can_read_are_refused(tmp_path, change, message):
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.slow  # test_training_through_sequences has an unused NaN, too
 def test_a_broken_episode_that_is_not_used_does_no_harm(run, tmp_path):
     short = np.asarray(DATA.rollout.felt.length) < 7
     short[40:] = False  # as many batches as without: nothing compiles again
