@@ -262,6 +262,7 @@ SHARDS: dict[str, Change] = {
     "negative length": at("length", 2, -1),
     "too long": at("length", 2, STEPS + 1),
     "policy 999": at("policy", 0, 999),
+    "a custom policy that the request lacks": at("policy", 0, 2),
     "policy -1": at("policy", 0, -1),
     "fourth shape": at("peg_type", 5, 3),
     "negative shape": at("hole_type", 5, -1),

@@ -71,7 +71,7 @@ def _run(argv: Sequence[str] | None) -> None:
 
 
 def _refused(error: Exception) -> int:
-    """The exit code of a failure, which is told; what is no failure of the request or the work is raised."""
+    """Print a failure of the request or the work and return its exit code; raise any other error."""
     match error:
         case RequestError():
             return refuse(str(error), 2)

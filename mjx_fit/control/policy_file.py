@@ -1,18 +1,19 @@
-"""Policies of a user's own: loaded from a Python file, and checked before anything is simulated."""
+"""Custom policies: load them from a Python file, and check them before anything is simulated."""
 
 import hashlib
 import re
 import sys
+from collections.abc import Callable
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
-from types import FunctionType, ModuleType
-from typing import Any
+from types import ModuleType
+from typing import Any, cast
 
 import jax
 import jax.numpy as jnp
 
 from mjx_fit.control.policies import Policy, PolicyInput, PolicyStart, stateless
-from mjx_fit.types import SUBSTEPS
+from mjx_fit.types import SUBSTEPS, Array
 from mjx_fit.utils import numerics
 from mjx_fit.utils.errors import RequestError, shortened, shown
 
@@ -22,7 +23,7 @@ _FORM = re.compile(r"(?P<path>.+\.py):(?P<name>[A-Za-z_][A-Za-z0-9_]{0,39})")
 
 
 def is_policy_file(text: str) -> bool:
-    """Whether an option means a policy in a file, ``FILE.py:NAME``."""
+    """Return whether an option means a policy in a file, ``FILE.py:NAME``."""
     return _FORM.fullmatch(text) is not None
 
 
@@ -31,12 +32,13 @@ def load_policy(text: str) -> Policy:
 
     Args:
         text: ``FILE.py:NAME``. NAME is a ``Policy``, or a function from ``PolicyInput`` to a command.
+            ``require_policy`` checks the result.
 
     Returns:
         The policy, named ``NAME@HASH`` with the first 12 digits of the file's SHA-256.
 
     Raises:
-        RequestError: The file cannot be read or run, has no such name, or what it names is no policy.
+        RequestError: The file cannot be read or run, has no such name, or the name is not a policy.
     """
     form = _FORM.fullmatch(text)
     if form is None:
@@ -51,15 +53,13 @@ def load_policy(text: str) -> Policy:
         raise RequestError(f"--policy: {path} has no {name}")
     if isinstance(found, Policy):
         policy = found
-    elif isinstance(found, FunctionType):
-        policy = stateless(found)
+    elif callable(found) and not isinstance(found, type):  # a jitted or partial function, too
+        policy = stateless(cast("Callable[[PolicyInput], Array]", found))
     else:
         raise RequestError(
             f"--policy: {name} of {path} is {shown(found)}: expected a Policy, or a function of PolicyInput"
         )
-    policy = policy._replace(name=f"{name}@{digest[:12]}")
-    require_policy(policy)
-    return policy
+    return policy._replace(name=f"{name}@{digest[:12]}")
 
 
 def require_policy(policy: Policy) -> None:
@@ -95,12 +95,12 @@ def _module(path: Path) -> ModuleType:
     sys.modules[spec.name] = module  # dataclasses look their module up
     try:
         spec.loader.exec_module(module)
-    except Exception as error:  # the user's code may raise anything
+    except (Exception, SystemExit) as error:  # the user's code may raise anything
         raise RequestError(f"--policy: {path} cannot be run: {_said(error)}") from None
     return module
 
 
-def _said(error: Exception) -> str:
+def _said(error: BaseException) -> str:
     words = str(error).strip().partition("\n")[0]
     return f"{type(error).__name__}: {shortened(words, 200)}" if words else type(error).__name__
 
@@ -115,7 +115,7 @@ def _of(*shape: int, dtype: Any = jnp.float32) -> Any:
 
 
 def _seen() -> PolicyInput:
-    """The form of what a policy is given."""
+    """Return the shapes and types of a policy's input."""
     key = jax.eval_shape(lambda: numerics.key(0))
     return PolicyInput(
         start=PolicyStart(_of(dtype=jnp.int32), _of(2), _of(dtype=jnp.int32)),

@@ -12,11 +12,11 @@ import numpy as np
 from jaxtyping import Int
 
 from mjx_fit.config.schema import Config, config_from_tree
-from mjx_fit.control.policies import NAMES
 from mjx_fit.data.episode import Episode, happened
 from mjx_fit.data.hdf5 import FIELDS, flat
 from mjx_fit.data.manifest import Manifest, read_complete_manifest
 from mjx_fit.data.reader import load, read_shards
+from mjx_fit.data.schedule import stored_policies
 from mjx_fit.data.split import split_sequences
 from mjx_fit.engines.attempt_rules import START_HEIGHT_M
 from mjx_fit.scene.parts import plate_top_m
@@ -108,7 +108,7 @@ def _write_robomimic(folder: Path, manifest: Manifest, path: Path) -> None:
             ]
             for row in np.flatnonzero(kept):
                 episode = jax.tree.map(lambda leaf, row=row: leaf[row], shard)
-                policy = (*NAMES, manifest.request["policy"])[int(episode.policy)]
+                policy = stored_policies(manifest.request["policy"])[int(episode.policy)]
                 total += _add_demonstration(root, episode, policy, config)
             progress(done)
         root.attrs["total"] = total

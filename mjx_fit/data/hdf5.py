@@ -14,10 +14,10 @@ import numpy as np
 
 from mjx_fit.config.schema import Config, config_from_tree
 from mjx_fit.config.sections.world import SceneConfig
-from mjx_fit.control.policies import NAMES
 from mjx_fit.data import hdf5_check_layout, hdf5_check_values
 from mjx_fit.data.episode import Episode
 from mjx_fit.data.manifest import FORMAT, Shard
+from mjx_fit.data.schedule import stored_policies
 from mjx_fit.scene.robot import ROBOTS
 from mjx_fit.sensors.force_torque import touched
 from mjx_fit.types import Felt, Rollout, Trace, Truth
@@ -113,7 +113,8 @@ def encode(episodes: Episode, request: dict[str, Any]) -> bytes:
     buffer = io.BytesIO()
     with h5py.File(buffer, "w", libver=_HDF5) as file:
         file.attrs["format"] = FORMAT
-        file.attrs["shapes"], file.attrs["policies"] = list(config.scene.names), list(NAMES)
+        file.attrs["shapes"] = list(config.scene.names)
+        file.attrs["policies"] = list(stored_policies(request["policy"]))
         file.attrs["frames"], file.attrs["action_s"] = FRAMES, ACTION_S
         file.attrs["request"] = json.dumps(request)
         for name, field in FIELDS.items():
@@ -156,7 +157,8 @@ def decode(content: bytes, shard: Shard, request: dict[str, Any]) -> Episode:
     contact = fields.pop(CONTACT)
     episodes = _from_fields(fields)
     hdf5_check_values.require_flags(contact, shard.first_episode)
-    hdf5_check_values.require(episodes, shard.first_episode, request["sequence"], scene.n_types)
+    counts = {"types": scene.n_types, "policies": len(stored_policies(request["policy"]))}
+    hdf5_check_values.require(episodes, shard.first_episode, request["sequence"], **counts)
     return episodes
 
 

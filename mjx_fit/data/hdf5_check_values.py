@@ -3,21 +3,21 @@
 import jax
 import numpy as np
 
-from mjx_fit.control.policies import OWN
 from mjx_fit.data.episode import Episode, happened
 
 LARGEST = 1e12
 """Largest magnitude of a simulated value, whose square is still far below the largest float."""
 
 
-def require(episodes: Episode, first_episode: int, sequence: int, n_types: int) -> None:
+def require(episodes: Episode, first_episode: int, sequence: int, *, types: int, policies: int) -> None:
     """Check that the values of a shard are valid.
 
     Args:
         episodes: Stacked episodes, as NumPy arrays of the right types and shapes.
         first_episode: Id of the first episode; ids are consecutive.
         sequence: Number of consecutive attempts at one hole.
-        n_types: Number of shapes.
+        types: Number of shapes.
+        policies: Number of policies that the index may refer to.
 
     Raises:
         ValueError: A value is invalid; the message names the field and the episode.
@@ -31,9 +31,9 @@ def require(episodes: Episode, first_episode: int, sequence: int, n_types: int) 
     ):
         _require(name, values, values == right, ids, "expected the ids of the manifest")
     for name, values, end in (
-        ("policy", episodes.policy, OWN + 1),
-        ("peg_type", data.felt.peg_type, n_types),
-        ("hole_type", data.truth.hole_type, n_types),
+        ("policy", episodes.policy, policies),
+        ("peg_type", data.felt.peg_type, types),
+        ("hole_type", data.truth.hole_type, types),
         ("length", data.felt.length, data.felt.trace.action_world.shape[1] + 1),
     ):
         _require(name, values, (values >= 0) & (values < end), ids, f"expected 0 to {end - 1}")

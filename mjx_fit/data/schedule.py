@@ -18,6 +18,11 @@ from mjx_fit.types import Array, Attempt
 POLICIES = (*policies.NAMES, "mixed")
 
 
+def stored_policies(policy: str) -> tuple[str, ...]:
+    """Return the names that the policy index of a data set refers to; a custom policy comes last."""
+    return policies.NAMES if policy in POLICIES else (*policies.NAMES, policy)
+
+
 def mismatched_pairs(n_types: int) -> Int[np.ndarray, "pairs 2"]:
     """Return peg and hole type of every mismatched pair; empty for a single type."""
     return np.array(list(permutations(range(n_types), 2)), int).reshape(-1, 2)

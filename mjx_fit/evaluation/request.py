@@ -36,10 +36,10 @@ class Request:
     baseline: TrainedSensor | None = None
 
     def asked_policy(self) -> dict[str, str]:
-        """The engine's own policy, for the result file; empty where attempts follow the spiral.
+        """Return the custom policy for the result file; empty where attempts follow the spiral.
 
         Raises:
-            RequestError: It has no name.
+            RequestError: The policy has no name.
         """
         name = stored_policy_name(self.engine)
         return {} if name is None else {"policy": name}

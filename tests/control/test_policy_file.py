@@ -17,17 +17,21 @@ from mjx_fit.evaluation import results
 from mjx_fit.utils.errors import RequestError
 
 FILE = """
+import jax
 import jax.numpy as jnp
 from mjx_fit import Policy
 
 def press(seen):
     return jnp.array([0.0, 0.0, -0.003])
 
+jitted = jax.jit(press)
+
 def _act(count, seen):
     return count + 1, jnp.array([0.0, 0.0, -0.001]) * (count + 1)
 
 deeper = Policy(lambda start, key: jnp.float32(0), _act)
 not_a_policy = 3
+a_class = Policy
 two = lambda seen: jnp.zeros(2)
 whole = lambda seen: jnp.zeros(3, int)
 grows = Policy(lambda start, key: jnp.zeros(1), lambda s, seen: (jnp.zeros(2), jnp.zeros(3)))
@@ -51,6 +55,7 @@ def label(file, name):
     [
         ("absent", "has no absent"),
         ("not_a_policy", "is 3: expected a Policy"),
+        ("a_class", "expected a Policy"),
         ("two", r"float32 \(2,\): expected floats \(3,\), in m"),
         ("whole", r"int32 \(3,\): expected floats"),
         ("grows", r"changes from \['float32\[1\]'\] to \['float32\[2\]'\]"),
@@ -59,7 +64,7 @@ def label(file, name):
 )
 def test_what_is_no_policy_is_refused_in_one_line(file, name, why):
     with pytest.raises(RequestError, match=why) as caught:
-        load_policy(f"{file}:{name}")
+        mf.make_engine("native", policy=load_policy(f"{file}:{name}"))
     assert "\n" not in str(caught.value)
 
 
@@ -71,6 +76,9 @@ def test_files_that_cannot_be_used_are_refused_in_one_line(tmp_path):
     broken = tmp_path / "broken.py"
     broken.write_text("def (:")
     with pytest.raises(RequestError, match="cannot be run: SyntaxError"):
+        load_policy(f"{broken}:press")
+    broken.write_text("import sys; sys.exit(0)")
+    with pytest.raises(RequestError, match="cannot be run: SystemExit: 0"):
         load_policy(f"{broken}:press")
     with pytest.raises(RequestError, match="name 'a b' is invalid"):
         require_policy(mf.stateless_policy(lambda seen: jnp.zeros(3), "a b"))
@@ -100,6 +108,8 @@ def test_collected_data_say_whose_they_are(file, tmp_path, capsys):
     assert data.policy.tolist() == [2] * 4
     assert main(["data", "check", str(tmp_path / "data")]) == 0
     assert main(["data", "export", str(tmp_path / "data"), "--out", str(tmp_path / "out.hdf5")]) == 0
+    with h5py.File(tmp_path / "data" / "shard-00000000.h5") as shard:
+        assert np.asarray(shard.attrs["policies"]).tolist() == ["spiral", "random", label(file, "press")]
     with h5py.File(tmp_path / "out.hdf5") as exported:
         assert exported["data/demo_0"].attrs["policy"] == label(file, "press")  # pyright: ignore
     capsys.readouterr()
@@ -108,6 +118,12 @@ def test_collected_data_say_whose_they_are(file, tmp_path, capsys):
     file.write_text(FILE.replace("-0.003", "-0.002"))
     assert collect("press") == 2
     assert "another run (its policy differs" in capsys.readouterr().err
+
+
+def test_a_jitted_function_is_a_policy(file):
+    engine = mf.make_engine("native", policy=load_policy(f"{file}:jitted"))
+    done = engine.run(mf.draw_attempts(jax.random.key(0), 2), actions=2)
+    assert done.felt.trace.action_world[..., 2] == pytest.approx(-0.003)
 
 
 def test_a_state_goes_from_action_to_action(file):

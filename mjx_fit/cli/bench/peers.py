@@ -1,4 +1,4 @@
-"""Peers: what the library is compared with. They lie in a checkout's ``benchmarks/``, outside the package."""
+"""Peers: implementations that the library is compared with, in a checkout's ``benchmarks/``."""
 
 from importlib.util import find_spec, module_from_spec, spec_from_file_location
 from pathlib import Path
@@ -6,11 +6,11 @@ from types import ModuleType
 
 _FOLDER = Path(__file__).parents[3] / "benchmarks"
 _NEEDS = {"python_loop": "", "torch_twin": "torch"}
-"""Each peer, and the package that it needs."""
+"""Package that each peer needs."""
 
 
 def absence(name: str) -> str | None:
-    """Why a peer cannot be measured here; None: it can."""
+    """Return why a peer cannot be measured here; None if it can."""
     if not (_FOLDER / f"{name}.py").is_file():
         return f"benchmarks/{name}.py comes with a checkout only"
     if _NEEDS[name] and find_spec(_NEEDS[name]) is None:
@@ -19,7 +19,7 @@ def absence(name: str) -> str | None:
 
 
 def load_peer(name: str) -> ModuleType:
-    """The module of a peer that is not absent."""
+    """Load the module of a peer that is not absent."""
     spec = spec_from_file_location(f"benchmarks.{name}", _FOLDER / f"{name}.py")
     assert spec is not None
     assert spec.loader is not None

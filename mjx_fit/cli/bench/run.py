@@ -55,7 +55,7 @@ def bench(config: Config, as_json: bool) -> None:
 
 
 def measure(name: str, config: Config, worlds: int) -> dict[str, Any]:
-    """One row: the contender's speed with so many worlds."""
+    """Measure one row: the contender's speed with this number of worlds."""
     with tempfile.TemporaryDirectory() as cache:
         cold, warm = (_alone(name, config, worlds, cache, times) for times in (1, TIMES))
     return {
