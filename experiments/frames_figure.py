@@ -1,8 +1,8 @@
-"""Draw the frames of the guide, and measure which sign F_z has when the peg presses on the plate.
+"""Draw the coordinate frames of the guide and measure the sign of F_z when the peg presses on the socket.
 
     python experiments/frames_figure.py docs/frames.png
 
-Needs an offscreen OpenGL, as ``mjx-fit render`` does.
+Requires offscreen OpenGL, like ``mjx-fit render``.
 """
 
 # MuJoCo's extension module has no stubs.
@@ -25,14 +25,14 @@ WIDE = {"lookat": (0.22, 0.0, 0.28), "distance": 1.45, "azimuth": 125.0, "elevat
 CLOSE = {"lookat": (0.5, 0.0, 0.145), "distance": 0.56, "azimuth": 125.0, "elevation": -16.0}
 SIZE = (900, 900)
 Frame = tuple[np.ndarray, np.ndarray]
-"""Origin, m, and axes as the columns of a matrix, both in the world."""
+"""Origin, m, and axes as the columns of a matrix, both in the world frame."""
 
 
 def push(model: Any, posture: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Raise the plate, away from its hole, into the lower face of a peg that a stiff arm holds still.
+    """Raise the plate, clear of its hole, against the lower face of a peg that a stiff arm holds still.
 
     Returns:
-        How far the plate has come, mm (0: it touches); F_z as the sensor reads it, tared, N.
+        Displacement of the plate past contact, mm (0: first contact); measured F_z, tared, N.
     """
     import mujoco
 
@@ -62,7 +62,7 @@ def _frames(model: Any, data: Any, hole: np.ndarray) -> dict[str, Frame]:
 
 
 def _image(model: Any, data: Any, view: dict) -> tuple[np.ndarray, Any]:
-    """A picture, and where points of the world lie on it, px."""
+    """Render an image; also return the map from world points to its pixels."""
     import mujoco
 
     camera = mujoco.MjvCamera()
@@ -93,7 +93,7 @@ def _draw_frame(ax: Any, on_image: Any, frame: Frame, name: str, place: tuple, l
         arrow = {"arrowstyle": "-|>", "color": AXES[letter], "lw": 2.6, "mutation_scale": 15}
         ax.annotate("", end, start, arrowprops={**arrow, "shrinkA": 0, "shrinkB": 0})
         text = start + (end - start) * (1 + 20 / max(np.linalg.norm(end - start), 20))
-        if letter == "z":  # aside: one ends where another begins
+        if letter == "z":  # offset: the axes of two frames meet here
             text = end + np.array([44 if axis[2] < 0 else -26, 0])
         ax.text(*text, letter, color=AXES[letter], ha="center", va="center", weight="bold", size=12)
     ax.plot(*start, "o", color="black", ms=5)
@@ -147,13 +147,13 @@ def main(path: str) -> None:
     )
     image, on_image = _image(model, data, WIDE)
     wide.imshow(image)
-    _draw_frame(wide, on_image, frames["world"], "world\nunder the base; z up", (0.03, 0.1), 0.16)
+    _draw_frame(wide, on_image, frames["world"], "world\nbelow the base; z up", (0.03, 0.1), 0.16)
     image, on_image = _image(model, data, CLOSE)
     close.imshow(image)
     told = {
-        "sensor": ("F/T sensor\nturned as the hand;\nz along the tool, down", (0.03, 0.82)),
+        "sensor": ("F/T sensor\naligned with the hand;\nz along the tool, down", (0.03, 0.82)),
         "end effector": ("end effector (TCP)\ncentre of the peg's\nlower face", (0.64, 0.5)),
-        "hole": ("hole\ncentre, at the plate's top;\naxes as the world's", (0.03, 0.1)),
+        "hole": ("hole\ncentre, at the plate's top;\naxes parallel to the world's", (0.03, 0.1)),
     }
     for name, (words, place) in told.items():
         _draw_frame(close, on_image, frames[name], words, place, LENGTH_M)

@@ -1,8 +1,8 @@
-"""Draw the picture of the README: a moment of an assembly, with the current beliefs.
+"""Draw the picture of the README: one moment of an assembly, with the current beliefs.
 
     python experiments/scene_picture.py docs/scene.png
 
-Needs an offscreen OpenGL, as ``mjx-fit render`` does.
+Requires offscreen OpenGL, like ``mjx-fit render``.
 """
 
 import sys
@@ -15,7 +15,7 @@ TRIAL, SHARE = 0, 0.43
 
 
 def main(path: str) -> None:
-    """Play the assembly and keep one frame."""
+    """Play the assembly and save one frame."""
     gl.choose()
     from mjx_fit.config.files import read_config
     from mjx_fit.engines.select import make_engine

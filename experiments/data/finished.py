@@ -1,9 +1,9 @@
-"""How much does a world cost after its attempt has ended?
+"""Measure the cost of a world after its attempt has ended.
 
     python experiments/data/finished.py
 
-Half of a batch starts right over its hole and inserts within a second; the other half never inserts. Compared
-with a batch of the other half alone: were finished worlds free, both would take the time of their own steps.
+Half of a batch starts directly above its hole and inserts within a second; the other half never inserts. The
+comparison is the other half alone: if finished worlds were free, both would run at the same steps per second.
 """
 
 import time

@@ -1,6 +1,6 @@
-"""The full data set: how long it takes, and with how much memory: ``python experiments/data/full.py DIR``.
+"""Measure time and memory of collecting the full data set: ``python experiments/data/full.py DIR``.
 
-The data go to DIR, numbers and figures of the set and its collection next to this file, by the name of DIR.
+The data go to DIR; the numbers and figures go next to this file, named after DIR.
 """
 
 import resource
@@ -25,7 +25,7 @@ EPISODES = 3000
 
 def main(folder: Path) -> None:
     if folder.exists():
-        sys.exit(f"{folder} is there already: what is done cannot be timed")
+        sys.exit(f"{folder} already exists: a finished collection cannot be timed")
     argv = ["collect", "--out", str(folder), "--episodes", str(EPISODES)]
     began = time.monotonic()
     subprocess.run([sys.executable, "-m", "mjx_fit", *argv], check=True)

@@ -1,10 +1,10 @@
-"""Which random policy should interactions be collected with?
+"""Compare random policies for data collection.
 
     python experiments/data/policy.py
 
-The paper gives its policy one line: random actions, like the exploration noise of the spiral. Read
-literally that is a walk with steps of sigma; this compares the possible readings, other policies and the
-spiral of an attempt by criteria that matter for learning.
+The paper describes its policy in one line: random actions, like the exploration noise of the spiral. Taken
+literally, this is a random walk with steps of sigma. The script compares possible interpretations, other
+policies and the spiral of an attempt by criteria that matter for learning.
 """
 
 from dataclasses import replace
@@ -31,14 +31,14 @@ from mjx_fit.utils.randomness import root_key
 
 EPISODES, ACTIONS = 252, 200
 AROUND_M, CELL_M = 0.025, 0.0025
-"""Half width of the square around the hole that should be covered, and the size of a cell of it."""
+"""Half width of the square around the hole that should be covered, and its cell size."""
 WALL_RATIO = 0.6
-"""Sideways force over the push beyond which a wall must be in the way: friction (0.3) explains half of it."""
+"""Ratio of lateral force to push that implies wall contact: friction (0.3) explains half of it."""
 PUSH_M = Config().random.push_m
 
 
 def walk(sigma_m: float) -> policies.Policy:
-    """Steps of N(0, σ²) in the plane from the current end effector position, pressed on the socket."""
+    """Make a policy of N(0, σ²) steps in the plane from the current TCP position, pressed on the socket."""
 
     def command(seen):
         return jnp.append(sigma_m * jax.random.normal(seen.key, (2,)), -PUSH_M)
@@ -47,18 +47,18 @@ def walk(sigma_m: float) -> policies.Policy:
 
 
 def jumps(seen):
-    """A goal anywhere within the reach of the estimate, another one in every action."""
+    """Draw a new goal within reach of the estimate in every action."""
     goal = jax.random.uniform(seen.key, (2,), minval=-AROUND_M, maxval=AROUND_M)
     return jnp.append(goal + seen.start.estimate_world - seen.tip_pos_world[:2], -PUSH_M)
 
 
 def sweeps(actions: int, reach_m: float) -> policies.Policy:
-    """The library's: straight sweeps between way-points."""
+    """Make the library's random policy: straight sweeps between waypoints."""
     return policies.random(replace(Config().random, actions_per_sweep=actions, reach_m=reach_m))
 
 
 def spirals() -> policies.Policy:
-    """Attempts as they are at test time, one after the other."""
+    """Make a policy that repeats the spiral of an attempt, as at test time."""
     one, length = policies.spiral(Config().spiral), Config().task.attempt_actions
 
     def act(state, seen):
@@ -81,7 +81,7 @@ HERE = Path(__file__).parent
 
 
 def main() -> None:
-    """Run every candidate from the same starts in the same holes."""
+    """Run every candidate from the same starts at the same holes."""
     config = Config()
     attempts = draw_attempts(root_key(0, "policy"), jnp.arange(EPISODES), "random", config)
     done: dict[str, Rollout] = {}
@@ -129,17 +129,17 @@ _CELLS = round(2 * AROUND_M / CELL_M)
 
 
 def _cells(offset: Array) -> np.ndarray:
-    """Number of the cell that each offset from the hole is in; only those within the square are meant."""
+    """Return the cell number of each offset from the hole; valid within the square only."""
     x, y = np.clip((offset + AROUND_M) // CELL_M, 0, _CELLS - 1).astype(int).transpose(2, 0, 1)
     return _CELLS * y + x
 
 
 def _walls(done: Rollout, real: np.ndarray) -> list[int]:
-    """Actions in which the peg met a wall, by the eighth of the circle that the wall pushes towards."""
+    """Count actions with wall contact, by the octant of the wall's force."""
     force = done.felt.trace.wrench_sensor[..., :3] - done.felt.tare_sensor[:, None, None, :3]
     strongest = np.hypot(force[..., 0], force[..., 1]).argmax(-1)
     force = np.take_along_axis(force, strongest[..., None, None], 2)[:, :, 0]
-    # A steady push is not straight down: the arm's inertia couples the axes of the controller's command.
+    # The steady push is not vertical: the arm's inertia couples the axes of the controller's command.
     steady = np.nanmedian(np.where(real[..., None], force, np.nan), 1, keepdims=True)
     force = force - np.array([1, 1, 0]) * steady
     sideways = np.hypot(force[..., 0], force[..., 1])
@@ -149,7 +149,7 @@ def _walls(done: Rollout, real: np.ndarray) -> list[int]:
 
 
 def _steady(done: Rollout, real: np.ndarray) -> float:
-    """Median over the interactions of what the arm steadily pushes sideways, over what it pushes down."""
+    """Compute the ratio of steady lateral to vertical push, median over the interactions."""
     force = done.felt.trace.wrench_sensor[..., :3] - done.felt.tare_sensor[:, None, None, :3]
     force = np.nanmedian(np.where(real[..., None, None], force, np.nan), (1, 2))
     return float(np.median(np.hypot(force[:, 0], force[:, 1]) / np.abs(force[:, 2])))
@@ -164,13 +164,13 @@ def _left_plate(done: Rollout, real: np.ndarray) -> Array:
 
 
 def _speed(done: Rollout) -> np.ndarray:
-    """Distance in the plane from the end of one action to that of the next, per second."""
+    """Compute the mean planar TCP speed in each action, m/s."""
     way = np.diff(done.felt.trace.tip_pos_world[..., :2], axis=1, prepend=done.felt.estimate_world[:, None])
     return np.linalg.norm(way, axis=-1) / 0.1
 
 
 def _force(done: Rollout) -> np.ndarray:
-    """The largest force within each action, N."""
+    """Compute the peak force in each action, N."""
     force = done.felt.trace.wrench_sensor[..., :3] - done.felt.tare_sensor[:, None, None, :3]
     return np.linalg.norm(force, axis=-1).max(-1)
 
@@ -193,10 +193,10 @@ def _figure(done: dict[str, Rollout]) -> Figure:
         ax.plot(2.5 * np.array([-1, 1, 1, -1, -1]), 2.5 * np.array([-1, -1, 1, 1, -1]), color="#D55E00")
         ax.set(title=name, aspect="equal", xticks=[-4, -2, 0, 2, 4], yticks=[-4, -2, 0, 2, 4])
         ax.grid(visible=False)
-    figure.supxlabel("x from the hole's centre (cm)", fontsize=11)
-    figure.supylabel("y from the hole's centre (cm)", fontsize=11)
+    figure.supxlabel("x offset from the hole centre (cm)", fontsize=11)
+    figure.supylabel("y offset from the hole centre (cm)", fontsize=11)
     assert mesh is not None
-    figure.colorbar(mesh, ax=list(axes), label="Actions that ended there", format="%g", shrink=0.6)
+    figure.colorbar(mesh, ax=list(axes), label="Actions that end in the cell", format="%g", shrink=0.6)
     return figure
 
 

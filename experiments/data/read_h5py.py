@@ -1,8 +1,8 @@
-"""A data set read with h5py alone: what is in a shard, and the forces of one rollout.
+"""Read a data set with h5py alone: print the fields of a shard and the forces of one rollout.
 
     python experiments/data/read_h5py.py DIR
 
-Nothing of this library is needed: copy what you like.
+The script does not use this library: copy any part of it.
 """
 
 # h5py has no static types for named members.
@@ -28,17 +28,17 @@ def main(folder: Path) -> None:
         print(f"\n{first.name}:")
         shard.visititems(describe)
 
-        length = shard["length"][:]  # J differs from interaction to interaction; the rest of a row is padding
+        length = shard["length"][:]  # J differs between interactions; the rest of a row is padding
         i = int(np.argmax(length))
         peg, hole = (shapes[shard[name][i]] for name in ("peg_type", "hole_type"))
         print(f"\nepisode {shard['episode'][i]}: {peg} in {hole}, {length[i]} actions")
 
-        # The sensor feels the peg's weight: the reading at rest is subtracted.
+        # The F/T sensor measures the peg's weight too: subtract the reading at rest.
         wrench = shard["trace/wrench_sensor"][i, : length[i]] - shard["tare_sensor"][i]
         force = np.linalg.norm(wrench[..., :3], axis=-1).ravel()  # 500 Hz
         off = shard["estimate_world"][i] - shard["hole_pos_world"][i]
         print(f"estimate off by {1000 * np.hypot(*off):.1f} mm")
-        print(f"force: median {np.median(force):.1f} N, largest {force.max():.1f} N")
+        print(f"force: median {np.median(force):.1f} N, peak {force.max():.1f} N")
 
 
 def describe(name: str, item: h5py.Dataset | h5py.Group) -> None:

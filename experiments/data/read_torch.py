@@ -1,8 +1,8 @@
-"""A data set in a PyTorch DataLoader: padded traces, lengths, and where the hole was from the estimate.
+"""Read a data set in a PyTorch DataLoader: padded traces, lengths, and hole offsets from the estimate.
 
     python experiments/data/read_torch.py DIR
 
-Needs torch, numpy and h5py, and nothing of this library.
+Requires torch, numpy and h5py, but not this library.
 """
 
 # h5py has no static types for named members.
@@ -20,9 +20,9 @@ from torch.utils.data import DataLoader, Dataset
 
 
 class Interactions(Dataset):
-    """One item per interaction that happened: wrench (J, 50, 6), length, offset of the hole (2,), match.
+    """Data set with one item per valid interaction: wrench (J, 50, 6), length, hole offset (2,), match.
 
-    Shards are opened when they are first used, so that every worker of a DataLoader has handles of its own.
+    Shards are opened on first use, so that every worker of a DataLoader has its own file handles.
     """
 
     def __init__(self, folder: Path):

@@ -1,11 +1,11 @@
 #!/bin/bash
-# A data set made by an array of jobs, each on a machine of its own, and joined by a last one:
+# Collect a data set with a job array, each job on its own machine, and merge it in a final job:
 #
 #   jobs=$(sbatch --parsable experiments/data/slurm.sh /scratch/me/data)
 #   sbatch --dependency=afterok:$jobs --wrap 'mjx-fit data merge /scratch/me/data/part-* --out /scratch/me/data/all'
 #
-# A job that is stopped may be started again, alone too (sbatch --array=3 ...): it goes on where it was. The number
-# of parts below is that of the array.
+# Restart a stopped job, on its own if you like (sbatch --array=3 ...): it resumes where it stopped. --num-shards
+# below must equal the size of the array.
 #SBATCH --job-name=mjx-fit-collect
 #SBATCH --array=0-11
 #SBATCH --cpus-per-task=8

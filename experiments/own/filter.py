@@ -1,4 +1,4 @@
-"""Use your own filter: particles, which also learn from the failure itself where the hole is not.
+"""Use your own filter: a particle filter that also learns from the failure itself where the hole is not.
 
 python experiments/own/filter.py [TRIALS]
 """
@@ -14,7 +14,7 @@ import mjx_fit as mf
 
 
 def particle_filter(config: mf.Config, sensor):
-    """Importance sampling; where a peg would have gone in, by ``task.success_by_error``, is less likely."""
+    """Weight samples; positions where ``task.success_by_error`` predicts success are less likely."""
     knots, rates = jnp.asarray(config.task.error_knots_m), jnp.asarray(config.task.success_by_error)
 
     def one(belief, seen, felt, key):
@@ -36,7 +36,7 @@ def particle_filter(config: mf.Config, sensor):
 
 
 def main(trials: int) -> None:
-    """Matched holes, the same for both filters: attempts until the peg is in."""
+    """Count attempts until insertion at the same matched holes for both filters."""
     trained = mf.load_sensor()
     config, sensor = trained.config, trained.network
     updates = {"Kalman": mf.filter_update(config, sensor), "particles": particle_filter(config, sensor)}

@@ -1,6 +1,6 @@
 """Update a belief from one logged attempt: python experiments/own/online.py LOG.npz PEG X Y.
 
-LOG.npz holds the arrays of ``mf.SensorLog``; (X, Y) is where the detector saw the hole, m.
+LOG.npz holds the arrays of ``mf.SensorLog``; (X, Y) is the detected hole position, m.
 """
 
 import sys

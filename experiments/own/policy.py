@@ -2,8 +2,8 @@
 
     python experiments/own/policy.py [TRIALS]
 
-A policy gives a command from what it sees, and from what it knew at the start. It runs inside the engine's
-compiled controller, so it is written in JAX. One that remembers is a ``Policy(init, act)`` with a state.
+A policy computes a command from its current input and the start conditions. It runs inside the engine's
+compiled controller, so it is written in JAX. A policy with memory is a ``Policy(init, act)`` with a state.
 """
 
 import sys
@@ -18,7 +18,7 @@ LINES, REACH_M, PUSH_M = 5, 0.015, 0.004
 
 
 def raster(seen: mf.PolicyInput) -> jax.Array:
-    """Sweep to and fro along x, line by line in y, pressed on the plate."""
+    """Sweep back and forth along x, line by line in y, pressed on the plate."""
     line, along = jnp.divmod(seen.step / seen.horizon * LINES, 1.0)
     x = REACH_M * (2 * along - 1) * jnp.where(line % 2 == 0, 1, -1)
     y = REACH_M * (2 * line / (LINES - 1) - 1)
@@ -27,7 +27,7 @@ def raster(seen: mf.PolicyInput) -> jax.Array:
 
 
 def main(trials: int) -> None:
-    """Matched attempts, the same holes and detections for both policies."""
+    """Run matched attempts with the same holes and detections for both policies."""
     drawn = mf.draw_attempts(jax.random.key(0), 2 * trials)
     matched = np.asarray(drawn.peg_type == drawn.hole_type)
     for name, policy in (("spiral", None), ("raster", mf.stateless_policy(raster))):

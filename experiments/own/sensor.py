@@ -1,9 +1,10 @@
-"""Use your own sensor: a linear fit, made in a second and better than none.
+"""Use your own sensor: a linear fit, made in a second and better than no sensor.
 
     python experiments/own/sensor.py DATA TEST
 
-DATA and TEST are made by ``mjx-fit collect`` with ``--seed 0`` and ``--seed 1``.
-Whatever gives an innovation and its covariance is a position sensor: the Kalman filter does the rest.
+``mjx-fit collect`` makes DATA with ``--seed 0`` and TEST with ``--seed 1``.
+A position sensor is any function that returns an innovation and its covariance; the Kalman filter does
+the rest.
 """
 
 import sys
@@ -19,7 +20,7 @@ RIDGE = 10.0
 
 
 def features(felt: mf.Felt) -> np.ndarray:
-    """Compute how force and centre of pressure vary with the TCP position, mean over each trace."""
+    """Compute how force and centre of pressure vary with the TCP position, averaged over each trace."""
     n = len(felt.length)
     seen = mf.readings(felt, jax.random.split(jax.random.key(0), n), mf.Config())
     one, tip = jnp.ones((*seen.mask.shape, 1)), 100 * seen.tip_pos_estimate
@@ -30,7 +31,7 @@ def features(felt: mf.Felt) -> np.ndarray:
 
 
 def main(data: Path, test: Path) -> None:
-    """Fit on the failures of one set, and update the prior at those of the other."""
+    """Fit on the failed attempts of one set and update the prior with those of the other."""
     sides = []
     for folder in (data, test):
         episodes = mf.load_dataset(folder)

@@ -1,9 +1,9 @@
-"""Use your own shapes: an L and a square, from boxes to data.
+"""Use your own shapes: an L and a square, from rectangles to a data set.
 
     python experiments/own/shape.py FOLDER [EPISODES [ACTIONS]]
 
-The same as ``mjx-fit collect`` with a YAML file of this section; everything else, from training to video,
-takes that file by ``--config``. There may be 1 to 12 shapes; α is their default until it is measured.
+``mjx-fit collect`` with a YAML file of this section does the same; all other commands, from training to
+video, take that file with ``--config``. A scene has 1 to 12 shapes; α has its default value until it is measured.
 """
 
 import sys
@@ -14,13 +14,13 @@ import numpy as np
 
 import mjx_fit as mf
 
-# Each rectangle from its lower to its upper corner, x, y, x, y in m from the tool's axis.
+# Each rectangle: lower and upper corner (x, y, x, y) in m from the tool's axis.
 ELL = mf.Shape("ell", ((-0.020, -0.020, 0.000, 0.020), (0.000, -0.020, 0.020, 0.000)))
 SQUARE = mf.Shape("square", ((-0.015, -0.015, 0.015, 0.015),))
 
 
 def main(folder: str, episodes: int = 240, actions: int = 100) -> None:
-    """Collect rollouts of both pegs with both holes."""
+    """Collect rollouts of both pegs at both holes."""
     config = mf.Config(scene=replace(mf.Config().scene, shapes=(ELL, SQUARE)))
     mf.collect_dataset(folder, mf.CollectionPlan(episodes, actions, "spiral"), config)
     done, names = mf.load_dataset(folder).rollout, config.scene.names

@@ -1,11 +1,11 @@
-"""How often does one spiral attempt succeed, and what does that depend on?
+"""Measure the success rate of one spiral attempt and its sensitivities.
 
     python experiments/physics/alpha.py detectors      both detectors, per shape, and the mismatched pairs
-    python experiments/physics/alpha.py error          success by the error of the estimate, 0 to 30 mm
-    python experiments/physics/alpha.py sensitivity    each choice of the physics varied alone
+    python experiments/physics/alpha.py error          success rate by estimation error, 0 to 30 mm
+    python experiments/physics/alpha.py sensitivity    one physics setting varied at a time
 
-All in the C engine, seed 0. Attempts of one command share places, directions of the error, and
-exploration noise.
+All commands use the C engine and seed 0. The attempts of one command share hole positions, directions of the
+error, and exploration noise.
 """
 
 import sys
@@ -47,7 +47,7 @@ COLOURS = ("#D55E00", "#0072B2", "#009E73")
 
 
 def detectors() -> None:
-    """The success rate under each detector."""
+    """Measure the success rate under each detector."""
     results = {}
     for kind in ("square", "disc"):
         config = replace(Config(), detector=replace(Config().detector, kind=kind))
@@ -71,7 +71,7 @@ def detectors() -> None:
 
 
 def error() -> None:
-    """Success by the distance of the estimate from the hole."""
+    """Measure the success rate by distance of the estimate from the hole."""
     config = Config()
     n = len(ERRORS_MM) * PER_ERROR
     mm = np.repeat(ERRORS_MM, PER_ERROR)
@@ -85,7 +85,7 @@ def error() -> None:
 
 
 def sensitivity() -> None:
-    """The success rate with one number changed, under ``disc``."""
+    """Measure the success rate with one setting changed, under ``disc``."""
     base = replace(Config(), detector=replace(Config().detector, kind="disc"))
     results = {"default": _matched_rate(base)}
     for path, values in VARIED.items():
@@ -104,7 +104,7 @@ def _matched_rate(config: Config) -> dict[str, float]:
 
 
 def _at_distance(config: Config, peg: np.ndarray, distance_m: np.ndarray) -> Attempt:
-    """Matched attempts whose estimate is off by these distances in random directions."""
+    """Draw matched attempts whose estimates are off by these distances in random directions."""
     asked = shared.spiral_attempts(config, "alpha: error", peg, peg)
     angle = jax.random.uniform(jax.random.key(1), (len(peg),), maxval=2 * np.pi)
     way = jnp.asarray(distance_m, jnp.float32)[:, None] * jnp.stack([jnp.cos(angle), jnp.sin(angle)], 1)
@@ -123,8 +123,8 @@ def _figure(rows: dict[str, list]) -> Figure:
         ax.fill_between(x, low, high, color=colour, alpha=0.15, linewidth=0)
         ax.plot(x, value, color=colour, marker=marker, markersize=4, label=name)
     ax.axvline(1e3 * Config().spiral.radius_m, color=style.PAPER_COLOUR, linestyle=":", linewidth=1)
-    ax.text(1e3 * Config().spiral.radius_m + 0.3, 0.93, "radius of the spiral")
-    ax.set(xlabel="Error of the estimate [mm]", ylabel="Attempts that succeed", ylim=(-0.02, 1.02))
+    ax.text(1e3 * Config().spiral.radius_m + 0.3, 0.93, "spiral radius")
+    ax.set(xlabel="Estimation error [mm]", ylabel="Success rate", ylim=(-0.02, 1.02))
     ax.yaxis.set_major_formatter(PercentFormatter(1, decimals=0))
     figure.legend(loc="outside upper left", ncols=3)
     return figure

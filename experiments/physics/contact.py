@@ -1,10 +1,10 @@
-"""How deep do contacts penetrate, how hard do they hit, and does a peg ever enter another's hole?
+"""Measure penetration depth, peak force and mismatched insertions.
 
     python experiments/physics/contact.py
 
-Spiral attempts of all nine pairs in the C engine; at every step of 500 Hz the deepest contact is asked of
-MuJoCo itself. The controller's own push is the task-space force that its impedance commands, |Λp kp e|, e
-from the tip to the goal: what it would press with, were the peg held where it is.
+The script runs spiral attempts of all nine pairs in the C engine and reads the deepest contact from MuJoCo at
+every step (500 Hz). The commanded force is the task-space force of the impedance, |Λp kp e|, with e from the
+TCP to the goal: the push that the controller would exert on a fixed peg.
 """
 
 # pyright: reportAttributeAccessIssue=false
@@ -23,14 +23,14 @@ from mjx_fit.types import SUBSTEPS, Rollout
 
 MATCHED, OTHERS = 102, 600
 ALLOWED_SHARE = 0.1
-"""Penetration that is allowed, of the clearance."""
+"""Allowed penetration as a share of the clearance."""
 ALLOWED_FACTOR = 3
-"""Largest force that is allowed, in multiples of the largest that the controller commands in that attempt. A
-peg that lands or runs into an edge is stopped within a few milliseconds: an impact may exceed a push."""
+"""Allowed peak force, as a multiple of the largest commanded force of the same attempt. A peg that lands or
+runs into an edge is stopped within a few milliseconds, so an impact may exceed the push."""
 
 
 def main() -> None:
-    """Run the attempts and count."""
+    """Run the attempts and compute the statistics."""
     config = Config()
     n_types = config.scene.n_types
     matched, others = np.arange(MATCHED) % n_types, mismatched_pairs(n_types)[np.arange(OTHERS) % 6]
@@ -87,7 +87,7 @@ def main() -> None:
 
 
 def commanded(config: Config, engine: NativeEngine, done: Rollout) -> np.ndarray:
-    """|Λp kp e| at the start of each action (n, J), N, with Λp of the posture at the attempt's end."""
+    """Compute |Λp kp e| at the start of each action (n, J), N, with Λp at the attempt's final posture."""
     model = engine.scene.models[0]
     data = mujoco.MjData(model)
     actions, length = done.felt.trace.action_world, done.felt.length
@@ -109,13 +109,13 @@ def _figure(depth: np.ndarray, peak: np.ndarray, pushed: np.ndarray, config: Con
     left.axvline(1e6 * ALLOWED_SHARE * config.scene.clearance_m, color=style.PAPER_COLOUR, linestyle="--")
     left.axhline(1e-3, color=style.PAPER_COLOUR, linewidth=0.8, linestyle=":")
     left.set(
-        xlabel="Penetration [µm]", ylabel="Share of contact samples beyond", yscale="log", xlim=(0, None)
+        xlabel="Penetration [µm]", ylabel="Share of deeper contact samples", yscale="log", xlim=(0, None)
     )
     left.text(1e6 * ALLOWED_SHARE * config.scene.clearance_m + 3, 0.3, "10 % of the\nclearance")
     left.text(microns.max(), 1.15e-3, "0.1 %", ha="right")
     bins = np.linspace(0, 1.05 * peak.max(), 40)
-    right.hist(peak, bins, color=style.MISMATCHED_COLOUR, alpha=0.8, label="measured peak of an attempt")
-    right.hist(pushed, bins, color=style.MATCHED_COLOUR, alpha=0.8, label="largest commanded force")
+    right.hist(peak, bins, color=style.MISMATCHED_COLOUR, alpha=0.8, label="measured peak force per attempt")
+    right.hist(pushed, bins, color=style.MATCHED_COLOUR, alpha=0.8, label="largest commanded force per attempt")
     right.set(xlabel="Force [N]", ylabel="Attempts")
     right.legend(loc="upper right")
     right.set_ylim(0, 1.35 * right.get_ylim()[1])

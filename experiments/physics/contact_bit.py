@@ -1,9 +1,9 @@
-"""Compare contact detected from force with the simulator's own.
+"""Compare contact detection from force with the simulator's contact flag.
 
     python experiments/physics/contact_bit.py DATA...
 
-DATA are data sets made before contact was detected from force, such as experiments/data/sample: their
-files hold the simulator's bit, whether a contact force acted at any step of the action. Noise is drawn.
+DATA are data sets that predate contact detection from force, such as experiments/data/sample. Their files hold
+the simulator's flag: True if a contact force acted at any step of the action. Sensor noise is added.
 """
 
 import sys
@@ -17,11 +17,11 @@ import mjx_fit as mf
 from mjx_fit.sensors.force_torque import in_contact, measured
 
 BIAS_N = (0.0, 0.5, 1.0, 2.0)
-"""Errors of the tare, in F_x."""
+"""Tare errors in F_x, N."""
 
 
 def main(folders: list[Path]) -> None:
-    """Print a line for each error of the tare."""
+    """Print a line for each tare error."""
     wrench, simulated = [], []
     for path in sorted(path for folder in folders for path in folder.glob("*.h5")):
         with h5py.File(path) as file:
@@ -37,7 +37,7 @@ def main(folders: list[Path]) -> None:
         told = np.asarray(in_contact(noisy, mf.Config().wrist))
         missed, invented = int((touched & ~told).sum()), int((~touched & told).sum())
         there, none = touched.sum(), (~touched).sum()
-        print(f"bias {bias} N: {missed} of {there} contacts missed, {invented} of {none} invented")
+        print(f"bias {bias} N: missed {missed} of {there} contacts, false alarms {invented} of {none}")
 
 
 if __name__ == "__main__":

@@ -1,11 +1,11 @@
-"""The cause of the hangs, alone: batched LAPACK calls in loops that XLA:CPU runs side by side.
+"""Reproduce the hang in isolation: batched LAPACK calls in loops that XLA:CPU runs in parallel.
 
     python experiments/physics/deadlock.py
 
-Two host threads each run a computation of three loops that have nothing in common, and XLA runs the loops on
-its pool of threads, one per core. In each loop a batch of 7 x 7 matrices goes through Cholesky (LAPACK's
-potrf). A large batch is spread over that same pool, and the thread that asked for it waits. Once every thread
-of the pool waits like that, nobody is left to do the work. Neither MuJoCo nor our engines have a part in it.
+Two host threads each run a computation of three independent loops, and XLA runs the loops on its thread pool,
+one thread per core. Each loop factorises a batch of 7 x 7 matrices by Cholesky (LAPACK's potrf). A large batch
+is distributed over that same pool, and the calling thread waits for it. Once every thread of the pool waits,
+no thread is left to do the work. Neither MuJoCo nor our engines are involved.
 """
 
 import subprocess
@@ -21,11 +21,11 @@ from mjx_fit.engines.threads import on_threads
 BATCHES = (256, 512, 1024, 1400, 2048, 4096)
 LOOPS, ITERATIONS, TIMES = 3, 200, 5
 LIMIT_S = 60
-"""A batch of 4,096 takes about ten seconds when it comes to an end."""
+"""Time limit of a batch; a batch of 4,096 takes about ten seconds if it finishes."""
 
 
 def main() -> None:
-    """Run each batch in a process of its own and report which came to an end."""
+    """Run each batch in its own process and report which ones finished."""
     ended = {}
     for batch in BATCHES:
         try:
@@ -33,12 +33,12 @@ def main() -> None:
             ended[str(batch)] = True
         except subprocess.TimeoutExpired:
             ended[str(batch)] = False
-        print(batch, "came to an end" if ended[str(batch)] else "hung", flush=True)
+        print(batch, "finished" if ended[str(batch)] else "hung", flush=True)
     shared.save("deadlock", {"limit_s": LIMIT_S, "came_to_an_end": ended})
 
 
 def work(batch: int) -> None:
-    """The loops."""
+    """Run the loops."""
     identity = 3 * np.eye(7, dtype=np.float32)
 
     def step(x, _):

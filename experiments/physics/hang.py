@@ -1,9 +1,9 @@
-"""Does an MJX rollout of many worlds ever hang? Many runs, each watched by another process.
+"""Count hangs of MJX rollouts with many worlds, each run watched by another process.
 
     python experiments/physics/hang.py [--dispatch inline|async]
 
-``inline`` is how the commands of mjx_fit run: each host thread runs its part of the batch itself. ``async``
-is JAX's default: one computation over the whole batch, handed to a thread of XLA's own.
+``inline`` is the mode of the mjx_fit commands: each host thread runs its part of the batch itself. ``async``
+is JAX's default: one computation over the whole batch, dispatched to one of XLA's threads.
 """
 
 import argparse
@@ -25,11 +25,11 @@ from mjx_fit.utils import compilation_cache, process_setup
 WORLDS = (256, 1024, 4096)
 PROCESSES, RUNS_EACH = 10, 5
 LIMIT_S = 600
-"""A process that says nothing for this long hangs; a run of 4,096 worlds takes about ten seconds."""
+"""A process without output for this long has hung; a run of 4,096 worlds takes about ten seconds."""
 
 
 def main(dispatch: str) -> None:
-    """Start the processes one after the other and count the runs that came to an end."""
+    """Start the processes one after the other and count the runs that finished."""
     results = {}
     for worlds in WORLDS:
         seconds, hung = [], 0
@@ -47,7 +47,7 @@ def main(dispatch: str) -> None:
 
 
 def work(worlds: int, dispatch: str) -> None:
-    """Compile once and run one action of all worlds several times; print how long each took."""
+    """Compile once, run one action of all worlds several times, and print the duration of each run."""
     if dispatch == "inline":
         process_setup.configure()
     else:
@@ -62,7 +62,7 @@ def work(worlds: int, dispatch: str) -> None:
 
 
 def _watched(command: list[str]) -> list[float]:
-    """What the worker printed until it ended, or until nothing came for too long."""
+    """Return the worker's durations, printed until it ended or stayed silent for too long."""
     log = Path("/dev/shm" if Path("/dev/shm").is_dir() else ".") / "mjx_fit_hang.log"
     with log.open("w") as out:
         process = subprocess.Popen(command, stdout=out, stderr=subprocess.DEVNULL)

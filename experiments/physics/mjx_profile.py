@@ -1,8 +1,9 @@
-"""Where does MJX's time go on a CPU? The same presses on the plate with stages taken from MJX, or left out.
+"""Profile MJX on a CPU: the same presses on the plate, with stages replaced by MJX's own or left out.
 
     python experiments/physics/mjx_profile.py
 
-Microseconds of one thread per world and step, 128 worlds, so that nothing of it is waiting or dispatch.
+Results are microseconds of one thread per world and step, with 128 worlds, so that they include no waiting or
+dispatch.
 """
 
 # pyright: reportAttributeAccessIssue=false
@@ -50,13 +51,13 @@ def main() -> None:
 
 
 def _mjx_solve(model: mjx.Model, data: mjx.Data) -> mjx.Data:
-    """With 8 steps of line search, as many as it needs: it always makes all of them."""
+    """Solve with 8 line-search steps, which are enough: MJX always runs all of them."""
     model = model.replace(opt=model.opt.replace(ls_iterations=8))
     return mjx.solve(model, mjx.fwd_acceleration(model, mjx.factor_m(model, data)))
 
 
 def _free(model: mjx.Model, data: mjx.Data) -> mjx.Data:
-    """The end of a step in free space, but for the accelerations, which no stage after it needs."""
+    """Finish a step in free space, without the accelerations, which no later stage needs."""
     return data.replace(qfrc_constraint=0 * data.qfrc_smooth)
 
 
@@ -74,7 +75,7 @@ def _microseconds(controlled: bool) -> float:
 
         def step(data, _):
             arm = arm_state(model, data, scene)
-            # Without the controller: gravity, some damping, and a pull that presses the peg on the plate.
+            # Without the controller: gravity compensation, some damping, and a torque that presses the peg on the plate.
             free = data.qfrc_bias - 5 * data.qvel + jnp.array([0, 8.0, 0, 0, 0, 0, 0])
             torque = command(arm, to) if controlled else free
             return step.advance(model, data, torque)

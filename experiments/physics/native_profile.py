@@ -1,8 +1,8 @@
-"""Where does the native engine's time go? The same steps of the same worlds, with ever more around them.
+"""Profile the native engine: the same steps of the same worlds, with more and more of the engine added.
 
     python experiments/physics/native_profile.py
 
-Microseconds of one thread per world and step, 128 worlds.
+Results are microseconds of one thread per world and step, with 128 worlds.
 """
 
 # pyright: reportAttributeAccessIssue=false
@@ -25,7 +25,7 @@ STEPS = ACTIONS * SUBSTEPS
 
 
 def main() -> None:
-    """Time the variants in turn, so that a slow minute meets them all."""
+    """Time the variants in turn, so that a slow period affects all of them."""
     config = Config()
     attempts = attempts_of(config, WORLDS)
     torque, start = _recorded(config)
@@ -68,7 +68,7 @@ def main() -> None:
 
 
 def _recorded(config: Config) -> tuple[np.ndarray, np.ndarray]:
-    """Torques (n, steps, 7) that the engine applies, and joint angles (n, 7) at the start."""
+    """Return the torques (n, steps, 7) that the engine applies and the initial joint angles (n, 7)."""
     torque, step = np.zeros((WORLDS, STEPS, 7)), np.zeros(WORLDS, int)
 
     def record(ids: np.ndarray, batch: Batch) -> None:
@@ -77,7 +77,7 @@ def _recorded(config: Config) -> tuple[np.ndarray, np.ndarray]:
 
     engine = NativeEngine(config, 1, on_step=record)
     attempts = attempts_of(config, WORLDS)
-    assert (engine.run(attempts, ACTIONS).length == ACTIONS).all()  # nothing ends: all steps are everyone's
+    assert (engine.run(attempts, ACTIONS).length == ACTIONS).all()  # no attempt ends early: every world runs all steps
     return torque, np.asarray(jax.device_get(engine._start(attempts=attempts)))
 
 

@@ -1,8 +1,9 @@
-"""Are whole attempts in MJX those of C MuJoCo, in distribution?
+"""Compare whole attempts in MJX and C MuJoCo, in distribution.
 
     python experiments/physics/parity_attempts.py
 
-Runs the same 600 attempts in both engines. Contact is chaotic, so paths part: it compares distributions.
+The script runs the same 600 attempts in both engines. Contact is chaotic, so trajectories diverge and only
+distributions are comparable.
 """
 
 # pyright: reportAttributeAccessIssue=false
@@ -84,7 +85,7 @@ def _measure(done: Rollout, config: Config) -> dict[str, np.ndarray]:
 
 
 def _ratio(x: np.ndarray, c: np.ndarray) -> tuple[float, float, float]:
-    """Ratio of the means, MJX to C, with a bootstrap interval that draws attempts."""
+    """Compute the ratio of means, MJX to C, with a bootstrap interval over attempts."""
     draws = np.random.default_rng(0).integers(len(x), size=(2000, len(x)))
     low, high = np.quantile(x[draws].mean(1) / c[draws].mean(1), (0.025, 0.975))
     return float(x.mean() / c.mean()), float(low), float(high)
@@ -94,11 +95,11 @@ def _figure(measured: dict, rows: dict, matched: np.ndarray) -> Figure:
     figure = Figure(figsize=(10, 5.6))
     axes = figure.subplots(2, 3).ravel()
     labels = {
-        "inserted": "Success of matched attempts",
+        "inserted": "Success rate, matched",
         "mean_force_n": "Mean force [N]",
         "median_force_n": "Median force [N]",
         "peak_force_n": "Peak force [N]",
-        "final_depth_mm": "Final depth of the tip [mm]",
+        "final_depth_mm": "Final depth of the TCP [mm]",
         "duration_s": "Duration [s]",
     }
     for ax, (what, label) in zip(axes, labels.items(), strict=True):

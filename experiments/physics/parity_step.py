@@ -1,9 +1,9 @@
-"""Is one step of MJX that of C MuJoCo?
+"""Compare one step of MJX with C MuJoCo.
 
     python experiments/physics/parity_step.py
 
-Evaluates the dynamics once from the same states in both. Free states are random; states in contact come
-from spiral and random attempts in the C engine.
+The script evaluates the dynamics once from the same states in both engines. Free states are random; states in
+contact come from spiral and random attempts in the C engine.
 """
 
 # pyright: reportAttributeAccessIssue=false
@@ -27,7 +27,7 @@ STEPS_BETWEEN = 170
 
 
 def main() -> None:
-    """Compare smooth dynamics, accelerations and readings from free states and from states in contact."""
+    """Compare smooth dynamics, accelerations and sensor readings from free states and states in contact."""
     config = Config()
     scene = simulation_scene(config.scene)
     free, touching = _free_states(scene), _contact_states(config)
@@ -78,7 +78,7 @@ def _free_states(scene: Scene) -> dict[str, np.ndarray]:
 
 
 def _contact_states(config: Config) -> dict[str, np.ndarray]:
-    """States of attempts in which something touches, every so many steps."""
+    """Sample states in contact from attempts, every ``STEPS_BETWEEN`` steps."""
     n = 90
     attempts = draw_attempts(jax.random.key(3), jnp.arange(n), "mixed", config)
     pair = np.asarray(pair_index(attempts.peg_type, attempts.hole_type, config.scene.n_types))
@@ -137,13 +137,13 @@ def _in_mjx(scene: Scene, states: dict[str, np.ndarray]) -> dict[str, np.ndarray
 
 
 def _of_edges(normals: np.ndarray, frame: np.ndarray) -> int:
-    """Number of contacts whose normal is that of no face of the peg or the plate: an edge meets an edge."""
+    """Count edge-edge contacts, whose normal matches no face of the peg or the plate."""
     along = np.maximum(np.abs(normals).max(1, initial=0), np.abs(normals @ frame).max(1, initial=0))
     return int((along < 1 - 1e-9).sum())
 
 
 def _distinct(points: np.ndarray) -> int:
-    """Number of contact points that are further apart than a hundredth of a millimetre."""
+    """Count contact points that are further apart than a hundredth of a millimetre."""
     return len(np.unique(np.round(points, 5), axis=0)) if len(points) else 0
 
 

@@ -1,6 +1,6 @@
-"""Speed of robosuite, the stack of the paper, on one world: Panda, operational-space control, 10 Hz, 500 Hz.
+"""Measure robosuite, the paper's stack, with one world: Panda, operational-space control, 10 Hz, 500 Hz.
 
-robosuite pins an older MuJoCo, so this runs in an environment of its own and knows nothing of mjx_fit:
+robosuite pins an older MuJoCo, so the script runs in a separate environment and does not use mjx_fit:
 
     python -m venv robosuite-env
     robosuite-env/bin/pip install "robosuite>=1.5,<1.6" "mujoco>=3.3,<3.4"
@@ -21,7 +21,7 @@ TIMES = 3
 
 
 def main() -> None:
-    """Time actions of its own lifting task with the arm alone over the table."""
+    """Time actions of robosuite's lifting task with the arm moving freely above the table."""
     control = robosuite.load_composite_controller_config(controller="BASIC")
     env = robosuite.make(
         "Lift",

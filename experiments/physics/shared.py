@@ -1,4 +1,4 @@
-"""Share code among the physics experiments: where results go, and how figures look."""
+"""Share code among the physics experiments: result files, figures, attempts and forces."""
 
 import sys
 from collections.abc import Callable
@@ -22,12 +22,12 @@ sys.path.append(str(FOLDER.parents[1]))  # benchmarks/ is not installed
 
 
 def begin() -> None:
-    """Set up the process like a command of mjx_fit."""
+    """Set up the process like an mjx_fit command."""
     process_setup.configure()
 
 
 def save(name: str, results: dict[str, Any]) -> None:
-    """Write ``name.json``: the results, the command, and what it ran on."""
+    """Write ``name.json``: results, command, versions and device."""
     script.save(FOLDER / f"{name}.json", results)
 
 
@@ -37,13 +37,13 @@ def draw(name: str, make: Callable[[], Figure]) -> None:
 
 
 def spiral_attempts(config: Config, use: str, peg: np.ndarray, hole: np.ndarray) -> Attempt:
-    """Attempts of Algorithm 4 from the detector's estimates, seed 0, with these pegs and holes (n,)."""
+    """Draw attempts of Algorithm 4 from the detector's estimates, seed 0, with these pegs and holes (n,)."""
     hole_pos, estimate, key, _ = draw_places(root_key(0, use), jnp.arange(len(peg)), config)
     return Attempt(jnp.asarray(peg), jnp.asarray(hole), hole_pos, estimate, jnp.full(len(peg), SPIRAL), key)
 
 
 def force(rollouts: Rollout) -> np.ndarray:
-    """Norm of the tared force (n, samples), N, NaN after an interaction's end."""
+    """Compute the norm of the tared force (n, samples), N; NaN after the end of an interaction."""
     wrench = rollouts.felt.trace.wrench_sensor - rollouts.felt.tare_sensor[:, None, None]
     norm = np.linalg.norm(wrench[..., :3], axis=-1)
     real = np.arange(norm.shape[1]) < rollouts.felt.length[:, None]
@@ -51,7 +51,7 @@ def force(rollouts: Rollout) -> np.ndarray:
 
 
 def quantiles(values: np.ndarray, levels: tuple[float, ...]) -> dict[str, float]:
-    """Quantiles by name: ``q50``, ``q99.9`` ..., ``max`` for 1."""
+    """Compute quantiles by name: ``q50``, ``q99.9`` ..., ``max`` for 1."""
     return {
         "max" if level == 1 else f"q{100 * level:g}": float(np.nanquantile(values, level)) for level in levels
     }

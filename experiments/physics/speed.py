@@ -1,8 +1,8 @@
-"""How does the speed of each engine scale with the number of worlds?
+"""Measure how the speed of each engine scales with the number of worlds.
 
     python experiments/physics/speed.py [raw_batch native ...]
 
-Every point is measured as ``mjx-fit bench`` measures its rows. With names, those are measured again and the
+Each point is measured like a row of ``mjx-fit bench``. If you give names, only those are measured again; the
 other rows of the result file are kept.
 """
 
@@ -30,7 +30,7 @@ WORLDS = {"cpu": (16, 64, 256, 1024, 4096), "gpu": (256, 1024, 4096, 16384)}
 
 
 def main() -> None:
-    """Measure and draw."""
+    """Measure the speeds and draw the figure."""
     names = sys.argv[1:] or NAMES
     kept = json.loads((shared.FOLDER / "speed.json").read_text())["rows"] if len(names) < len(NAMES) else []
     rows = [row for row in kept if row["name"] not in names]

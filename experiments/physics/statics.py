@@ -1,11 +1,11 @@
-"""Does the wrist read what the controller commands, and does taring remove the weight everywhere?
+"""Check that the F/T sensor reads the commanded force and that taring removes the weight everywhere.
 
     python experiments/physics/statics.py
 
-A peg is pressed on the plate, off the hole, by a goal held a few millimetres below the surface (and, where
-friction holds it, to a side). At rest nothing depends on damping: the force that the controller commands is
-F = (Λp kp e, Λr kp e), computed here with NumPy from MuJoCo's mass matrix and Jacobian. The wrist, whose
-z axis points down, must read it, and its torque about the right axes.
+A goal a few millimetres below the surface (and to a side, as far as friction holds) presses a peg on the plate,
+off the hole. At rest nothing depends on damping: the commanded force is F = (Λp kp e, Λr kp e), computed here
+with NumPy from MuJoCo's mass matrix and Jacobian. The sensor, whose z axis points down, must read this force,
+and its torque about the right axes.
 """
 
 # pyright: reportAttributeAccessIssue=false
@@ -25,11 +25,11 @@ from mjx_fit.scene.robot import PANDA
 N = 60
 SECONDS = 3.0
 OFFSET_M = 0.045
-"""From the hole's centre to where the peg is pressed: clear of every hole."""
+"""Distance from the hole's centre to the pressed point, clear of every hole, m."""
 
 
 def main() -> None:
-    """Press pegs of all shapes at random places."""
+    """Press pegs of all shapes at random positions."""
     config = Config()
     scene = simulation_scene(config.scene)
     rng = np.random.default_rng(0)
@@ -61,14 +61,14 @@ def main() -> None:
 
 
 def _press(scene: Scene, config: Config, chain, torque, rng: np.random.Generator, i: int) -> dict:
-    """Press one peg for some seconds and compare the last reading with the controller's force."""
+    """Press one peg for ``SECONDS`` and compare the last reading with the commanded force."""
     model = scene.models[pair_index(i % 3, (i // 3) % 3, scene.n_types)]
     data = mujoco.MjData(model)
     hole = rng.uniform(*np.array(PANDA.workspace_m).T)
     angle = rng.uniform(0, 2 * np.pi)
     start = np.append(hole + OFFSET_M * np.array([np.cos(angle), np.sin(angle)]), scene.plate_top_m + 1e-4)
     push = rng.uniform(0.002, 0.005)
-    # A side force of at most half of what friction holds.
+    # Lateral force of at most half the friction limit.
     side = 0.5 * config.scene.friction * push * rng.uniform(-0.7, 0.7, 2)
     goal = (start + np.append(side, -push)).astype(np.float32)
     data.mocap_pos[0] = [*hole, scene.plate_top_m]
@@ -78,11 +78,11 @@ def _press(scene: Scene, config: Config, chain, torque, rng: np.random.Generator
         data.ctrl[:] = torque(arm_state(model, data), goal)
         mujoco.mj_step2(model, data)
     mujoco.mj_forward(model, data)
-    # What the controller commands at rest, force over torque, world frame.
+    # Commanded wrench at rest, force stacked on torque, world frame.
     expected = task_space(model, data)[3] @ stiffness_acc(data, goal, config.control)
-    weight = -0.1 * 9.81  # of the peg behind the sensor, which points down: the arm holds it up
+    weight = -0.1 * 9.81  # of the peg below the sensor, which points down: the arm holds it up
     reading = data.sensordata - np.array([0, 0, weight, 0, 0, 0])
-    # Force of the arm on the peg, in the sensor's frame; the task-space force acts at the tip.
+    # Force of the arm on the peg, in the sensor's frame; the task-space force acts at the TCP.
     frame = data.site("wrist_sensor").xmat.reshape(3, 3)
     force = frame.T @ expected[:3]
     lever = frame.T @ (data.site("tip").xpos - data.site("wrist_sensor").xpos)
@@ -96,7 +96,7 @@ def _press(scene: Scene, config: Config, chain, torque, rng: np.random.Generator
 
 
 def _tare(scene: Scene, chain, rng: np.random.Generator) -> np.ndarray:
-    """|tared reading| (n, 6) a second after the tare, held still in free space all over the workspace."""
+    """Measure |tared reading| (n, 6) at rest in free space across the workspace, one second after taring."""
     config = Config()
     torque = jax.jit(lambda arm, goal: operational_space.torque(arm, goal, config.control))
     model = scene.models[0]

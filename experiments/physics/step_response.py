@@ -1,4 +1,4 @@
-"""How does the arm follow a step of 2 cm in free space, all over the workspace?
+"""Measure the response to a step of 2 cm in free space across the workspace.
 
 python experiments/physics/step_response.py
 """
@@ -35,7 +35,7 @@ DT_S = 0.002
 
 
 def main() -> None:
-    """Step in all directions from a grid of places."""
+    """Step in all directions from a grid of positions."""
     config = Config()
     axes = [np.linspace(low, high, GRID) for low, high in PANDA.workspace_m]
     place = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 2)
@@ -47,7 +47,7 @@ def main() -> None:
     along = np.einsum("tni,ni->nt", tip - start, unit) / STEP_M
     overshoot = along.max(1) - 1
     steady = np.linalg.norm(tip[-1] - start - STEP_M * unit, axis=1)
-    # Between the tool's axis and straight down: the largest on the way.
+    # Angle between the tool's axis and straight down: the largest during the step.
     tilt = np.degrees(np.arccos(np.clip(-frame[..., 2, 2].max(0), -1, 1)))
     used = np.abs(torque).max(0) / np.array(PANDA.torque_limit_nm)
     results = {
@@ -69,10 +69,10 @@ def main() -> None:
 
 
 def follow(config: Config, start: np.ndarray, goal: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Tips (T, n, 3), their frames (T, n, 3, 3) and torques (T, n, 7) after the goal jumps away."""
+    """Return TCP positions (T, n, 3), frames (T, n, 3, 3) and torques (T, n, 7) after the goal's step."""
     scene = simulation_scene(config.scene)
     layout, n = Layout(scene), len(start)
-    far = np.tile(np.array([0, 5], np.float32), (n, 1))  # the hole box is out of the way
+    far = np.tile(np.array([0, 5], np.float32), (n, 1))  # the socket is out of the way
     kind = np.zeros(n, int)
     attempts = Attempt(kind, kind, far, far, np.full(n, SPIRAL), jax.random.split(jax.random.key(0), n))
     qpos = np.asarray(jax.vmap(inverse, (None, 0))(chain_of(scene.models[0]), jnp.asarray(start)))
@@ -99,7 +99,7 @@ def _figure(along: np.ndarray, unit: np.ndarray) -> Figure:
         ax.plot(time, own.T, color=style.MATCHED_COLOUR, linewidth=0.4, alpha=0.4)
         ax.axhline(100 * STEP_M, color=style.PAPER_COLOUR, linewidth=0.8, linestyle="--")
         ax.set(xlabel="Time [s]", title=f"along ±{name}, {len(own)} steps", xlim=(0, 1))
-    figure.axes[0].set_ylabel("Way along the step [cm]")
+    figure.axes[0].set_ylabel("Displacement along the step [cm]")
     return figure
 
 
