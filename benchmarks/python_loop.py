@@ -1,4 +1,4 @@
-"""Control law in NumPy on one C simulation, as in most scripts: a baseline and a check for the library."""
+"""Run the control law in NumPy on one C simulation, as most scripts do: a baseline and a check."""
 
 # MuJoCo's extension module has no stubs.
 # pyright: reportAttributeAccessIssue=false

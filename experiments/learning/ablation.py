@@ -1,10 +1,10 @@
-"""What makes the sensor good? One choice changed at a time, equal training.
+"""Ablate the sensor: one setting changed at a time, with equal training.
 
     python experiments/learning/ablation.py FOLDER [ROW ...]
 
-Data and runs go to FOLDER, outside the checkout; the table to ``ablation.json`` beside this file. Rerun the
-command to resume. Every row trains for about ``STEPS`` steps of 32 windows, with seed 0 and, where the
-default hangs on it, two more, and is judged by one update after each failed spiral of the same set.
+Data and runs go to FOLDER, outside the checkout; the table goes to ``ablation.json`` next to this file. Rerun
+the command to resume. Every row trains for about ``STEPS`` steps of 32 windows with seed 0, and with two more
+seeds where the row decides a default. The evaluation is one update after each failed spiral of the same set.
 """
 
 import json
@@ -32,7 +32,7 @@ STEPS = 2400
 TEST = Plan(episodes=3000, actions=100, policy="spiral", seed=1000)
 
 AS_IT_WAS = "sensor.positional=true"
-"""Settings of ``configs/cpu.yaml`` until this table advised against it."""
+"""Setting of ``configs/cpu.yaml`` before this ablation."""
 
 PAPER = ("noise=peg", "contact_features=false", "places=0", "positional=false")
 """The paper's sensor."""
@@ -40,12 +40,12 @@ PAPER = ("noise=peg", "contact_features=false", "places=0", "positional=false")
 
 @dataclass(frozen=True)
 class Row:
-    """One training.
+    """Training of one row.
 
     Attributes:
-        data: What it is trained on.
-        changes: ``section.key=value``, beside ``configs/cpu.yaml`` and ``AS_IT_WAS``.
-        seeds: Of the training; the data are the same.
+        data: Training data.
+        changes: Changes ``section.key=value`` to ``configs/cpu.yaml`` with ``AS_IT_WAS``.
+        seeds: Number of training seeds; the data are the same.
     """
 
     data: Plan
@@ -108,7 +108,7 @@ def _collected(folder: Path, plan: Plan) -> Path:
 
 
 def _with_epochs(config: Config, data: Path) -> Config:
-    """As many epochs as come to ``STEPS`` steps."""
+    """Set the number of epochs that gives about ``STEPS`` steps."""
     training, _ = usable_sides(reader.load(data), config, seed=0)
     epochs = max(1, round(STEPS / math.ceil(len(training) / config.train.batch_size)))
     tree = config_to_tree(config)
@@ -117,7 +117,7 @@ def _with_epochs(config: Config, data: Path) -> Config:
 
 
 def _scores(result: Result) -> dict:
-    """The scores that the rows are compared by: value and interval each."""
+    """Return the scores by which rows are compared, each with its interval."""
     wanted = {
         ("position_error_cm", "all"),
         ("position_nll", "all"),

@@ -1,16 +1,15 @@
-"""Check that the sensor uses only its measurements: exchange them, and see whether information is left.
+"""Check that the sensor uses only its measurements: exchange them and test for remaining information.
 
-    python experiments/learning/leak.py TRAINING TEST RUN      data of spirals, the run to be questioned
+    python experiments/learning/leak.py TRAINING TEST RUN      spiral data, and the run to check
 
-Each attempt keeps its estimate, its hole, its pegs and the path that was commanded; wrench, contact, height,
-orientation, velocities and the lag of the tip behind the command are those of another attempt. In what is
-left there must be nothing about the hole.
+Each attempt keeps its estimate, hole, peg and commanded path; wrench, contact, height, orientation,
+velocities and tracking lag come from another attempt. The result must contain no information about the hole.
 
-``exchanged``: the run's sensor on such attempts. Its error is no measure, for it is sure of the other
-attempt's hole; what counts is whether what it says has anything to do with the truth: the share of variance
-that the best linear map of it explains, in two halves of the attempts, each by the map of the other.
-``retrained``: a sensor of the same kind, trained on such attempts from the start: its error, and by how much
-it is less than the prior's, attempt by attempt. ``control``: the same training on the attempts as they were.
+``exchanged``: the run's sensor on such attempts. Its error is not informative, since it confidently reports
+the other attempt's hole. The measure is the share of the truth's variance that the best linear map of its
+output explains, cross-validated in two halves. ``retrained``: a sensor of the same kind, trained on such
+attempts from the start: its error, and the reduction from the prior's error, paired by attempt. ``control``:
+the same training on the original attempts.
 """
 
 import sys
@@ -67,7 +66,7 @@ def main(training: Path, test: Path, run: Path) -> None:
 
 
 def exchanged(data: Episode, seed: int) -> Episode:
-    """The attempts with what was felt in another: in a random order each takes what the one before had."""
+    """Exchange measurements: in a random order each attempt gets those of its predecessor."""
     n = len(data.episode)
     order = np.random.default_rng(seed).permutation(n)
     other = np.empty(n, int)
@@ -90,14 +89,14 @@ def exchanged(data: Episode, seed: int) -> Episode:
 
 
 def _goal(trace: Trace, estimate: Array) -> Float[np.ndarray, "n J 2"]:
-    """Where each action wanted the tip to be, relative to the estimate, at which the attempt starts."""
+    """Compute the commanded TCP position of each action, relative to the estimate (the start)."""
     at = trace.tip_pos_world[..., :2] - estimate[:, None]
     before = np.concatenate([np.zeros_like(at[:, :1]), at[:, :-1]], axis=1)
     return before + trace.action_world[..., :2]
 
 
 def explained(said: Float[np.ndarray, "n 2"], truth: Float[np.ndarray, "n 2"]) -> dict[str, float]:
-    """Share of the truth's variance that a linear map of what was said explains, where it was not fitted."""
+    """Compute the share of the truth's variance that a linear map of the output explains, cross-validated."""
     n = len(said)
     half = np.random.default_rng(1).permutation(n) % 2 == 0
     columns = np.concatenate([said, np.ones((n, 1))], axis=1)
@@ -114,7 +113,7 @@ def explained(said: Float[np.ndarray, "n 2"], truth: Float[np.ndarray, "n 2"]) -
 
 
 def _offset(data: Episode) -> Float[np.ndarray, "n 2"]:
-    """From the estimate to the hole, cm."""
+    """Compute the offset of the hole from the estimate, cm."""
     return 100 * np.asarray(data.rollout.truth.hole_pos_world - data.rollout.felt.estimate_world, float)
 
 

@@ -1,15 +1,14 @@
-"""How should the histogram filter use h_match? Compared on a frozen encoder.
+"""Compare ways for the histogram filter to use h_match, on a frozen sensor.
 
     python experiments/learning/match_model.py COUNTED SEQUENCES RUN
 
-COUNTED is a set that the run was not trained on, SEQUENCES another that was collected with ``--run RUN``.
+COUNTED is a data set that was not used to train the run, SEQUENCES another, collected with ``--run RUN``.
 
-``soft``: the mean of the trained H over what h_match thinks possible, as in training. ``hard``: the trained
-H at h_match's arg max, as Algorithm 3 has it. ``hard, counted``: the same with H as often as it came in
-COUNTED. ``h_match itself``: no H; the odds of a match change by what h_match says of it, all mismatches
-alike. Each is judged by what the filter believes of the type after 1, 2 and 3 failed attempts, from what a
-data set has before them: half of the holes match. Scores are the negative log-likelihood of the true type and
-the Brier score of "this hole is the peg's".
+``soft``: the mean of the trained H over the output of h_match, as in training. ``hard``: the trained H at the
+arg max of h_match, as in Algorithm 3. ``hard, counted``: the same with H from the frequencies in COUNTED.
+``h_match itself``: no H; h_match updates the odds of a match directly, and all mismatches equally. Each way
+is scored by the posterior of the type after 1, 2 and 3 failed attempts, from the prior of a data set: half of
+the holes match. Scores are the negative log-likelihood of the true type and the Brier score of a match.
 """
 
 import sys
@@ -59,7 +58,7 @@ def main(counted_on: Path, sequences: Path, run: Path) -> None:
 
 
 def _counted(data: Episode, ids: Int[np.ndarray, "n"], seen: Observation) -> Float[np.ndarray, "C C 2"]:
-    """Ln H(o | hole, peg) by how often h_match's arg max came, one more of each: none is impossible."""
+    """Compute ln H(o | hole, peg) from the frequencies of h_match's arg max, with add-one smoothing."""
     peg, hole = (np.asarray(leaf)[ids] for leaf in (data.rollout.felt.peg_type, data.rollout.truth.hole_type))
     counts = np.ones((TYPES, TYPES, 2))
     np.add.at(counts, (peg, hole, np.asarray(seen.match_logits).argmax(-1)), 1)
@@ -67,7 +66,7 @@ def _counted(data: Episode, ids: Int[np.ndarray, "n"], seen: Observation) -> Flo
 
 
 def _identity() -> Float[np.ndarray, "C C 2"]:
-    """Ln H of a sensor that is never wrong: what it says is then taken as it is."""
+    """Return ln H of a sensor that is never wrong, so that its output is used directly."""
     match = np.eye(TYPES, dtype=bool)[..., None] == np.array([False, True])
     return np.where(match, 0.0, -30.0).astype(np.float32)
 
@@ -76,7 +75,7 @@ def _scores(type_logp: Float[np.ndarray, "n C"], data: Episode, ids: Int[np.ndar
     rollout, number = data.rollout, np.asarray(data.number)[ids]
     peg, hole = (np.asarray(leaf)[ids] for leaf in (rollout.felt.peg_type, rollout.truth.hole_type))
     rows = np.arange(len(ids))
-    # The filter begins with a third for each type; updates are products, so that another start is one more.
+    # The filter's prior is a third for each type; updates are products, so another prior is one more factor.
     start = np.where(np.arange(TYPES) == peg[:, None], 0.5, 0.25)
     type_logp = log_softmax(type_logp + np.log(start), axis=1)
     nll = -type_logp[rows, hole]

@@ -1,10 +1,10 @@
-"""Are repeated measurements at the same hole independent? Errors of a sensor, attempt after attempt.
+"""Check whether repeated measurements at the same hole have independent errors.
 
     python experiments/learning/repeats.py SEQUENCES RUN
 
-SEQUENCES was collected with ``--run RUN --sequence 5``. The Kalman filter takes the errors of a sensor's
-readings for independent with covariance R. Whitened by R they must have variance 1 at every attempt
-(``nees``: mean over both axes) and no correlation between one attempt at a hole and the next.
+SEQUENCES was collected with ``--run RUN --sequence 5``. The Kalman filter assumes that the errors of the
+observations are independent with covariance R. Whitened by R they must have variance 1 at every attempt
+(``nees``: mean over both axes) and no correlation between consecutive attempts at a hole.
 """
 
 import sys
@@ -45,19 +45,19 @@ def main(sequences: Path, run: Path) -> None:
 
 
 def _both(first: dict, second: dict) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2"]]:
-    """Errors at holes where both attempts failed, those of the same hole in the same row."""
+    """Return the errors at holes where both attempts failed, with one row per hole."""
     holes = [hole for hole in first if hole in second]
     return np.array([first[hole] for hole in holes]), np.array([second[hole] for hole in holes])
 
 
 def _nees(error: Float[np.ndarray, "n 2"]) -> dict[str, float]:
-    """Mean, interval and, since single attempts dominate it, the median of χ² over its own of 1.386."""
+    """Compute mean, interval and, since outliers dominate these, the median ratio to χ²'s 1.386."""
     squared = np.sum(error**2, axis=1)
     return shared.mean_of(squared / 2) | {"median_ratio": float(np.median(squared) / (2 * np.log(2)))}
 
 
 def _correlation(a: Float[np.ndarray, "n 2"], b: Float[np.ndarray, "n 2"]) -> dict[str, float]:
-    """Rank correlation of the errors of one axis, mean of both axes, bootstrap over holes."""
+    """Compute the rank correlation of the errors, averaged over both axes, with bootstrap over holes."""
 
     def both_axes(ax, ay, bx, by) -> float:
         return (_ranked(ax, bx) + _ranked(ay, by)) / 2

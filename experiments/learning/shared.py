@@ -1,4 +1,4 @@
-"""Share code among the scripts of this folder: readings of failed spirals, and their truth."""
+"""Share code among the scripts of this folder: readings of failed spirals and their ground truth."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,12 +23,12 @@ ACTIONS = CONFIG.task.attempt_actions
 
 @dataclass(frozen=True)
 class Attempts:
-    """Failed attempts as input of a sensor, and the expected output.
+    """Failed attempts as sensor inputs, with the expected outputs.
 
     Attributes:
         reading: n readings, NumPy.
-        offset_cm: From the estimate to the hole.
-        peg, hole: Types.
+        offset_cm: Offset of the hole from the estimate, cm.
+        peg, hole: Types of peg and hole.
     """
 
     reading: Reading
@@ -38,7 +38,7 @@ class Attempts:
 
 
 def first_attempts(folder: Path) -> Episode:
-    """The failed first attempts of each sequence of a data set: those that started from the detector."""
+    """Load the failed first attempts of each sequence, which start from the detector's estimate."""
     data = reader.load(folder)
     ids = failed_attempts(data, ACTIONS)
     ids = ids[np.asarray(data.number)[ids] == 0]
@@ -73,6 +73,6 @@ def shown(data: Episode, seed: int = 0, batch: int = 256) -> Attempts:
 
 
 def mean_of(values: Float[np.ndarray, " n"]) -> dict[str, float]:
-    """A mean over attempts at n holes, with its 95 % interval."""
+    """Compute the mean over attempts at n holes, with its 95 % interval."""
     value, low, high = bootstrap_mean(values, np.arange(len(values)).tolist())
     return {"value": value, "low": low, "high": high}

@@ -1,9 +1,9 @@
-"""The scores of a run that was trained through sequences, without its trials, beside the weights'.
+"""Save the scores of a run trained through sequences, for comparison with the weights'.
 
     python experiments/learning/through_sequences.py TEST.json OWN.json RUN
 
-Both files are of ``mjx-fit evaluate calibration --run RUN``.
-Writes ``through_sequences.json`` next to this file.
+Both files come from ``mjx-fit evaluate calibration --run RUN``. The script writes ``through_sequences.json``,
+without the trials, next to this file.
 """
 
 import json

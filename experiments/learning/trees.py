@@ -1,9 +1,9 @@
-"""How accurate are tree ensembles on hand-made features of the same traces?
+"""Measure the accuracy of tree ensembles on hand-made features of the same traces.
 
-    python experiments/learning/trees.py TRAINING TEST     needs scikit-learn: pip install -e '.[bench]'
+    python experiments/learning/trees.py TRAINING TEST     requires scikit-learn: pip install -e '.[bench]'
 
-Both data sets hold spirals; only first attempts that failed are read. A forest for each peg says where the
-hole is, another whether it matches.
+Both data sets hold spirals; only failed first attempts are used. One forest per peg predicts the hole
+position, another the match.
 """
 
 import sys
@@ -62,7 +62,7 @@ def main(training: Path, test: Path) -> None:
 
 
 def features(reading: Reading) -> Float[np.ndarray, "n k"]:
-    """Means and extremes over tenths of an attempt, and where the extremes of it all came."""
+    """Compute means and extremes over tenths of an attempt, and positions at the overall extremes."""
     wrench = reading.wrench_sensor
     mean = wrench.mean(2)
     place = reading.tip_pos_estimate

@@ -3,7 +3,7 @@
     python experiments/own/shape.py FOLDER [EPISODES [ACTIONS]]
 
 ``mjx-fit collect`` with a YAML file of this section does the same; all other commands, from training to
-video, take that file with ``--config``. A scene has 1 to 12 shapes; α has its default value until it is measured.
+video, take that file with ``--config``. A scene has 1 to 12 shapes; α keeps its default until it is measured.
 """
 
 import sys

@@ -1,4 +1,4 @@
-"""The figures of this page, and the rows of its tables: ``python experiments/paper/page.py``."""
+"""Draw the figures of this page and print its table rows: ``python experiments/paper/page.py``."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -15,14 +15,14 @@ from mjx_fit.report.figures import assembly, single_hole
 HERE = Path(__file__).parent
 CAP = 30
 ALONE = ("assembly_match", "assembly_hard", "assembly_humble", "assembly_full")
-"""Set beside assembly_covariance, trial by trial."""
+"""Results compared with assembly_covariance, trial by trial."""
 GROUPS = {
     "attempt": ("matched", "mismatched"),
     "position": tuple("012345"),
     "insertion": ("1", "3", "10", "all", "no_update", "sample", "frame_by_frame"),
     "assembly": ("1", "all", "failure_only", "failure_position", "perfect_sensor", "oracle"),
 }
-"""What of a summary is worth a line of the page."""
+"""Groups of a summary that are printed, by experiment."""
 
 
 def main() -> None:
@@ -39,7 +39,7 @@ def main() -> None:
 
 
 def _print_against(name: str, alone: Result, others: Result) -> None:
-    """The attempts of a method that was run alone over those of others in the same trials."""
+    """Print the ratio of attempts of a separately run method to each other method in the same trials."""
     for mine, own in results.by_method(alone.trials).items():
         needed = {trial["trial"]: sum(trial["attempts"]) for trial in own}
         for other, rows in results.by_method(others.trials).items():
@@ -77,7 +77,7 @@ def _figures(result: Result) -> dict[str, Callable[[], Figure]]:
 
 
 def _print_paired(result: Result) -> None:
-    """By how much ``full`` is nearer than ``frame_by_frame`` at the same mismatched hole, cm."""
+    """Print the error reduction of ``full`` over ``frame_by_frame``, paired by mismatched hole, cm."""
     errors = {
         method: {t["trial"]: t["error_cm"] for t in rows if t["pair"][0] != t["pair"][1]}
         for method, rows in results.by_method(result.trials).items()

@@ -1,10 +1,10 @@
-"""What the paper could not vary: assemblies of ``full`` by number of holes, detector and clearance.
+"""Vary settings beyond the paper: assemblies of ``full`` by number of holes, detector and clearance.
 
     python experiments/paper/sweep.py FOLDER [--trials N]
 
-One choice changed at a time, with the outcome model by the belief's covariance. What is believed beforehand
-stays what it is: σ = 1 cm whatever the detector, success by distance as at a gap of 1 mm. Result files go to
-FOLDER, the table and the figure next to this file. Rerun the command to resume.
+One setting changes at a time; the outcome model depends on the belief's covariance. The priors do not change:
+σ = 1 cm for every detector, and success by distance as for a clearance of 1 mm. Result files go to FOLDER,
+the table and the figure next to this file. Rerun the command to resume.
 """
 
 import argparse
@@ -28,8 +28,8 @@ HERE = Path(__file__).parent
 METHODS = "full,oracle"
 SWEEPS: dict[str, tuple[str, tuple[float, ...], float, str]] = {
     "task.n_holes": ("Holes", (2, 5, 8), 1, "{:g}"),
-    "detector.half_width_m": ("Largest error of the detector per axis (cm)", (0.01, 0.02, 0.03), 100, "{:g}"),
-    "scene.clearance_m": ("Gap on each side (mm)", (0.0005, 0.001, 0.002), 1000, "{:g}"),
+    "detector.half_width_m": ("Maximum detection error per axis (cm)", (0.01, 0.02, 0.03), 100, "{:g}"),
+    "scene.clearance_m": ("Clearance per side (mm)", (0.0005, 0.001, 0.002), 1000, "{:g}"),
 }
 
 
@@ -46,7 +46,7 @@ def main(folder: Path, trials: int) -> None:
 
 def _assembled(folder: Path, key: str, value: float, trials: int) -> Result:
     config = read_config(None, [f"{key}={value}", "task.outcome_model=covariance"])
-    # One file for each configuration: the defaults are in every sweep, and are done once.
+    # One file per configuration: all sweeps share the defaults, which run once.
     same = config == read_config(None, ["task.outcome_model=covariance"])
     name = "default" if same else f"{key}-{value:g}"
     out = folder / f"{name}.json"
@@ -71,10 +71,10 @@ def _figure(rows: list[tuple[str, float, Row]]) -> Figure:
             if line:
                 ax.set_xlabel(label)
                 ax.yaxis.set_major_formatter(PercentFormatter(1, decimals=None))
-    for ax in axes.flat:  # once all is drawn: the axes of a row share their limits
+    for ax in axes.flat:  # after drawing: the axes of a row share their limits
         ax.set_ylim(0, None)
     axes[0, 0].set_ylabel("Attempts for all pegs")
-    axes[1, 0].set_ylabel("Pegs inserted by a human")
+    axes[1, 0].set_ylabel("Human intervention rate")
     style.legend(figure, style.method_handles(methods))
     return figure
 

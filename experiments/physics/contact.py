@@ -87,7 +87,7 @@ def main() -> None:
 
 
 def commanded(config: Config, engine: NativeEngine, done: Rollout) -> np.ndarray:
-    """Compute |Λp kp e| at the start of each action (n, J), N, with Λp at the attempt's final posture."""
+    """Compute |Λp kp e| at the start of each action (n, J), N, with Λp at the final posture."""
     model = engine.scene.models[0]
     data = mujoco.MjData(model)
     actions, length = done.felt.trace.action_world, done.felt.length
@@ -115,7 +115,7 @@ def _figure(depth: np.ndarray, peak: np.ndarray, pushed: np.ndarray, config: Con
     left.text(microns.max(), 1.15e-3, "0.1 %", ha="right")
     bins = np.linspace(0, 1.05 * peak.max(), 40)
     right.hist(peak, bins, color=style.MISMATCHED_COLOUR, alpha=0.8, label="measured peak force per attempt")
-    right.hist(pushed, bins, color=style.MATCHED_COLOUR, alpha=0.8, label="largest commanded force per attempt")
+    right.hist(pushed, bins, color=style.MATCHED_COLOUR, alpha=0.8, label="peak commanded force per attempt")
     right.set(xlabel="Force [N]", ylabel="Attempts")
     right.legend(loc="upper right")
     right.set_ylim(0, 1.35 * right.get_ylim()[1])

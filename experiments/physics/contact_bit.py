@@ -2,8 +2,8 @@
 
     python experiments/physics/contact_bit.py DATA...
 
-DATA are data sets that predate contact detection from force, such as experiments/data/sample. Their files hold
-the simulator's flag: True if a contact force acted at any step of the action. Sensor noise is added.
+DATA are data sets that predate contact detection from force, such as experiments/data/sample. Their files
+hold the simulator's flag: True if a contact force acted at any step of the action. Sensor noise is added.
 """
 
 import sys

@@ -3,9 +3,9 @@
     python experiments/physics/deadlock.py
 
 Two host threads each run a computation of three independent loops, and XLA runs the loops on its thread pool,
-one thread per core. Each loop factorises a batch of 7 x 7 matrices by Cholesky (LAPACK's potrf). A large batch
-is distributed over that same pool, and the calling thread waits for it. Once every thread of the pool waits,
-no thread is left to do the work. Neither MuJoCo nor our engines are involved.
+one thread per core. Each loop factorises a batch of 7 x 7 matrices by Cholesky (LAPACK's potrf). A large
+batch is distributed over that same pool, and the calling thread waits for it. Once every thread of the pool
+waits, no thread is left to do the work. Neither MuJoCo nor our engines are involved.
 """
 
 import subprocess

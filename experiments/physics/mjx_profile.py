@@ -75,7 +75,7 @@ def _microseconds(controlled: bool) -> float:
 
         def step(data, _):
             arm = arm_state(model, data, scene)
-            # Without the controller: gravity compensation, some damping, and a torque that presses the peg on the plate.
+            # Without the controller: gravity compensation, damping, and a torque that presses the peg down.
             free = data.qfrc_bias - 5 * data.qvel + jnp.array([0, 8.0, 0, 0, 0, 0, 0])
             torque = command(arm, to) if controlled else free
             return step.advance(model, data, torque)

@@ -77,7 +77,7 @@ def _recorded(config: Config) -> tuple[np.ndarray, np.ndarray]:
 
     engine = NativeEngine(config, 1, on_step=record)
     attempts = attempts_of(config, WORLDS)
-    assert (engine.run(attempts, ACTIONS).length == ACTIONS).all()  # no attempt ends early: every world runs all steps
+    assert (engine.run(attempts, ACTIONS).length == ACTIONS).all()  # no attempt ends early
     return torque, np.asarray(jax.device_get(engine._start(attempts=attempts)))
 
 

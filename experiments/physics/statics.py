@@ -2,10 +2,10 @@
 
     python experiments/physics/statics.py
 
-A goal a few millimetres below the surface (and to a side, as far as friction holds) presses a peg on the plate,
-off the hole. At rest nothing depends on damping: the commanded force is F = (Λp kp e, Λr kp e), computed here
-with NumPy from MuJoCo's mass matrix and Jacobian. The sensor, whose z axis points down, must read this force,
-and its torque about the right axes.
+A goal a few millimetres below the surface (and to a side, as far as friction holds) presses a peg on the
+plate, off the hole. At rest nothing depends on damping: the commanded force is F = (Λp kp e, Λr kp e),
+computed here with NumPy from MuJoCo's mass matrix and Jacobian. The sensor, whose z axis points down, must
+read this force, and its torque about the right axes.
 """
 
 # pyright: reportAttributeAccessIssue=false
@@ -80,7 +80,7 @@ def _press(scene: Scene, config: Config, chain, torque, rng: np.random.Generator
     mujoco.mj_forward(model, data)
     # Commanded wrench at rest, force stacked on torque, world frame.
     expected = task_space(model, data)[3] @ stiffness_acc(data, goal, config.control)
-    weight = -0.1 * 9.81  # of the peg below the sensor, which points down: the arm holds it up
+    weight = -0.1 * 9.81  # of the peg below the sensor, whose z axis points down: the arm holds it up
     reading = data.sensordata - np.array([0, 0, weight, 0, 0, 0])
     # Force of the arm on the peg, in the sensor's frame; the task-space force acts at the TCP.
     frame = data.site("wrist_sensor").xmat.reshape(3, 3)

@@ -1,4 +1,4 @@
-"""What is timed: each function prepares one way to simulate and says how to run it once more."""
+"""Contenders of the benchmark: each function prepares one way to simulate and returns a callable to time."""
 
 # MuJoCo's extension module has no stubs.
 # pyright: reportAttributeAccessIssue=false
@@ -32,18 +32,18 @@ from mjx_fit.utils import granted_cpus, numerics
 THREADS = granted_cpus.cpus()
 
 Run = Callable[[], int]
-"""Simulates once and returns the number of physics steps, of worlds that were at work."""
+"""Simulates once and returns the number of physics steps, of active worlds only."""
 
 
 @dataclass(frozen=True)
 class Contender:
-    """A way to simulate.
+    """One way to simulate.
 
     Attributes:
-        prepare: Makes its ``Run`` from a configuration, attempts, and a number of actions.
-        actions: Actions of 256 worlds that take a CPU some seconds.
-        one_world: Whether it simulates one world at a time, whatever the batch.
-        peer: Name of the peer that it needs, if any.
+        prepare: Function that makes the ``Run`` from a configuration, attempts, and a number of actions.
+        actions: Number of actions that take a CPU some seconds with 256 worlds.
+        one_world: True if it simulates one world at a time, for any batch size.
+        peer: Name of the required peer, if any.
     """
 
     prepare: Callable[[Config, Attempt, int], Run]
@@ -53,18 +53,18 @@ class Contender:
 
 
 def attempts_of(config: Config, worlds: int) -> Attempt:
-    """The attempts that all contenders run: spirals of all pairs."""
+    """Draw the attempts that all contenders run: spirals of all pairs."""
     return draw_attempts(numerics.key(0), jnp.arange(worlds), "spiral", config)
 
 
 def _engine(name: str, config: Config, attempts: Attempt, actions: int) -> Run:
     engine = make_engine(name, config)
-    # MJX computes worlds that are done as well, but only those at work count.
+    # MJX also computes finished worlds, but only active ones count.
     return lambda: int(engine.run(attempts, actions).felt.length.sum()) * SUBSTEPS
 
 
 def _raw_batch(config: Config, attempts: Attempt, actions: int) -> Run:
-    """MuJoCo alone on all threads, under the torques that ``native`` applied: the arms make its contacts."""
+    """Prepare MuJoCo alone on all threads, replaying the torques of ``native`` and so its contacts."""
     torque, engine = _recorded(config, attempts, actions)
 
     def run() -> int:
@@ -91,7 +91,7 @@ def _recorded(
 
 
 def _mjx_step(config: Config, attempts: Attempt, actions: int) -> Run:
-    """The step on JAX alone, under the torques that ``native`` applied."""
+    """Prepare the JAX step alone, replaying the torques of ``native``."""
     torque, engine = _recorded(config, attempts, actions)
     stacked, axes = stacked_models(engine.scene)
     chain = chain_of(engine.scene.models[0])
@@ -124,7 +124,7 @@ def _mjx_step(config: Config, attempts: Attempt, actions: int) -> Run:
 
 
 def _python_loop(config: Config, attempts: Attempt, actions: int) -> Run:
-    """What most scripts do: one world, ``mj_step`` in a loop, the same control law in NumPy."""
+    """Prepare the usual script: one world, ``mj_step`` in a loop, the same control law in NumPy."""
     peer = load_peer("python_loop")
     model, data, goal = peer.one_world(config, attempts)
 

@@ -1,7 +1,7 @@
-"""Speed of the engines and of their peers, side by side in one run, on the same attempts and windows.
+"""Measure the engines and their peers side by side in one run, on the same attempts and windows.
 
-Each row is measured in two processes of its own, so that its memory is its own: the first compiles into an
-empty cache, the second finds what the first left there, and is timed once everything is warm.
+Each row is measured in two separate processes, so that its memory is not shared: the first compiles into an
+empty cache, the second reads that cache and is timed when warm.
 """
 
 import json
@@ -26,11 +26,11 @@ from mjx_fit.utils import children, process_setup, provenance
 WORLDS = {"cpu": 256, "gpu": 4096, "tpu": 4096}
 ACCELERATOR_ACTIONS = 100
 TIMES = 3
-"""Runs of which the fastest counts: other processes can only slow a run down."""
+"""Number of runs, of which the fastest counts: other processes can only slow a run down."""
 
 
 def bench(config: Config, as_json: bool) -> None:
-    """Measures every contender and prints a table, or a JSON list of rows."""
+    """Measure every contender and print a table, or a JSON list of rows."""
     worlds = WORLDS[jax.default_backend()]
     rows = []
     for number, name in enumerate(CONTENDERS, 1):
@@ -51,11 +51,14 @@ def bench(config: Config, as_json: bool) -> None:
         print(json.dumps([*rows, *(dict.fromkeys(rows[0]) | row for row in steps)], indent=1))
     else:
         _print(rows, f"{provenance.device()}, {os.cpu_count()} host threads")
-        _print(steps, f"one step of training, {config.train.batch_size} windows of {config.train.max_window}")
+        _print(
+            steps,
+            f"training step, {config.train.batch_size} windows of up to {config.train.max_window} actions",
+        )
 
 
 def measure(name: str, config: Config, worlds: int) -> dict[str, Any]:
-    """Measure one row: the contender's speed with this number of worlds."""
+    """Measure one row: the speed of a contender with this number of worlds."""
     with tempfile.TemporaryDirectory() as cache:
         cold, warm = (_alone(name, config, worlds, cache, times) for times in (1, TIMES))
     return {
@@ -91,7 +94,7 @@ def _time(name: str, config: Config, worlds: int, cache: str, times: int) -> dic
 
 
 def _actions(name: str, worlds: int) -> int:
-    """Actions that are timed: on a CPU fewer of them the more worlds there are."""
+    """Return the number of timed actions: on a CPU, more worlds run fewer actions."""
     if jax.default_backend() != "cpu":
         return ACCELERATOR_ACTIONS
     contender = CONTENDERS[name]
@@ -100,7 +103,7 @@ def _actions(name: str, worlds: int) -> int:
 
 
 def _peak_mb() -> float:
-    """Largest memory so far: the device's where it has its own, this process's otherwise."""
+    """Return the peak memory so far: the device's if it has its own, otherwise this process's."""
     stats = jax.devices()[0].memory_stats()
     if stats:
         return stats["peak_bytes_in_use"] / 2**20

@@ -1,4 +1,4 @@
-"""One step of training, here and in PyTorch: loss, gradient and Adam's update on the same batch."""
+"""Time one training step, here and in PyTorch: loss, gradient and Adam update on the same batch."""
 
 import time
 from collections.abc import Callable
@@ -18,14 +18,15 @@ from mjx_fit.types import SUBSTEPS, Belief, Reading
 from mjx_fit.utils import children, numerics, process_setup
 
 TIMES = 10
-"""Steps of which the median counts, in each of ``ROUNDS`` processes of each kind, one after the other."""
+"""Number of timed steps per process; the median over all processes counts."""
 ROUNDS = 2
+"""Number of processes of each kind, run alternately."""
 
 Step = Callable[[], object]
 
 
 def measure(config: Config) -> list[dict[str, Any]]:
-    """A row for each kind of step; where PyTorch's is absent only ours."""
+    """Measure a row for each kind of step, or only for ours if PyTorch is absent."""
     names = ["train_step"] + ["train_step_torch"] * (absence("torch_twin") is None)
     seconds: dict[str, list[float]] = {name: [] for name in names}
     compile_s: dict[str, float] = {}
@@ -49,7 +50,7 @@ def measure(config: Config) -> list[dict[str, Any]]:
 
 
 def sample_of(config: Config, seed: int = 0) -> Any:
-    """A batch of windows of random numbers, of all lengths: how long a step takes does not depend on them."""
+    """Make a batch of random windows of all lengths; the values do not affect the duration of a step."""
     rng = np.random.default_rng(seed)
     n, rows = config.train.batch_size, config.train.max_window
     count = rng.integers(config.train.min_window, rows + 1, n)
