@@ -1,4 +1,4 @@
-"""The commands ``bench``, ``config`` and ``info``: what this machine and this version can do."""
+"""Commands ``bench``, ``config`` and ``info``: speed, configuration keys and versions."""
 
 import argparse
 import json

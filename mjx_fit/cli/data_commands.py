@@ -1,4 +1,4 @@
-"""The commands ``collect`` and ``data``: simulate data sets, check, join and convert them."""
+"""Commands ``collect`` and ``data``: simulate, check, merge and convert data sets."""
 
 import argparse
 from dataclasses import fields, replace
@@ -8,7 +8,7 @@ from mjx_fit.cli.output import show
 from mjx_fit.cli.path_argument import path
 from mjx_fit.utils.errors import WorkError
 
-# Each command imports what it needs: `mjx-fit --help` answers at once.
+# Each command imports its own dependencies, so that `mjx-fit --help` answers immediately.
 
 
 def add_collect(parsers: argparse._SubParsersAction) -> None:
@@ -23,7 +23,7 @@ def add_collect(parsers: argparse._SubParsersAction) -> None:
         metavar="J",
         help="most actions in one episode (default: task.attempt_actions, 100)",
     )
-    length.add_argument("--steps", dest="actions", type=int, help=argparse.SUPPRESS)  # its former name
+    length.add_argument("--steps", dest="actions", type=int, help=argparse.SUPPRESS)  # former name
     with_policy(parser, "spiral, random, mixed", "spiral")
     parser.add_argument(
         "--batch", type=int, default=250, metavar="B", help="most episodes in one file (default 250)"

@@ -1,4 +1,4 @@
-"""The demo: assemblies, a video and a page within minutes, optionally after a small training."""
+"""Run the demo: assemblies, a video and a page within minutes, optionally after a short training."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -33,7 +33,7 @@ class Size:
     Attributes:
         assemblies: Trials of the assembly experiment.
         episodes: Episodes to collect for training.
-        steps: Most actions in one episode.
+        steps: Maximum number of actions in one episode.
         fps: Frames per second of the video.
         speed: Playback speed of the video.
     """
@@ -52,7 +52,7 @@ def run_demo(config: Config, out: Path, size: Size, train: bool) -> None:
         config: The configuration.
         out: The folder.
         size: Size of the demo.
-        train: Collect data and train on them, instead of using the weights that ship.
+        train: Collect data and train on them, instead of using the weights of the package.
 
     Raises:
         RequestError: The folder holds the demo of another configuration, or other files.
@@ -111,7 +111,7 @@ def _train(config: Config, data: Path, run: Path, console: Console) -> None:
 
 
 def _video(result: Path, run: Path, video: Path, size: Size, console: Console) -> None:
-    """Render in a separate process: MuJoCo chooses its OpenGL on import, which has happened here."""
+    """Render in a separate process: MuJoCo chooses its OpenGL on import, and is already imported here."""
     words = ["render", result, "--run", run, "--out", video, "--fps", size.fps, "--speed", size.speed]
     if children.run([str(word) for word in words]):
         console.print("the video failed; everything else is complete")

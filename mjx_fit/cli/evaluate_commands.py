@@ -1,4 +1,4 @@
-"""The commands ``evaluate``: experiments, each with one result file."""
+"""Commands ``evaluate``: experiments, each with one result file."""
 
 import argparse
 from collections.abc import Callable
@@ -126,7 +126,7 @@ def assembly(args: argparse.Namespace) -> None:
 
 
 def _evaluate(experiment: "Callable[[Request], Result]", args: argparse.Namespace) -> None:
-    """Run an experiment, with a sensor where it takes ``--run``, and print its summary."""
+    """Run an experiment, with a sensor if it takes ``--run``, and print its summary."""
     from mjx_fit.engines.select import make_engine
     from mjx_fit.evaluation.request import Request
     from mjx_fit.report.terminal import print_summary

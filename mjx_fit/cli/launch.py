@@ -1,18 +1,18 @@
-"""Where a command begins: what a process needs before anything large is imported, and how it ends.
+"""Start and end a command: set up the process before large imports, and return the exit code.
 
-``mjx_fit.cli.main.main`` is the command itself; it may be called from a program of one's own.
+``mjx_fit.cli.main.main`` is the command itself; your own program may call it.
 """
 
 from mjx_fit.utils import interrupts, streams
 
 
 def main() -> int:
-    """Runs the command of this process's arguments.
+    """Run the command given by the arguments of this process.
 
     Returns:
-        The exit code, as ``mjx_fit.cli.main.main``; 1 where standard output could not be written.
+        The exit code of ``mjx_fit.cli.main.main``; 1 if standard output could not be written.
     """
-    streams.prepare()  # first: a closed stream's number must not become that of another file
+    streams.prepare()  # first: no other file may get the descriptor of a closed stream
     interrupts.install()
     try:
         code = _run()

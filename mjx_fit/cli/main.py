@@ -1,4 +1,4 @@
-"""The command line: parses, calls the library, and turns a refused request into one line and exit code 2."""
+"""Parse the command line, call the library, and report a refused request in one line with exit code 2."""
 
 import errno
 import sys
@@ -19,17 +19,17 @@ _WRONG_PLACE = {
     errno.ELOOP,
     errno.ENAMETOOLONG,
 }
-"""What the system says of a path that should not have been asked for; a full disk is another matter."""
+"""System errors caused by an invalid path in the request; a full disk is not among them."""
 
 RESUME = "run the same command again to resume"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Runs a command.
+    """Run a command.
 
     Returns:
-        0: done. 1: the work failed. 2: the request was wrong; one line on stderr says what is allowed.
-        A command that is asked to stop ends the process, with 128 and the signal's number.
+        0: done. 1: the work failed. 2: the request was invalid; one line on stderr states what is allowed.
+        A command that receives a stop signal ends the process with exit code 128 + signal number.
     """
     try:
         _run(argv)
@@ -37,13 +37,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         interrupts.end()
     except Exception as error:
-        # What a request to stop broke, an encoder in the same terminal say, may be noticed first.
+        # An error caused by the stop signal, such as that of an encoder in the same terminal, may come first.
         code = interrupts.end() if interrupts.asked() else _refused(error)
     return interrupts.end(done=True) if interrupts.asked() else code
 
 
 def refuse(message: str, code: int) -> int:
-    """Says in one line why there is an exit code other than 0."""
+    """Print one line with the reason of a nonzero exit code."""
     print(f"mjx-fit: {one_line(message)}", file=sys.stderr)
     return code
 
@@ -57,7 +57,7 @@ def _run(argv: Sequence[str] | None) -> None:
         gl.choose()
     else:
         environment.draw_nothing()
-    if args.computes:  # before the libraries that these are about
+    if args.computes:  # before the libraries that these settings affect
         memory.require_start()
         granted_cpus.limit_to(args.threads)
     environment.require(args.computes)
@@ -77,14 +77,14 @@ def _refused(error: Exception) -> int:
             return refuse(str(error), 2)
         case WorkError():
             return refuse(str(error), 1)
-        case BrokenPipeError():  # whoever read the output has seen enough
+        case BrokenPipeError():  # the reader of the output has closed it
             return 0
         case OSError():
             where = f"{error.filename} cannot be used: {error.strerror}" if error.filename else str(error)
             return refuse(where, 2 if error.errno in _WRONG_PLACE else 1)
         case MemoryError():
             return _no_memory(str(error) or "none left")
-    if str(error).startswith("RESOURCE_EXHAUSTED"):  # of XLA, whose error has no class of its own
+    if str(error).startswith("RESOURCE_EXHAUSTED"):  # from XLA, which has no separate error class
         return _no_memory(str(error).partition("RESOURCE_EXHAUSTED: ")[2].partition("\n")[0])
     raise error
 

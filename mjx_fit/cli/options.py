@@ -1,4 +1,4 @@
-"""Options that several commands share: how they are declared, and how they are read back."""
+"""Declare and read the options that several commands share."""
 
 import argparse
 from collections.abc import Callable
@@ -18,7 +18,7 @@ _POLICY_FILE = "FILE.py:NAME, a mjx_fit.Policy or a function of PolicyInput"
 
 
 class Parser(argparse.ArgumentParser):
-    """argparse with one-line errors and without abbreviations: --trial and --trials are two options."""
+    """Parser with one-line errors and without abbreviations: --trial and --trials are different options."""
 
     def __init__(self, *args, **kwargs):
         super().__init__(*args, **kwargs, allow_abbrev=False)
@@ -38,11 +38,11 @@ def add_command(
     """Add a command.
 
     Args:
-        parsers: Where it belongs.
-        name: Its name.
-        run: Runs it.
-        text: A sentence about it, without capital and full stop.
-        resumes: Whether it keeps its finished work when it is stopped.
+        parsers: Subparsers to add it to.
+        name: Name of the command.
+        run: Function that runs it.
+        text: Sentence that describes it, without capital letter and full stop.
+        resumes: True if it keeps finished work when it is stopped.
     """
     parser = parsers.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".")
     parser.set_defaults(command=run, computes=False, draws=False, resumes=resumes, threads=None)
@@ -65,7 +65,7 @@ def configurable(parser: argparse.ArgumentParser) -> None:
 
 
 def with_policy(parser: argparse.ArgumentParser, names: str, default: str | None) -> None:
-    """Add the policy: one of these names, or one in a file."""
+    """Add the policy: one of these names, or a policy in a file."""
     parser.add_argument(
         "--policy", default=default, metavar="P", help=f"{names}, or {_POLICY_FILE} (default: spiral)"
     )
@@ -92,7 +92,7 @@ def with_config(parser: argparse.ArgumentParser) -> None:
 
 
 def config_of(args: argparse.Namespace, preset: str | None = None) -> Config:
-    """Read the configuration that a command line asks for, on top of a preset.
+    """Read the configuration of a command line, on top of a preset.
 
     Raises:
         RequestError: A file cannot be read, or a key, a value or the seed is invalid.
@@ -107,14 +107,14 @@ def config_of(args: argparse.Namespace, preset: str | None = None) -> Config:
 
 
 def run_of(args: argparse.Namespace) -> Path:
-    """Return the folder of the training run: that of ``--run``, or the weights that ship."""
+    """Return the folder of the training run: from ``--run``, or the weights of the package."""
     from mjx_fit.utils import resources
 
     return args.run or resources.folder("weights")
 
 
 def policy_of(args: argparse.Namespace) -> "Policy | None":
-    """Load the policy of ``--policy FILE.py:NAME``; None: the library's own.
+    """Load the policy of ``--policy FILE.py:NAME``; None: the library's policies.
 
     Raises:
         RequestError: The file holds no such policy.

@@ -1,4 +1,4 @@
-"""Trees of values on the terminal."""
+"""Print trees of values on the terminal."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""The commands ``demo``, ``paper`` and ``report``: each ends with a page."""
+"""Commands ``demo``, ``paper`` and ``report``: each makes a page."""
 
 import argparse
 from pathlib import Path

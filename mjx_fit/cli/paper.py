@@ -141,7 +141,7 @@ def _run(config: Config, out: Path, size: Size, seed: int) -> None:
 
 
 def _check(config: Config, out: Path, seed: int) -> None:
-    """Refuse invalid requests before hours of work."""
+    """Refuse invalid requests before hours of computation."""
     require_seed(seed)
     require_seed(seed + OWN)
     if not config.train.baseline_share:
@@ -156,7 +156,7 @@ def _check(config: Config, out: Path, seed: int) -> None:
 
 
 def _stages(base: Request, size: Size) -> dict[str, Callable[[], object]]:
-    """Return the stages by title; ``base`` holds what all requests share, with the folder as ``out``."""
+    """Return the stages by title; ``base`` holds the fields shared by all requests, ``out`` the folder."""
     config, out, engine, seed = base.config, base.out, base.engine, base.seed
     data, test, run = (path_inside(out, name) for name in ("data", "held_out", "run"))
     plan = Plan(size.episodes, config.task.attempt_actions, "spiral", seed=seed, sequence=size.sequence)

@@ -1,14 +1,14 @@
-"""Paths as people write them."""
+"""Parse paths with ``~``."""
 
 import argparse
 from pathlib import Path
 
 
 def path(text: str) -> Path:
-    """The path that an option names, with ``~`` and ``~user`` expanded: a shell does not, after ``--out=``.
+    """Return an option's path with ``~`` and ``~user`` expanded, which shells do not do after ``--out=``.
 
     Raises:
-        argparse.ArgumentTypeError: It can be no path.
+        argparse.ArgumentTypeError: The text is not a valid path.
     """
     if not text.strip():
         raise argparse.ArgumentTypeError(f"{text!r} is invalid: it must name a file or a folder")

@@ -1,4 +1,4 @@
-"""The commands ``render`` and ``view``: an assembly as a video, or live."""
+"""Commands ``render`` and ``view``: show an assembly as a video, or live."""
 
 import argparse
 from typing import TYPE_CHECKING
@@ -77,7 +77,7 @@ def view(args: argparse.Namespace) -> None:
 
 
 def _played(args: argparse.Namespace) -> "Generator[Recording]":
-    """Play the assembly that was asked for, as it is consumed."""
+    """Simulate the requested assembly lazily, as the consumer shows it."""
     from mjx_fit.config.schema import config_from_stored
     from mjx_fit.engines.select import make_engine
     from mjx_fit.evaluation import playback, results

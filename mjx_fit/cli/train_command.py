@@ -1,4 +1,4 @@
-"""The command ``train``."""
+"""Command ``train``."""
 
 import argparse
 from dataclasses import replace
@@ -70,7 +70,7 @@ def train(args: argparse.Namespace) -> None:
 
 
 def other_trainings() -> str:
-    """Say which training ``train`` is without a preset, and which presets there are."""
+    """Describe the training without a preset, and list the presets."""
     from mjx_fit.utils import resources
 
     folder = resources.folder("configs")

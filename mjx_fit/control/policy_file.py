@@ -18,7 +18,7 @@ from mjx_fit.utils import numerics
 from mjx_fit.utils.errors import RequestError, shortened, shown
 
 NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,39}(@[0-9a-f]{12})?")
-"""What data sets and results may call a policy."""
+"""Pattern of the policy names allowed in data sets and results."""
 _FORM = re.compile(r"(?P<path>.+\.py):(?P<name>[A-Za-z_][A-Za-z0-9_]{0,39})")
 
 

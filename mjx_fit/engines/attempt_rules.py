@@ -61,7 +61,7 @@ class Verdict:
 
     @property
     def over(self) -> Bool[Array, "*n"]:
-        """Whether the attempt ends here. Its world is then frozen, and the rest of the batch continues."""
+        """True if the attempt ends here. Its world is then frozen, and the rest of the batch continues."""
         return self.inserted | ~self.valid
 
 
