@@ -9,15 +9,15 @@ from mjx_fit.cli.output import show
 
 def add_about(parsers: argparse._SubParsersAction) -> None:
     """Add ``bench``, ``config`` and ``info``."""
-    parser = add_command(parsers, "bench", bench, "speed of the engines, side by side")
+    parser = add_command(parsers, "bench", bench, "measure the speed of the engines side by side")
     parser.add_argument("--json", action="store_true")
     configurable(parser)
 
-    parser = add_command(parsers, "config", config_keys, "every key, with its unit, range and default")
+    parser = add_command(parsers, "config", config_keys, "list every key with its unit, range and default")
     parser.add_argument("--json", action="store_true")
     with_config(parser)
 
-    parser = add_command(parsers, "info", info, "versions, devices and the engine that auto means")
+    parser = add_command(parsers, "info", info, "print versions, devices and the default engine")
     parser.add_argument("--json", action="store_true")
     parser.set_defaults(computes=True)
 

@@ -29,7 +29,7 @@ def add_collect(parsers: argparse._SubParsersAction) -> None:
         "--batch", type=int, default=250, metavar="B", help="most episodes in one file (default 250)"
     )
     parser.add_argument(
-        "--sequence", type=int, default=1, metavar="K", help="attempts in a row at one hole (default 1)"
+        "--sequence", type=int, default=1, metavar="K", help="consecutive attempts at one hole (default 1)"
     )
     parser.add_argument(
         "--run",
@@ -52,7 +52,7 @@ def add_data(parsers: argparse._SubParsersAction) -> None:
     whats = parsers.add_parser("data", help="describe, check, join or convert data sets").add_subparsers(
         required=True, metavar="WHAT"
     )
-    info = add_command(whats, "info", data_info, "what a data set holds; pairs are peg-hole")
+    info = add_command(whats, "info", data_info, "describe a data set; pairs are peg-hole")
     info.add_argument("folder", type=path, metavar="DIR")
     info.add_argument("--json", action="store_true")
     check = add_command(whats, "check", data_check, "find every damaged, missing or foreign file")
@@ -60,7 +60,7 @@ def add_data(parsers: argparse._SubParsersAction) -> None:
     merge = add_command(whats, "merge", data_merge, "join parts made with --num-shards", resumes=True)
     merge.add_argument("folders", type=path, nargs="+", metavar="DIR")
     merge.add_argument("--out", type=path, required=True, metavar="DIR")
-    export = add_command(whats, "export", data_export, "one file for other tools")
+    export = add_command(whats, "export", data_export, "convert a data set to one file for other tools")
     export.add_argument("folder", type=path, metavar="DIR")
     export.add_argument(
         "--out", type=path, required=True, metavar="FILE", help=".npz, or .hdf5 in robomimic's layout"

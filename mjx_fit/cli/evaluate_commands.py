@@ -38,19 +38,23 @@ def add_evaluate(parsers: Commands) -> None:
 
 
 def _add_attempt(commands: Commands) -> None:
-    parser = add_command(commands, "attempt", attempt, "success rate of single attempts")
+    parser = add_command(commands, "attempt", attempt, "measure the success rate of single attempts")
     _with_trials(parser, 100, "matched attempts for each shape, and mismatched ones in all")
 
 
 def _add_assembly(commands: Commands) -> None:
-    parser = add_command(commands, "assembly", assembly, "assemblies under several methods", resumes=True)
+    parser = add_command(commands, "assembly", assembly, "run assemblies under several methods", resumes=True)
     _with_methods(parser, "failure_only,failure_position,full,oracle")
     _with_trials(parser, 100, "assemblies under each method")
 
 
 def _add_position(commands: Commands) -> None:
     parser = add_command(
-        commands, "position", position, "attempts at one hole: position estimate", resumes=True
+        commands,
+        "position",
+        position,
+        "measure the position error over repeated attempts at one hole",
+        resumes=True,
     )
     _with_methods(parser, "full,frame_by_frame,oracle")
     _with_trials(parser, 100, "mismatched holes, and as many matched ones")
@@ -58,7 +62,11 @@ def _add_position(commands: Commands) -> None:
 
 def _add_insertion(commands: Commands) -> None:
     parser = add_command(
-        commands, "insertion", insertion, "attempts at one hole: insertion rate", resumes=True
+        commands,
+        "insertion",
+        insertion,
+        "measure the insertion rate over repeated attempts at one hole",
+        resumes=True,
     )
     _with_methods(parser, "full,no_update,sample,frame_by_frame,oracle")
     parser.add_argument(
@@ -73,7 +81,7 @@ def _add_insertion(commands: Commands) -> None:
 
 def _add_calibration(commands: Commands) -> None:
     parser = add_command(
-        commands, "calibration", calibration, "a trained sensor on the attempts of a data set"
+        commands, "calibration", calibration, "measure the calibration of a trained sensor on a data set"
     )
     parser.add_argument("--run", type=path, metavar="RUN", help=RUN)
     parser.add_argument(

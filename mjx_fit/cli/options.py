@@ -59,7 +59,10 @@ def configurable(parser: argparse.ArgumentParser) -> None:
     """Add threads and the configuration; mark the command as one that computes."""
     parser.set_defaults(computes=True)
     parser.add_argument(
-        "--threads", type=int, metavar="N", help="most CPU threads (default: all that it may use)"
+        "--threads",
+        type=int,
+        metavar="N",
+        help="maximum number of CPU threads (default: all that are granted)",
     )
     with_config(parser)
 
@@ -79,8 +82,8 @@ def with_config(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="FILE",
-        help="YAML with what differs from the defaults (demo, paper, bench: from their preset); repeatable, "
-        "later files win",
+        help="YAML with the values that differ from the defaults (demo, paper, bench: from their preset); "
+        "repeatable, later files take precedence",
     )
     parser.add_argument(
         "--set",

@@ -9,7 +9,9 @@ from mjx_fit.cli.path_argument import path
 
 def add_demo(parsers: argparse._SubParsersAction) -> None:
     """Add ``demo``."""
-    parser = add_command(parsers, "demo", demo, "assemblies, a video and a page within minutes", resumes=True)
+    parser = add_command(
+        parsers, "demo", demo, "run assemblies and write a video and a page, in minutes", resumes=True
+    )
     parser.add_argument(
         "--out", type=path, metavar="DIR", help="default: runs/demo, or runs/demo-train with --train"
     )
@@ -34,7 +36,7 @@ def add_paper(parsers: argparse._SubParsersAction) -> None:
 
 def add_report(parsers: argparse._SubParsersAction) -> None:
     """Add ``report``."""
-    parser = add_command(parsers, "report", report, "one page from results, videos, runs and data sets")
+    parser = add_command(parsers, "report", report, "write one page from results, videos, runs and data sets")
     parser.add_argument("inputs", type=path, nargs="+", metavar="FILE|DIR")
     parser.add_argument("--out", type=path, metavar="DIR", help="default: report in the first input's folder")
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 def add_render(parsers: argparse._SubParsersAction) -> None:
     """Add ``render``."""
-    parser = add_command(parsers, "render", render, "a video of an assembly and of the belief")
+    parser = add_command(parsers, "render", render, "render a video of an assembly and its belief")
     parser.set_defaults(draws=True)
     parser.add_argument("--out", type=path, required=True, metavar="VIDEO", help=".mp4 or .gif")
     parser.add_argument("--fps", type=int, default=20, metavar="N", help="frames per second (default 20)")
@@ -24,7 +24,7 @@ def add_render(parsers: argparse._SubParsersAction) -> None:
 
 def add_view(parsers: argparse._SubParsersAction) -> None:
     """Add ``view``."""
-    parser = add_command(parsers, "view", view, "watch an assembly as it is played")
+    parser = add_command(parsers, "view", view, "watch a live assembly")
     parser.add_argument(
         "--browser", action="store_true", help="in a browser, by viser, even where there is a display"
     )

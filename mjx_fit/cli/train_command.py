@@ -16,7 +16,7 @@ def add_train(parsers: argparse._SubParsersAction) -> None:
         parsers,
         "train",
         train,
-        "train sensors and noise models, as the weights that ship; presets by --config",
+        "train sensors and noise models; the defaults gave the weights that ship",
         resumes=True,
     )
     parser.add_argument("--data", type=path, required=True, metavar="DIR")

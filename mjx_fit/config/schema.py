@@ -9,7 +9,7 @@ import yaml
 from pydantic import TypeAdapter, ValidationError, model_validator
 from pydantic.dataclasses import dataclass
 
-from mjx_fit.config import limits, schema_errors, strict_yaml
+from mjx_fit.config import cross_section_rules, schema_errors, strict_yaml
 from mjx_fit.config.sections.fields import STRICT
 from mjx_fit.config.sections.learning import FIRST_SENSOR, FIRST_TRAIN, SensorConfig, TrainConfig
 from mjx_fit.config.sections.task import TaskConfig
@@ -51,7 +51,7 @@ class Config:
         """Fill in missing rates; each shape must have its own."""
         task = self.task.for_shapes(self.scene.shapes)
         for name in ("success_probability", "success_by_error"):
-            limits.require_one_for_each_shape(f"task.{name}", getattr(task, name), self.scene)
+            cross_section_rules.require_one_for_each_shape(f"task.{name}", getattr(task, name), self.scene)
         object.__setattr__(self, "task", task)
         return self
 
@@ -87,7 +87,9 @@ def config_from_tree(tree: dict[str, Any]) -> Config:
         raise RequestError(
             f"config: {shown(tree)} is invalid: expected sections of names and values"
         ) from None
-    limits.require_steady(config.scene, config.control, config.spiral, config.random, config.task)
+    cross_section_rules.require_steady(
+        config.scene, config.control, config.spiral, config.random, config.task
+    )
     require_room(config, "spiral.radius_m", config.spiral.radius_m)
     return config
 

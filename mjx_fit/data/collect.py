@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from mjx_fit.config import limits
+from mjx_fit.config import cross_section_rules
 from mjx_fit.config.schema import Config, require_room
 from mjx_fit.data import hdf5
 from mjx_fit.data.plan import Plan, check, require_engine
@@ -43,7 +43,7 @@ def collect(config: Config, out: Path, plan: Plan, engine: Engine, update: Updat
     check(plan)
     if plan.policy in ("random", "mixed"):
         require_room(config, "random.reach_m", config.random.reach_m)
-        limits.require_random_upright(config.scene, config.control, config.random)
+        cross_section_rules.require_random_upright(config.scene, config.control, config.random)
     _require_memory(config, plan)
     require_engine(plan, engine)
     request, shards = plan.request(config), plan.shards()
