@@ -165,26 +165,24 @@ def test_a_limit_under_which_nothing_can_start_is_refused(monkeypatch, tmp_path,
 def test_under_a_limit_a_command_says_why_it_ends(above_mb, tmp_path):
     """Never by a signal or a traceback: it is refused, or says that memory is short, or gets through."""
     start = 60  # MB that the interpreter itself takes
-    words = [
-        sys.executable,
-        "-m",
-        "mjx_fit",
-        "collect",
-        "--episodes",
-        "6",
-        "--policy",
-        "spiral",
-        "--steps",
-        "20",
-    ]
+    asked = ["collect", "--episodes", "6", "--policy", "spiral", "--actions", "20", "--out"]
     limit = (start + above_mb) * MB
 
     def bound():
         resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
 
-    argv = [sys.executable, *words, str(tmp_path / "data")]
+    argv = [sys.executable, "-m", "mjx_fit", *asked, str(tmp_path / "data")]
     done = subprocess.run(argv, preexec_fn=bound, capture_output=True, text=True, check=False)
     assert done.returncode in (0, 1, 2), done.stderr
     assert "Traceback" not in done.stderr
     if done.returncode:
         assert done.stderr.splitlines()[-1].startswith("mjx-fit: ")
+
+
+def test_a_request_is_read_before_large_imports():
+    """Under a small ``ulimit -v`` NumPy cannot be loaded, and the line that says so must come first."""
+    code = (
+        "import sys, mjx_fit.cli.main as m; m.parser(); print(*{'numpy', 'jax', 'mujoco'} & set(sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == ""

@@ -1,10 +1,11 @@
 """Configuration section of the task: holes, attempts, and the outcome model."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
+from statistics import fmean
 from typing import Annotated, Any, Literal
 
-import numpy as np
 from pydantic import Discriminator, Field, Tag, model_validator
 from pydantic.dataclasses import dataclass
 
@@ -39,6 +40,11 @@ DEFAULT_ALPHA = (0.118, 0.162, 0.117)
 """Success rate of a matched attempt for each default shape, by ``evaluate attempt --trials 1000``."""
 LEAST_STEP_M = 0.00001
 """Smallest spacing of the error knots that single precision resolves, m."""
+
+
+def _mean(rates: Sequence[float]) -> float:
+    """Compute the mean rate; without NumPy, so that a request is read before large imports."""
+    return round(fmean(rates), 6)
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -118,9 +124,8 @@ class TaskConfig:
         """Replace missing rates (null) by the defaults for these shapes."""
         alphas, by_error = self.success_probability, self.success_by_error
         if alphas is None:
-            mean = round(float(np.mean(DEFAULT_ALPHA)), 6)
-            alphas = DEFAULT_ALPHA if shapes == SHAPES else (mean,) * len(shapes)
+            alphas = DEFAULT_ALPHA if shapes == SHAPES else (_mean(DEFAULT_ALPHA),) * len(shapes)
         if by_error is None:
-            means = tuple(np.mean(_SUCCESS_BY_ERROR, axis=0).round(6).tolist())
+            means = tuple(_mean(rates) for rates in zip(*_SUCCESS_BY_ERROR, strict=True))
             by_error = _SUCCESS_BY_ERROR if shapes == SHAPES else (means,) * len(shapes)
         return replace(self, success_probability=alphas, success_by_error=by_error)
