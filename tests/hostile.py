@@ -5,7 +5,7 @@ import math
 import random
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args, get_origin
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from mjx_fit.config.schema import Config
 
@@ -59,7 +59,8 @@ def write(request: Request, folder: Path) -> tuple[list[Path], list[str]]:
 def _fields() -> Iterator[tuple[str, str, Any]]:
     for section, schema in vars(Config()).items():
         for field in dataclasses.fields(schema):
-            yield section, field.name, field.type
+            members = get_args(field.type) if get_origin(field.type) is Union else (field.type,)
+            yield section, field.name, members[0]  # the other is null
 
 
 def _sane(rng: random.Random) -> tuple[str, str, str]:

@@ -22,7 +22,8 @@ from mjx_fit.control import operational_space
 from mjx_fit.control.kinematics import chain_of
 from mjx_fit.engines.attempt_rules import start_qpos
 from mjx_fit.engines.mjx import contact, step
-from mjx_fit.engines.mjx.engine import arm_state, compiler_options
+from mjx_fit.engines.mjx.compiler import compiler_options
+from mjx_fit.engines.mjx.engine import arm_state
 from mjx_fit.engines.mjx.step import models_of, placed, stacked_models
 from mjx_fit.scene.build import pair_index, simulation_scene
 from mjx_fit.utils.linalg import worlds_last

@@ -17,7 +17,7 @@ from mujoco import mjx
 
 from mjx_fit.config.schema import Config
 from mjx_fit.data.schedule import draw_attempts
-from mjx_fit.engines.mjx.engine import compiler_options
+from mjx_fit.engines.mjx.compiler import compiler_options
 from mjx_fit.engines.mjx.step import accelerate, models_of, observe, stacked_models
 from mjx_fit.engines.native.engine import NativeEngine
 from mjx_fit.scene.build import Scene, pair_index, simulation_scene

@@ -24,6 +24,7 @@ class Memory:
         key: Key of the attempt.
         tare_sensor: Clean reading of the F/T sensor in free space, N and N·m.
         wrench_sensor: Clean wrenches of the previous action, N and N·m.
+        goal_pos_world: Goal of the TCP at the end of the previous action, at first its position, m.
     """
 
     state: State
@@ -31,13 +32,16 @@ class Memory:
     key: Key[Array, ""]
     tare_sensor: Float[Array, "6"]
     wrench_sensor: Float[Array, "50 6"]
+    goal_pos_world: Float[Array, "3"]
 
 
-def begin(policy: Policy, attempt: Attempt, tare_sensor: Float[Array, "6"]) -> Memory:
-    """Initialise the memory before the first action, with the wrench of free space."""
+def begin(
+    policy: Policy, attempt: Attempt, tare_sensor: Float[Array, "6"], tip_pos_world: Float[Array, "3"]
+) -> Memory:
+    """Initialise the memory before the first action, with the wrench of free space and the TCP's position."""
     start = start_of(attempt)
     wrench = jnp.broadcast_to(tare_sensor, (SUBSTEPS, 6))
-    return Memory(policy.init(start, attempt.key), start, attempt.key, tare_sensor, wrench)
+    return Memory(policy.init(start, attempt.key), start, attempt.key, tare_sensor, wrench, tip_pos_world)
 
 
 def act(

@@ -69,6 +69,8 @@ def simulation_scene(config: SceneConfig) -> Scene:
         boxes = _padded(hole_boxes(hole, config), n_hole)
         _add_hole(spec, config, boxes, "hole", (0.5, 0.0), mocap=True)
         _strip_visual_geoms(spec)
+        if config.slip_time_s is not None:
+            _add_pairs(spec, config, n_peg, n_hole)
         models.append(spec.compile())
     return Scene(tuple(models), config, ROBOTS[config.robot])
 
@@ -191,8 +193,30 @@ def _contact(config: SceneConfig, contype: int, conaffinity: int) -> dict:
         "density": 0,
         "friction": [config.friction, 0.005, 0.0001],
         "solref": [config.contact_time_s, 1.0],
-        "solimp": [0.95, 0.99, config.contact_width_m, 0.5, 2.0],
+        "solimp": [
+            config.contact_impedance,
+            config.deep_impedance,
+            config.contact_width_m,
+            0.5,
+            2.0,
+        ],
     }
+
+
+def _add_pairs(spec: mujoco.MjSpec, config: SceneConfig, n_peg: int, n_hole: int) -> None:
+    """Add all pairs of boxes explicitly: MuJoCo stores the time constant of friction with a pair only."""
+    of_box = _contact(config, _PEG_BIT, _HOLE_BIT)
+    slide, spin, roll = of_box["friction"]
+    for i, j in product(range(n_peg), range(n_hole)):
+        spec.add_pair(
+            geomname1=f"peg_box{i}",
+            geomname2=f"hole_box{j}",
+            condim=of_box["condim"],
+            friction=[slide, slide, spin, roll, roll],
+            solref=of_box["solref"],
+            solimp=of_box["solimp"],
+            solreffriction=[config.slip_time_s, 1.0],
+        )
 
 
 def _padded(boxes: Boxes, n: int) -> Boxes:

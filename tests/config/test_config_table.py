@@ -13,7 +13,14 @@ from mjx_fit.config.table import WIDTH, Key, as_text, keys
 from mjx_fit.utils import resources
 
 PURE = {
-    *("scene.friction", "control.damping_ratio", "task.success_probability", "task.success_by_error"),
+    *(
+        "scene.friction",
+        "scene.contact_impedance",
+        "scene.deep_impedance",
+        "control.damping_ratio",
+        "task.success_probability",
+        "task.success_by_error",
+    ),
     *(
         f"sensor.{key}"
         for key in ["width", "conv_channels", "layers", "heads", "feedforward", "dropout", "places"]

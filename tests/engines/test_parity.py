@@ -11,7 +11,7 @@ from mujoco import mjx
 
 from mjx_fit.control.kinematics import chain_of, inverse
 from mjx_fit.engines.mjx import contact
-from mjx_fit.engines.mjx.engine import compiler_options
+from mjx_fit.engines.mjx.compiler import compiler_options
 from mjx_fit.engines.mjx.step import accelerate, models_of, observe, stacked_models
 from mjx_fit.scene.build import Scene
 

@@ -6,7 +6,7 @@ import sys
 
 import jax
 
-from mjx_fit.engines.mjx.engine import compiler_options
+from mjx_fit.engines.mjx.compiler import compiler_options
 
 PROGRAM = """
 import jax

@@ -19,7 +19,8 @@ from mjx_fit.config.schema import Config
 from mjx_fit.control.kinematics import chain_of
 from mjx_fit.data.schedule import draw_attempts
 from mjx_fit.engines.attempt_rules import start_qpos
-from mjx_fit.engines.mjx.engine import MOST_ROWS, compiler_options
+from mjx_fit.engines.mjx.compiler import compiler_options
+from mjx_fit.engines.mjx.engine import MOST_ROWS
 from mjx_fit.engines.mjx.step import advance, models_of, placed, stacked_models
 from mjx_fit.engines.native.engine import NativeEngine
 from mjx_fit.engines.select import make_engine

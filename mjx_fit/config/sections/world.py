@@ -34,7 +34,16 @@ class SceneConfig:
             metals.
         contact_time_s: MuJoCo's solref time constant. With ten simulation steps the contact force of a
             sliding peg is mostly smooth; with three it is a train of single-step spikes.
-        contact_width_m: MuJoCo's solimp width. Keep it below a quarter of the clearance.
+        contact_width_m: MuJoCo's solimp width. The impedance changes over this depth; keep it below a quarter
+            of the clearance.
+        contact_impedance: MuJoCo's solimp dmin. The impedance d of a touching contact; its weight D in the
+            solver grows as d / (1 - d).
+        deep_impedance: MuJoCo's solimp dmax. The impedance beyond the depth ``contact_width_m``; a high one
+            bounds the penetration in impacts.
+        slip_time_s: MuJoCo's solreffriction. Time in which friction stops a sliding peg; null: equal to
+            ``contact_time_s``. MuJoCo's convex friction cone lifts a peg that slides at speed v with the
+            force D μ 2 v / (d slip_time_s); where this exceeds the push, the peg loses contact
+            (experiments/physics/sliding.py).
         max_contacts: Contact slots per world in MJX.
     """
 
@@ -47,6 +56,9 @@ class SceneConfig:
     friction: Annotated[float, Field(ge=0, le=2)] = 0.3
     contact_time_s: Annotated[float, Field(ge=0.004, le=0.05)] = 0.01
     contact_width_m: Annotated[float, Field(ge=0.00001, le=0.001)] = 0.00025
+    contact_impedance: Annotated[float, Field(ge=0.1, le=0.99)] = 0.95
+    deep_impedance: Annotated[float, Field(ge=0.1, le=0.99)] = 0.99
+    slip_time_s: Annotated[float, Field(ge=0.004, le=0.5)] | None = None
     max_contacts: Annotated[int, Field(ge=4, le=64, json_schema_extra={"unit": "contacts"})] = 8
 
     @model_validator(mode="after")
@@ -78,12 +90,15 @@ class ControlConfig:
             they are not, and 1.2 keeps the overshoot of a 2 cm step below 5 % at every possible hole
             position.
         kp_posture: Posture stiffness over inertia. It acts in the null space of the task, critically damped.
+        goal: Motion during an action. ``step``: the goal jumps at its start; ``ramp``: it moves from the
+            previous goal to the next at constant speed.
     """
 
     kp_position: Annotated[float, Field(ge=50, le=1400, json_schema_extra=PER_S2_UNIT)] = 600.0
     kp_orientation: Annotated[float, Field(ge=100, le=4000, json_schema_extra=PER_S2_UNIT)] = 600.0
     damping_ratio: Annotated[float, Field(ge=0.5, le=5)] = 1.2
     kp_posture: Annotated[float, Field(ge=0, le=400, json_schema_extra=PER_S2_UNIT)] = 10.0
+    goal: Literal["step", "ramp"] = "step"
 
 
 @dataclass(frozen=True, config=STRICT)

@@ -4,7 +4,7 @@
 # pyright: reportAttributeAccessIssue=false
 
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -14,9 +14,11 @@ from mujoco import mjx
 
 from mjx_fit.config.schema import Config
 from mjx_fit.control import operational_space, policies
+from mjx_fit.control.goals import goal_during
 from mjx_fit.control.kinematics import chain_of
 from mjx_fit.control.policies import Policy
 from mjx_fit.engines import attempt_rules, policy_runner
+from mjx_fit.engines.mjx.compiler import compiler_options
 from mjx_fit.engines.mjx.step import accelerate, advance, models_of, placed, stacked_models
 from mjx_fit.engines.plausible import at_limit
 from mjx_fit.engines.requests import ANY_POLICY, MOST_THREADS, require_attempts, require_count
@@ -25,27 +27,6 @@ from mjx_fit.scene.build import Scene, pair_index, simulation_scene
 from mjx_fit.types import SUBSTEPS, Array, Attempt, Felt, Rollout, Truth
 from mjx_fit.utils import interrupts, numerics
 from mjx_fit.utils.linalg import worlds_last
-
-_WITHOUT_EMITTERS = {"xla_cpu_use_fusion_emitters": False}
-
-
-def compiler_options() -> dict[str, bool]:
-    """Return the XLA options that disable the fusion emitters on a CPU.
-
-    The emitters recompute the kinematic chain for every element, which is 200 times slower. JAX 0.11 dropped
-    the option; its improved emitters cost a factor of two.
-    """
-    return _WITHOUT_EMITTERS if jax.default_backend() == "cpu" and _can_do_without_emitters() else {}
-
-
-@cache
-def _can_do_without_emitters() -> bool:
-    try:
-        jax.jit(jnp.negative, compiler_options=_WITHOUT_EMITTERS).lower(0.0).compile()
-    except jax.errors.JaxRuntimeError:
-        return False
-    return True
-
 
 MOST_ROWS = 128
 """Maximum number of worlds in one computation on a CPU, to keep its working set small.
@@ -179,7 +160,8 @@ class World:
             arm = arm_state(model, data, self.scene)
             tip = attempt_rules.tip_of(arm)
             state, command = policy_runner.act(self.policy, self.config.wrist, horizon, memory, tip, step)
-            after, wrench = self.hold(model, data, arm.tip_pos_world + command)
+            goal = arm.tip_pos_world + command
+            after, wrench = self.drive(model, data, memory.goal_pos_world, goal)
             tip = attempt_rules.tip_of(arm_state(model, after, self.scene))
             row = attempt_rules.trace_row(tip, wrench, command)
             finite = jnp.isfinite(after.qpos).all() & jnp.isfinite(after.qvel).all()
@@ -189,11 +171,13 @@ class World:
             verdict = attempt_rules.judge(tip, attempt.hole_pos_world, finite, limit, limited, self.config)
             data = jax.tree.map(partial(jnp.where, running & verdict.valid), after, data)
             row = jax.tree.map(lambda leaf: jnp.where(running, leaf, jnp.zeros_like(leaf)), row)
-            memory = replace(memory, state=state, wrench_sensor=wrench)
+            memory = replace(memory, state=state, wrench_sensor=wrench, goal_pos_world=goal)
             carry = data, running & ~verdict.over, verdict.limited, memory
             return carry, (row, running, running & verdict.inserted, running & ~verdict.valid)
 
-        carry = data, active, jnp.int32(0), policy_runner.begin(self.policy, attempt, tare)
+        tip_pos_world = arm_state(model, data, self.scene).tip_pos_world
+        memory = policy_runner.begin(self.policy, attempt, tare, tip_pos_world)
+        carry = data, active, jnp.int32(0), memory
         (end, *_), (trace, ran, inserted, broke) = jax.lax.scan(act, carry, jnp.arange(actions))
         felt = Felt(
             trace=trace,
@@ -212,10 +196,10 @@ class World:
         )
         return Rollout(felt, truth)
 
-    def hold(
-        self, model: mjx.Model, data: mjx.Data, goal_pos_world: Float[Array, "3"]
+    def drive(
+        self, model: mjx.Model, data: mjx.Data, before: Float[Array, "3"], goal_pos_world: Float[Array, "3"]
     ) -> tuple[mjx.Data, Float[Array, "50 6"]]:
-        """Drive the TCP to a goal for one action: 50 simulation steps of control and physics.
+        """Drive the TCP from the previous goal to the next for one action: 50 steps of control and physics.
 
         The position and velocity stages of the data must be current, and are again on return. The function
         returns the wrench (N, N·m) of every step.
@@ -224,10 +208,11 @@ class World:
             partial(operational_space.torque, gains=self.config.control, robot=self.scene.robot)
         )
 
-        def substep(data, _):
-            return advance(model, data, torque(arm_state(model, data, self.scene), goal_pos_world))
+        def substep(data, number):
+            goal = goal_during(before, goal_pos_world, number, self.config.control)
+            return advance(model, data, torque(arm_state(model, data, self.scene), goal))
 
-        return jax.lax.scan(substep, data, length=SUBSTEPS)
+        return jax.lax.scan(substep, data, jnp.arange(SUBSTEPS))
 
 
 def arm_state(model: mjx.Model, data: mjx.Data, scene: Scene) -> operational_space.ArmState:

@@ -15,6 +15,7 @@ from mujoco.batch import Batch
 
 from mjx_fit.config.schema import Config
 from mjx_fit.control import policies
+from mjx_fit.control.goals import goal_during
 from mjx_fit.control.policies import Policy
 from mjx_fit.engines import attempt_rules
 from mjx_fit.engines.attempt_rules import Verdict
@@ -111,7 +112,7 @@ class NativeEngine:
         """
         done = attempt_rules.nothing_done(attempts, horizon, len(self.scene.robot.joints))
         part = self._part(attempts, np.arange(len(qpos)), done)
-        part.block.move(qpos, qvel)
+        part.move(qpos, qvel)
         part.act(step, horizon)
         return done
 
@@ -130,7 +131,8 @@ class NativeEngine:
         own = jax.tree.map(lambda leaf: leaf[: len(ids)], rows)
         block = Block(self.scene, self._brain.layout, own, start, len(rows.peg_type))
         done.felt.tare_sensor[ids] = block.tare_sensor
-        memory = self._brain.begin(rows, padded(block.tare_sensor, np.arange(len(ids))))
+        at_rest = (block.tare_sensor, np.asarray(block.tip_pos_world, np.float32))
+        memory = self._brain.begin(rows, *(padded(one, np.arange(len(ids))) for one in at_rest))
         return _Part(self._brain, block, memory, np.asarray(own.hole_pos_world), ids, done, self._on_step)
 
 
@@ -161,6 +163,11 @@ class _Part:
         # Finished simulations stay among the shown ones until a smaller number of rows suffices.
         self._running = self._shown = np.arange(len(self.ids))
 
+    def move(self, qpos: Float[np.ndarray, "m joints"], qvel: Float[np.ndarray, "m joints"]) -> None:
+        """Set the state of the simulations before their first action."""
+        self.block.move(qpos, qvel)
+        self.memory = replace(self.memory, goal_pos_world=self.brain.tip(self.block.packed()).pos_world)
+
     def act(self, step: int, horizon: int) -> bool:
         """Simulate and record one action of the running attempts; return True if any attempt is unfinished.
 
@@ -170,12 +177,14 @@ class _Part:
         """
         before = self.block.qpos.copy(), self.block.qvel.copy()
         state, command, goal = self.brain.act(self.memory, self.block.packed(), step, horizon)
+        goal = np.asarray(goal)
         for substep in range(SUBSTEPS):
-            self.block.step(np.asarray(self.brain.torque(self.block.packed(), goal)), substep)
+            now = goal_during(self.memory.goal_pos_world, goal, substep, self.brain.config.control)
+            self.block.step(np.asarray(self.brain.torque(self.block.packed(), now)), substep)
             if self.on_step is not None:
                 self.on_step(self.ids, self.block.batch)
         felt = padded(self.block.wrench.swapaxes(0, 1), self._shown)
-        self.memory = replace(self.memory, state=state, wrench_sensor=felt)
+        self.memory = replace(self.memory, state=state, wrench_sensor=felt, goal_pos_world=goal)
         over = np.asarray(self._recorded(step, np.asarray(command), before).over)
         self._leave_out(over)
         return not bool(over.all())
