@@ -32,7 +32,7 @@ LONG = {
     "hostile_results", "hostile_runs", "interrupts", "loss", "machine_paths", "memory", "mirror",
     "newton_solver",
     "numerics", "package", "paper", "parity", "parts", "plausible", "public", "reader", "requests",
-    "single_hole", "torch_twin", "tracker", "training", "types", "video", "viewer", "viser_access",
+    "single_hole", "sliding", "torch_twin", "tracker", "training", "types", "video", "viewer", "viser_access",
     "watchdog", "windows",
 }  # fmt: skip
 """Modules that compile an engine or a training, start processes, or sweep over thousands of wrong inputs:

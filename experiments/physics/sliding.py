@@ -4,9 +4,9 @@
 
 A loss of contact is a simulation step without contact points after one with some; MJX does not list them, so
 there it is a sample of less than ``NO_CONTACT_N``, also counted in the C engine. MuJoCo's friction cone is
-convex: at sliding speed v friction adds D μ b v to the normal force of a contact, b = 2 / (d slip_time); a
-peg that slides faster than F / (D μ b) under a push F is thrown off. Each variant changes one cause alone. For
-the coefficient of friction, a peg is dragged over the plate at constant speed.
+convex: at sliding speed v friction adds D μ b v to the normal force of a contact, b = 2 / (d slip_time). A
+peg that slides faster than F / (D μ b) under a push F is thrown off. Each variant changes one cause alone. A
+peg is also dragged over the plate at constant speed, which measures the coefficient of friction.
 """
 
 # pyright: reportAttributeAccessIssue=false

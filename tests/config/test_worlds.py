@@ -30,7 +30,7 @@ def test_an_unknown_world_is_one_line():
 
 
 def test_set_takes_precedence_over_the_world(capsys):
-    main(["config", "--world", "paper", "--set", "control.goal=step"])
-    out = capsys.readouterr().out
-    assert "0.05   Mu" in out
-    assert "step" in out
+    main(["config", "--world", "paper", "--set", "scene.slip_time_s=0.07"])
+    line = next(line for line in capsys.readouterr().out.splitlines() if "slip_time_s" in line)
+    assert " 0.07 " in line
+    assert " 0.05 " not in line

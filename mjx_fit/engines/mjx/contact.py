@@ -13,11 +13,10 @@ from functools import partial
 import jax.numpy as jnp
 import mujoco
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Int
 from mujoco import mjx
 
 from mjx_fit.engines.mjx import collision, friction_cones, newton_solver
-from mjx_fit.types import Array
 from mjx_fit.utils.linalg import cholesky_factor, cholesky_solve, worlds_last
 
 
@@ -59,9 +58,11 @@ def collide(model: mjx.Model, data: mjx.Data) -> mjx.Data:
         geom=jnp.broadcast_to(jnp.array([peg[0], plate[0]]), contact.geom.shape),
         friction=jnp.broadcast_to(jnp.stack([slide, slide, spin, roll, roll]), contact.friction.shape),
         solref=jnp.broadcast_to(model.geom_solref[peg[0]], contact.solref.shape),
-        solreffriction=jnp.broadcast_to(_slip_reference(model), contact.solreffriction.shape),
         solimp=jnp.broadcast_to(model.geom_solimp[peg[0]], contact.solimp.shape),
     )
+    if model.npair:  # one time constant of friction for all
+        reference = jnp.broadcast_to(model.pair_solreffriction[0], contact.solreffriction.shape)
+        contact = contact.replace(solreffriction=reference)
     return data.replace(_impl=data._impl.replace(contact=contact))
 
 
@@ -125,11 +126,6 @@ def integrate(model: mjx.Model, data: mjx.Data) -> mjx.Data:
 def _next_velocity(mass_matrix, damping, impulse, velocity):
     matrix = mass_matrix + jnp.eye(len(damping))[:, :, None] * damping
     return velocity + cholesky_solve(cholesky_factor(matrix), impulse)
-
-
-def _slip_reference(model: mjx.Model) -> Float[Array, "2"]:
-    """Return MuJoCo's solreffriction, the same for all pairs; zeros: that of the normal force."""
-    return model.pair_solreffriction[0] if model.npair else jnp.zeros(mujoco.mjNREF)
 
 
 def _geoms(model: mjx.Model, prefix: str) -> Int[np.ndarray, "n"]:
