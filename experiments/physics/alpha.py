@@ -50,7 +50,7 @@ def detectors() -> None:
     """Measure the success rate under each detector."""
     results = {}
     for kind in ("square", "disc"):
-        config = replace(Config(), detector=replace(Config().detector, kind=kind))
+        config = shared.config(f"detector.kind={kind}")
         peg = np.repeat(np.arange(N_TYPES), PER_SHAPE)
         others = mismatched_pairs(N_TYPES)
         others = others[np.arange(MISMATCHED_ATTEMPTS) % len(others)]
@@ -72,7 +72,7 @@ def detectors() -> None:
 
 def error() -> None:
     """Measure the success rate by distance of the estimate from the hole."""
-    config = Config()
+    config = shared.config()
     n = len(ERRORS_MM) * PER_ERROR
     mm = np.repeat(ERRORS_MM, PER_ERROR)
     rows: dict[str, list] = {}
@@ -86,7 +86,7 @@ def error() -> None:
 
 def sensitivity() -> None:
     """Measure the success rate with one setting changed, under ``disc``."""
-    base = replace(Config(), detector=replace(Config().detector, kind="disc"))
+    base = shared.config("detector.kind=disc")
     results = {"default": _matched_rate(base)}
     for path, values in VARIED.items():
         section, key = path.split(".")
@@ -132,7 +132,7 @@ def _figure(rows: dict[str, list]) -> Figure:
 
 if __name__ == "__main__":
     commands = {"detectors": detectors, "error": error, "sensitivity": sensitivity}
-    if len(sys.argv) != 2 or sys.argv[1] not in commands:
+    if len(sys.argv) < 2 or sys.argv[1] not in commands:
         raise SystemExit(__doc__)
     shared.begin()
     commands[sys.argv[1]]()

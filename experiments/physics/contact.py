@@ -31,7 +31,7 @@ runs into an edge is stopped within a few milliseconds, so an impact may exceed 
 
 def main() -> None:
     """Run the attempts and compute the statistics."""
-    config = Config()
+    config = shared.config()
     n_types = config.scene.n_types
     matched, others = np.arange(MATCHED) % n_types, mismatched_pairs(n_types)[np.arange(OTHERS) % 6]
     peg, hole = (np.concatenate([matched, others[:, side]]) for side in range(2))

@@ -26,7 +26,7 @@ STEPS = ACTIONS * SUBSTEPS
 
 def main() -> None:
     """Time the variants in turn, so that a slow period affects all of them."""
-    config = Config()
+    config = shared.config()
     attempts = attempts_of(config, WORLDS)
     torque, start = _recorded(config)
     engine = NativeEngine(config, 1)

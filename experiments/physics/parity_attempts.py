@@ -29,7 +29,7 @@ SUCCESS_MARGIN, FORCE_MARGIN = 0.06, 0.10
 
 def main() -> None:
     """Run the same attempts in both engines and compare the outcomes."""
-    config = Config()
+    config = shared.config()
     matched, others = np.arange(ATTEMPTS // 2) % config.scene.n_types, mismatched_pairs(config.scene.n_types)
     others = others[np.arange(ATTEMPTS // 2) % len(others)]
     peg, hole = np.concatenate([matched, others[:, 0]]), np.concatenate([matched, others[:, 1]])

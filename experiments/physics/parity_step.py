@@ -28,7 +28,7 @@ STEPS_BETWEEN = 170
 
 def main() -> None:
     """Compare smooth dynamics, accelerations and sensor readings from free states and states in contact."""
-    config = Config()
+    config = shared.config()
     scene = simulation_scene(config.scene)
     free, touching = _free_states(scene), _contact_states(config)
     results: dict = {"free_states": FREE, "contact_states": len(touching["pair"])}

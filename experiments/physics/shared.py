@@ -9,7 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
 
+from mjx_fit.config.files import read_config
 from mjx_fit.config.schema import Config
+from mjx_fit.config.worlds import world_file
 from mjx_fit.control.policies import SPIRAL
 from mjx_fit.data.schedule import draw_places
 from mjx_fit.report import script
@@ -26,14 +28,27 @@ def begin() -> None:
     process_setup.configure()
 
 
+def config(*changes: str) -> Config:
+    """Return the configuration of the world given by ``--world NAME``, the default world without it."""
+    return read_config(world_file(_world()), changes)
+
+
+def _world() -> str | None:
+    return sys.argv[sys.argv.index("--world") + 1] if "--world" in sys.argv else None
+
+
+def _suffix() -> str:
+    return f"_{_world()}" if _world() else ""
+
+
 def save(name: str, results: dict[str, Any]) -> None:
     """Write ``name.json``: results, command, versions and device."""
-    script.save(FOLDER / f"{name}.json", results)
+    script.save(FOLDER / f"{name}{_suffix()}.json", results)
 
 
 def draw(name: str, make: Callable[[], Figure]) -> None:
     """Write ``name.png`` in the style of all figures."""
-    script.draw(FOLDER / f"{name}.png", make)
+    script.draw(FOLDER / f"{name}{_suffix()}.png", make)
 
 
 def spiral_attempts(config: Config, use: str, peg: np.ndarray, hole: np.ndarray) -> Attempt:

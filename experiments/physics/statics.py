@@ -30,7 +30,7 @@ OFFSET_M = 0.045
 
 def main() -> None:
     """Press pegs of all shapes at random positions."""
-    config = Config()
+    config = shared.config()
     scene = simulation_scene(config.scene)
     rng = np.random.default_rng(0)
     torque = jax.jit(lambda arm, goal: operational_space.torque(arm, goal, config.control))
@@ -97,7 +97,7 @@ def _press(scene: Scene, config: Config, chain, torque, rng: np.random.Generator
 
 def _tare(scene: Scene, chain, rng: np.random.Generator) -> np.ndarray:
     """Measure |tared reading| (n, 6) at rest in free space across the workspace, one second after taring."""
-    config = Config()
+    config = shared.config()
     torque = jax.jit(lambda arm, goal: operational_space.torque(arm, goal, config.control))
     model = scene.models[0]
     rows = []

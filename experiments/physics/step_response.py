@@ -36,7 +36,7 @@ DT_S = 0.002
 
 def main() -> None:
     """Step in all directions from a grid of positions."""
-    config = Config()
+    config = shared.config()
     axes = [np.linspace(low, high, GRID) for low, high in PANDA.workspace_m]
     place = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 2)
     start = np.column_stack([place, np.full(len(place), HEIGHT_M)]).astype(np.float32)
