@@ -53,7 +53,7 @@ def shown(data: Episode, seed: int = 0, batch: int = 256) -> Attempts:
     def some(episodes: Episode) -> Reading:
         def one(episode: Episode):
             key = jax.random.fold_in(root, episode.episode)
-            return read_window(episode.rollout.felt, key, CONFIG.wrist, CONFIG.scene, Window(ACTIONS))
+            return read_window(episode.rollout.felt, key, CONFIG, Window(ACTIONS))
 
         return jax.vmap(one)(episodes)
 

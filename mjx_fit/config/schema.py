@@ -12,6 +12,7 @@ from pydantic.dataclasses import dataclass
 from mjx_fit.config import cross_section_rules, schema_errors, strict_yaml
 from mjx_fit.config.sections.fields import STRICT
 from mjx_fit.config.sections.learning import FIRST_SENSOR, FIRST_TRAIN, SensorConfig, TrainConfig
+from mjx_fit.config.sections.measurement import PoseConfig, WristConfig
 from mjx_fit.config.sections.task import TaskConfig
 from mjx_fit.config.sections.world import (
     ControlConfig,
@@ -20,7 +21,6 @@ from mjx_fit.config.sections.world import (
     SceneConfig,
     SequenceConfig,
     SpiralConfig,
-    WristConfig,
 )
 from mjx_fit.utils.errors import RequestError, shown
 
@@ -42,6 +42,7 @@ class Config:
     detector: DetectorConfig = DetectorConfig()
     sequence: SequenceConfig = SequenceConfig()
     wrist: WristConfig = WristConfig()
+    pose: PoseConfig = PoseConfig()
     task: TaskConfig = TaskConfig()
     sensor: SensorConfig = SensorConfig()
     train: TrainConfig = TrainConfig()

@@ -13,7 +13,7 @@ from mjx_fit.config.schema_errors import members, plain_and_limits
 
 WIDTH = 110
 """Maximum line width, characters."""
-SUFFIXES = {"m": "m", "s": "s", "n": "N", "nm": "N·m"}
+SUFFIXES = {"m": "m", "s": "s", "n": "N", "nm": "N·m", "rad": "rad"}
 """Units by the suffixes of names such as ``clearance_m``; other keys state theirs in the schema."""
 PURE = "1"
 """Unit of dimensionless numbers."""

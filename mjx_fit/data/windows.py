@@ -125,8 +125,7 @@ def _sample_one(episode: Episode, key: Key[Array, ""], config: Config) -> tuple[
         reading=read_window(
             rollout.felt,
             noise_key,
-            config.wrist,
-            config.scene,
+            config,
             Window(train.max_window, start=start, count=count),
         ),
         prior=_prior(episode, prior_key, config.scene.n_types),

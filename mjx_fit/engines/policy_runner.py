@@ -4,11 +4,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Float, Int, Key
 
-from mjx_fit.config.sections.world import WristConfig
+from mjx_fit.config.schema import Config
+from mjx_fit.config.sections.measurement import PoseConfig
 from mjx_fit.control.policies import Policy, PolicyInput, PolicyStart, State, start_of
 from mjx_fit.engines.attempt_rules import Tip
 from mjx_fit.sensors import force_torque
-from mjx_fit.types import SUBSTEPS, Array, Attempt, pytree
+from mjx_fit.sensors.pose import is_exact, measured_trace
+from mjx_fit.types import SUBSTEPS, Array, Attempt, Trace, pytree
 
 _NOISE = 2**21
 """Offset that separates the noise keys of the F/T sensor from the keys that policies derive."""
@@ -45,21 +47,27 @@ def begin(
 
 
 def act(
-    policy: Policy, wrist: WristConfig, horizon: int, memory: Memory, tip: Tip, step: Int[Array, ""]
+    policy: Policy, config: Config, horizon: int, memory: Memory, tip: Tip, step: Int[Array, ""]
 ) -> tuple[State, Float[Array, "3"]]:
     """Compute the policy's new state and its command (m) for one action.
 
     Args:
         policy: The policy.
-        wrist: Noise and contact threshold of the F/T sensor.
+        config: Defines the errors of the F/T sensor and of the poses, and the contact threshold.
         horizon: Number of actions that the policy plans for.
         memory: Memory with the wrenches of the previous action.
         tip: TCP state at the start of the action.
         step: Index j of the action.
     """
-    tare_key, noise_key = jax.random.split(jax.random.fold_in(memory.key, _NOISE))
+    key = jax.random.fold_in(memory.key, _NOISE)
+    tare_key, noise_key = jax.random.split(key)
+    error_key, offset_key, pose_key = (jax.random.fold_in(key, number) for number in range(3))
+    wrist = config.wrist
     tare = force_torque.measured_tare(memory.tare_sensor, tare_key, wrist)
-    wrench = force_torque.measured(memory.wrench_sensor, tare, jax.random.fold_in(noise_key, step), wrist)
+    clean = force_torque.distorted(memory.wrench_sensor[None], memory.tare_sensor, error_key, wrist, step)
+    wrench = force_torque.measured(clean[0], tare, jax.random.fold_in(noise_key, step), wrist)
+    if not is_exact(config.pose):
+        tip = _measured(tip, offset_key, jax.random.fold_in(pose_key, step), config.pose)
     seen = PolicyInput(
         start=memory.start,
         attempt_key=memory.key,
@@ -74,3 +82,19 @@ def act(
         horizon=horizon,
     )
     return policy.act(memory.state, seen)
+
+
+def _measured(tip: Tip, offset_key: Key[Array, ""], noise_key: Key[Array, ""], pose: PoseConfig) -> Tip:
+    """Return pose and twist as the robot measures them."""
+    row = Trace(
+        wrench_sensor=jnp.zeros((1, SUBSTEPS, 6)),
+        tip_pos_world=tip.pos_world[None],
+        tip_quat_world=tip.quat_world[None],
+        tip_linvel_world=tip.linvel_world[None],
+        tip_angvel_world=tip.angvel_world[None],
+        action_world=jnp.zeros((1, 3)),
+    )
+    seen = measured_trace(row, offset_key, noise_key, pose)
+    return Tip(
+        seen.tip_pos_world[0], seen.tip_quat_world[0], seen.tip_linvel_world[0], seen.tip_angvel_world[0]
+    )

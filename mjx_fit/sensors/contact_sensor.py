@@ -5,12 +5,14 @@ from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from flax import nnx
 from jaxtyping import Float
 
 from mjx_fit.config.sections.learning import SensorConfig
 from mjx_fit.sensors.encoder import WRENCH_AXES, TraceEncoder
 from mjx_fit.sensors.heads import MatchModel, PositionNoise, SkipMLP
+from mjx_fit.sensors.pose import rotation_from_down
 from mjx_fit.sensors.traces import require_reading
 from mjx_fit.types import Array, Observation, Reading
 
@@ -19,6 +21,12 @@ ROW_FEATURES = 3 + 4 + 3 + 3 + 1 + 3
 CONTACT_FEATURES = 6 + 6 + 2 + 2
 MIN_INPUT_STD = 1e-4
 """Smallest input standard deviation, SI units: inputs with less variation are not scaled up further."""
+MEASURABLE = np.array(
+    [1e-4] * 3 + [2.5e-4] * 3 + [2e-3] * 3 + [2e-3] * 3 + [1e-2] * 3 + [0.1] + [1e-4] * CONTACT_FEATURES,
+    np.float32,
+)
+"""What a robot can tell apart, for inputs with a rotation vector: command, position (0.25 mm), rotation
+(0.1°), velocities, contact, and features of the wrench; smaller standard deviations are not scaled up."""
 
 
 class InputScale(nnx.Variable):
@@ -43,8 +51,8 @@ class ContactSensor(nnx.Module):
         """
         self.from_final_position = config.reference == "final"
         self.wrench_scale = InputScale(jnp.stack([jnp.zeros(WRENCH_AXES), jnp.ones(WRENCH_AXES)]))
-        self.tells_contact = config.contact_features
-        n_rows = ROW_FEATURES + CONTACT_FEATURES * config.contact_features
+        self.tells_contact, self.rotation = config.contact_features, config.rotation
+        n_rows = ROW_FEATURES - (self.rotation == "vector") + CONTACT_FEATURES * self.tells_contact
         self.row_scale = InputScale(jnp.stack([jnp.zeros(n_rows), jnp.ones(n_rows)]))
         self.trace_encoder = TraceEncoder(config, n_rows, rngs)
         code_width = self.trace_encoder.out_features + config.width
@@ -94,10 +102,13 @@ class ContactSensor(nnx.Module):
         if self.from_final_position:
             reading = seen_from(reading, final_position(reading))
         self.wrench_scale[...] = _moments(reading.wrench_sensor, reading.mask[..., None])
-        self.row_scale[...] = _moments(self._rows(reading), reading.mask)
+        scale = _moments(self._rows(reading), reading.mask)
+        if self.rotation == "vector":
+            scale = scale.at[1].set(jnp.maximum(scale[1], MEASURABLE[: scale.shape[1]]))
+        self.row_scale[...] = scale
 
     def _rows(self, reading: Reading) -> Float[Array, "*batch L features"]:
-        rows = row_features(reading)
+        rows = row_features(reading, self.rotation)
         return jnp.concatenate([rows, contact_features(reading)], axis=-1) if self.tells_contact else rows
 
 
@@ -113,13 +124,20 @@ def seen_from(reading: Reading, origin: Float[Array, "n 2"]) -> Reading:
     return replace(reading, tip_pos_estimate=reading.tip_pos_estimate - offset)
 
 
-def row_features(reading: Reading) -> Float[Array, "*batch L features"]:
-    """Concatenate the inputs of a token other than its wrench window, in SI units."""
+def row_features(reading: Reading, rotation: str = "quaternion") -> Float[Array, "*batch L features"]:
+    """Concatenate the inputs of a token other than its wrench window, in SI units.
+
+    Args:
+        reading: Reading with any batch axes.
+        rotation: Representation of the orientation, see ``SensorConfig``.
+    """
     return jnp.concatenate(
         [
             reading.action_world,
             reading.tip_pos_estimate,
-            reading.tip_quat_world,
+            reading.tip_quat_world
+            if rotation == "quaternion"
+            else rotation_from_down(reading.tip_quat_world),
             reading.tip_linvel_world,
             reading.tip_angvel_world,
             reading.contact[..., None],

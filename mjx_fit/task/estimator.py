@@ -134,7 +134,7 @@ def readings(
     rows = felt.trace.action_world.shape[1]
 
     def one(attempt: Felt, key: Key[Array, ""]) -> Reading:
-        return read_window(attempt, key, config.wrist, config.scene, Window(rows, count=count))
+        return read_window(attempt, key, config, Window(rows, count=count))
 
     return jax.vmap(one)(felt, keys)
 

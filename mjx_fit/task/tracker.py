@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mjx_fit.config.schema import Config
-from mjx_fit.config.sections.world import WristConfig
+from mjx_fit.config.sections.measurement import WristConfig
 from mjx_fit.engines.requests import require_count
 from mjx_fit.filters.outcome_model import success_probability
 from mjx_fit.filters.updates import initial_belief

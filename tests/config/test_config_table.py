@@ -13,6 +13,7 @@ from mjx_fit.config.table import WIDTH, Key, as_text, keys
 from mjx_fit.utils import resources
 
 PURE = {
+    *("wrist.gain_error", "wrist.cross_talk"),
     *(
         "scene.friction",
         "scene.contact_impedance",

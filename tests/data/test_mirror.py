@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from synthetic import make_rollouts
 
 from mjx_fit.config.schema import Config
-from mjx_fit.config.sections.world import WristConfig
+from mjx_fit.config.sections.measurement import WristConfig
 from mjx_fit.control import policies
 from mjx_fit.data.mirror import mirror_belief, mirror_place, mirror_reading
 from mjx_fit.engines.native.engine import NativeEngine
@@ -55,7 +55,7 @@ def test_the_mirrored_reading_is_that_of_the_mirrored_world():
         done = NativeEngine(config, threads=2, policy=circle(side)).run(attempts(side), ACTIONS)
         assert touched(done.felt, config.wrist)[:, 1:].any(1).all()
         readings.append(
-            jax.vmap(lambda one, key: read_window(one, key, SILENT, config.scene, Window(ACTIONS)))(
+            jax.vmap(lambda one, key: read_window(one, key, replace(config, wrist=SILENT), Window(ACTIONS)))(
                 jax.tree.map(jnp.asarray, done.felt), jax.random.split(jax.random.key(1), 9)
             )
         )

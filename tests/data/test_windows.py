@@ -12,7 +12,7 @@ from synthetic import make_episodes, with_truth
 
 from mjx_fit.config.schema import Config
 from mjx_fit.config.sections.learning import TrainConfig
-from mjx_fit.config.sections.world import WristConfig
+from mjx_fit.config.sections.measurement import WristConfig
 from mjx_fit.data.split import split_sequences
 from mjx_fit.data.windows import MIN_ACTIONS, chains, sample_windows, usable
 from mjx_fit.scene.parts import plate_top_m

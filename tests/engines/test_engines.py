@@ -306,7 +306,7 @@ def test_noise_of_a_reading_depends_on_its_key_alone(rollouts):
 
     def noise(rollouts, rows):
         def one(rollout, key):
-            reading = read_window(rollout.felt, key, CONFIG.wrist, CONFIG.scene, Window(4))
+            reading = read_window(rollout.felt, key, CONFIG, Window(4))
             clean = rollout.felt.trace.wrench_sensor - rollout.felt.tare_sensor
             return jnp.where(reading.mask[:, None, None], reading.wrench_sensor - clean, 0)
 

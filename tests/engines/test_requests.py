@@ -253,7 +253,7 @@ def test_keys_of_noise_are_keys_one_for_each(sensor):
 
 def test_one_trace_is_read_as_it_is_or_refused():
     one = jax.tree.map(lambda leaf: leaf[1], sound())
-    read_window(one, KEYS[0], CONFIG.wrist, CONFIG.scene, Window(3))
+    read_window(one, KEYS[0], CONFIG, Window(3))
     for what, wrong in (
         (r"shape \(3, 12, 6\)", traced(one, wrench_sensor=one.trace.wrench_sensor[:, :12])),
         (
@@ -262,7 +262,7 @@ def test_one_trace_is_read_as_it_is_or_refused():
         ),
     ):
         with pytest.raises(RequestError, match=what):
-            read_window(wrong, KEYS[0], CONFIG.wrist, CONFIG.scene, Window(3))
+            read_window(wrong, KEYS[0], CONFIG, Window(3))
 
 
 def test_a_sensor_refuses_readings_that_are_none(sensor):

@@ -45,7 +45,7 @@ def drag(world: str, speed_mps: float, friction: float) -> tuple[np.ndarray, np.
     attempts = Attempt(kind, kind, hole, beside, jnp.arange(4), jax.random.split(jax.random.key(0), 4))
     felt = engine.run(attempts, actions).felt
     wrench = felt.trace.wrench_sensor - felt.tare_sensor[:, None, None]
-    return touching, wrench[:, -5:].reshape(4, -1, 6)
+    return touching, np.asarray(wrench)[:, -5:].reshape(4, -1, 6)
 
 
 def losses_per_s(touching: np.ndarray) -> float:

@@ -94,9 +94,7 @@ def test_an_observation_is_of_the_first_actions_with_the_noise_of_the_episode(ac
     def alone(i, actions):
         one = jax.tree.map(lambda leaf: leaf[i], data)
         key = jax.random.fold_in(root, one.episode)
-        return say(
-            sensor, read_window(one.rollout.felt, key, config.wrist, config.scene, Window(actions))
-        ).innovation
+        return say(sensor, read_window(one.rollout.felt, key, config, Window(actions))).innovation
 
     seen = held_out.observe(sensor, data, ids, actions, config, seed=5)
     want = np.array([alone(i, actions) for i in ids])

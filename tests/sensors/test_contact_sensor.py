@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic import PAPER_SENSOR, make_rollouts
 
+from mjx_fit.config.schema import Config
 from mjx_fit.config.sections.learning import SensorConfig
-from mjx_fit.config.sections.world import SceneConfig, WristConfig
 from mjx_fit.sensors.contact_sensor import (
     MIN_INPUT_STD,
     ContactSensor,
@@ -36,9 +36,7 @@ ROWS = 12
 def make_reading(episodes: int = 6, rows: int = ROWS, seed: int = 0) -> Reading:
     data = make_rollouts(episodes, actions=ROWS, seed=seed, min_length=3).felt
     keys = jax.random.split(jax.random.key(seed), episodes)
-    return jax.vmap(lambda one, key: read_window(one, key, WristConfig(), SceneConfig(), Window(rows)))(
-        data, keys
-    )
+    return jax.vmap(lambda one, key: read_window(one, key, Config(), Window(rows)))(data, keys)
 
 
 def make_sensor(config: SensorConfig = SMALL) -> ContactSensor:
@@ -177,6 +175,26 @@ def test_inputs_are_scaled_by_the_real_rows_only():
     ):
         np.testing.assert_allclose(scale[0], rows.mean(0), rtol=1e-3, atol=1e-4)
         np.testing.assert_allclose(scale[1], np.maximum(rows.std(0), MIN_INPUT_STD), rtol=1e-3)
+
+
+def test_a_rotation_vector_does_not_depend_on_the_sign_of_a_quaternion():
+    sensor, reading = make_sensor(replace(SMALL, rotation="vector")), make_reading()
+    sensor.fit_input_scale(reading)
+    negated = replace(reading, tip_quat_world=-reading.tip_quat_world)
+    both = (jax.tree.leaves(observe(sensor, one)) for one in (reading, negated))
+    for one, other in zip(*both, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-6)
+
+
+def test_nothing_is_scaled_up_beyond_what_a_robot_measures():
+    """A tilt of hundredths of a degree is a perfect torque sensor in a simulator, and noise on a robot."""
+    sensor, reading = make_sensor(replace(SMALL, rotation="vector")), make_reading(32)
+    quat = reading.tip_quat_world * 1e-5 + jnp.array([0.0, 1.0, 0.0, 0.0])
+    flat = replace(reading, tip_quat_world=quat, tip_pos_estimate=reading.tip_pos_estimate * 1e-6)
+    sensor.fit_input_scale(flat)
+    scale = np.asarray(sensor.row_scale[...])[1]
+    assert (scale[3:6] >= 2.5e-4).all()
+    assert (scale[6:9] >= np.deg2rad(0.1)).all()
 
 
 def test_scaling_is_stored_and_not_trained():

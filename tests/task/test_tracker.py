@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from places import EXPERIMENTS
 
 import mjx_fit as mf
-from mjx_fit.config.sections.world import WristConfig
+from mjx_fit.config.sections.measurement import WristConfig
 from mjx_fit.filters.updates import initial_belief
 from mjx_fit.task.estimator import filter_update
 

@@ -17,7 +17,7 @@ from places import EARLIER_RUN
 from synthetic import PAPER_SENSOR, PAPER_TRAINING, make_episodes
 
 from mjx_fit.cli import main
-from mjx_fit.config.sections.world import WristConfig
+from mjx_fit.config.sections.measurement import WristConfig
 from mjx_fit.sensors.force_torque import Window, read_window
 from mjx_fit.training.checkpoint import load_sensor
 
@@ -44,7 +44,8 @@ SMALL = {
 def test_a_checkpoint_of_an_earlier_commit_says_what_it_said():
     sensor, config = load_sensor(EARLIER)
     felt = make_episodes(6, actions=8).rollout.felt
-    readings = jax.vmap(lambda one: read_window(one, jax.random.key(0), CLEAN, config.scene, Window(8)))(felt)
+    clean = dataclasses.replace(config, wrist=CLEAN)
+    readings = jax.vmap(lambda one: read_window(one, jax.random.key(0), clean, Window(8)))(felt)
     bits = (EARLIER / "contact.json").read_text()  # a draw, before contact was told from force
     readings = dataclasses.replace(readings, contact=jnp.asarray(json.loads(bits), jnp.float32))
     for name, want in json.loads((EARLIER / "observation.json").read_text()).items():

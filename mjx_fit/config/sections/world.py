@@ -169,23 +169,3 @@ class SequenceConfig:
         if self.min_std_m > self.max_std_m:
             raise ValueError(f"min_std_m: {self.min_std_m} is invalid: expected at most max_std_m")
         return self
-
-
-@dataclass(frozen=True, config=STRICT)
-class WristConfig:
-    """Wrist force/torque (F/T) sensor. Noise: Robotiq FT 300-S, 1 σ per sample.
-
-    Attributes:
-        force_noise_n: Noise σ of Fx, Fy and Fz.
-        torque_xy_noise_nm: Noise σ of Tx and Ty.
-        torque_z_noise_nm: Noise σ of Tz.
-        tare_samples: Samples averaged for the tare. 100,000 take 200 s.
-        contact_force_n: RMS force that counts as contact. It is tared and taken over one action; noise alone
-            gives √3 σ.
-    """
-
-    force_noise_n: Annotated[float, Field(ge=0, le=30)] = 0.1
-    torque_xy_noise_nm: Annotated[float, Field(ge=0, le=3)] = 0.005
-    torque_z_noise_nm: Annotated[float, Field(ge=0, le=3)] = 0.003
-    tare_samples: Annotated[int, Field(ge=1, le=100_000, json_schema_extra={"unit": "samples"})] = 50
-    contact_force_n: Annotated[float, Field(ge=0.01, le=50)] = 1.0

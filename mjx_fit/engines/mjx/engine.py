@@ -159,7 +159,7 @@ class World:
             data, running, limited, memory = carry
             arm = arm_state(model, data, self.scene)
             tip = attempt_rules.tip_of(arm)
-            state, command = policy_runner.act(self.policy, self.config.wrist, horizon, memory, tip, step)
+            state, command = policy_runner.act(self.policy, self.config, horizon, memory, tip, step)
             goal = arm.tip_pos_world + command
             after, wrench = self.drive(model, data, memory.goal_pos_world, goal)
             tip = attempt_rules.tip_of(arm_state(model, after, self.scene))

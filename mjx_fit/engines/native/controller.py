@@ -78,7 +78,7 @@ class Brain:
 
     def _act(self, memory: Memory, packed: Float[Array, "k"], step, horizon: int):
         tip = self._tip(packed)
-        state, command = policy_runner.act(self._policy, self.config.wrist, horizon, memory, tip, step)
+        state, command = policy_runner.act(self._policy, self.config, horizon, memory, tip, step)
         return state, command, tip.pos_world + command
 
     def _tip(self, packed: Float[Array, "k"]) -> Tip:

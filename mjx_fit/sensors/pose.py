@@ -1,0 +1,102 @@
+"""Measurement of pose and twist of the TCP: delay, calibration, noise and resolution of one reading."""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Float, Key
+
+from mjx_fit.config.sections.measurement import PoseConfig
+from mjx_fit.types import Array, Trace
+from mjx_fit.utils.rates import ACTION_S
+
+
+def measured_trace(
+    trace: Trace, offset_key: Key[Array, ""], noise_key: Key[Array, ""], pose: PoseConfig
+) -> Trace:
+    """Return the trace of one attempt with pose and twist as a robot measures them; commands stay.
+
+    A pose of the past is extrapolated with the velocity of its row: x(t - τ) = x - τ v; the velocity of the
+    past is interpolated between rows. The offsets of position and height are constant over the rows.
+
+    Args:
+        trace: Rows of one attempt (L, ...), exact.
+        offset_key: Random key of the errors that are constant in an attempt.
+        noise_key: Random key of the noise.
+        pose: The errors.
+    """
+    delayed = _delayed(trace, pose.delay_s) if pose.delay_s else trace
+    keys = jax.random.split(noise_key, 4)
+    shape = trace.tip_pos_world.shape
+
+    def noise(i: int, std: float) -> Float[Array, "L 3"]:
+        return std * jax.random.normal(keys[i], shape) if std else jnp.zeros(shape)
+
+    sizes = jnp.array([pose.position_offset_m, pose.position_offset_m, pose.height_offset_m])
+    offset = sizes * jax.random.normal(offset_key, (3,))
+    position = delayed.tip_pos_world + offset + noise(0, pose.position_noise_m)
+    rotation = rotation_from_down(turned(delayed.tip_quat_world, noise(1, pose.orientation_noise_rad)))
+    return replace(
+        trace,
+        tip_pos_world=_rounded(position, pose.position_step_m),
+        tip_quat_world=from_down(_rounded(rotation, pose.orientation_step_rad)),
+        tip_linvel_world=delayed.tip_linvel_world + noise(2, pose.linear_noise_mps),
+        tip_angvel_world=delayed.tip_angvel_world + noise(3, pose.angular_noise_radps),
+    )
+
+
+def is_exact(pose: PoseConfig) -> bool:
+    """Return True if poses are measured without any error."""
+    return pose == PoseConfig()
+
+
+def canonical(quat: Float[Array, "*n 4"]) -> Float[Array, "*n 4"]:
+    """Return the same rotation with x >= 0: a quaternion and its negative are one rotation."""
+    return jnp.where(quat[..., 1:2] < 0, -quat, quat)
+
+
+def turned(quat_world: Float[Array, "*n 4"], rotation_world: Float[Array, "*#n 3"]) -> Float[Array, "*n 4"]:
+    """Turn an orientation by a rotation vector in the world frame (rad): exp(φ) q."""
+    half = 0.5 * rotation_world
+    angle = jnp.linalg.norm(half, axis=-1, keepdims=True)
+    sine = half * jnp.sinc(angle / jnp.pi)
+    cosine = jnp.cos(angle)
+    w, v = quat_world[..., :1], quat_world[..., 1:]
+    scalar = cosine * w - (sine * v).sum(-1, keepdims=True)
+    return jnp.concatenate([scalar, cosine * v + w * sine + jnp.cross(sine, v)], axis=-1)
+
+
+def rotation_from_down(quat_world: Float[Array, "*n 4"]) -> Float[Array, "*n 3"]:
+    """Compute the rotation vector from straight down, (0, 1, 0, 0), to an orientation, world frame, rad.
+
+    It is log(q q_down⁻¹), the same for q and -q, and small in an attempt.
+    """
+    w, x, y, z = jnp.moveaxis(canonical(quat_world), -1, 0)
+    vector = jnp.stack([-w, -z, y], axis=-1)
+    # Regularised under the root, so that the derivative at the identity is finite.
+    sine = jnp.sqrt((vector**2).sum(-1) + 1e-20)
+    return vector * (2 * jnp.arctan2(sine, x) / sine)[..., None]
+
+
+def from_down(rotation_world: Float[Array, "*n 3"]) -> Float[Array, "*n 4"]:
+    """Return the orientation with this rotation vector from straight down; see ``rotation_from_down``."""
+    down = jnp.broadcast_to(jnp.array([0.0, 1.0, 0.0, 0.0]), (*rotation_world.shape[:-1], 4))
+    return turned(down, rotation_world)
+
+
+def _delayed(trace: Trace, delay_s: float) -> Trace:
+    def before(velocity: Float[Array, "L 3"]) -> Float[Array, "L 3"]:
+        last = jnp.concatenate([velocity[:1], velocity[:-1]])
+        return velocity + (last - velocity) * (delay_s / ACTION_S)
+
+    return replace(
+        trace,
+        tip_pos_world=trace.tip_pos_world - delay_s * trace.tip_linvel_world,
+        tip_quat_world=turned(trace.tip_quat_world, -delay_s * trace.tip_angvel_world),
+        tip_linvel_world=before(trace.tip_linvel_world),
+        tip_angvel_world=before(trace.tip_angvel_world),
+    )
+
+
+def _rounded(value: Float[Array, "L 3"], step: float) -> Float[Array, "L 3"]:
+    return jnp.round(value / step) * step if step else value
