@@ -18,7 +18,7 @@ from mjx_fit.training.checkpoint import load_sensor
 from mjx_fit.utils import resources
 from mjx_fit.utils.errors import RequestError
 
-REQUESTS = "acc22c8598af80c8c86f74ddb97c2476"
+REQUESTS = "d0e62883059ec14fb34a9dae95dca8bf"
 """Digest of two requests as they were stored when the paper's sensor and training were the defaults."""
 
 
