@@ -104,7 +104,7 @@ class ContactSensor(nnx.Module):
         self.wrench_scale[...] = _moments(reading.wrench_sensor, reading.mask[..., None])
         scale = _moments(self._rows(reading), reading.mask)
         if self.rotation == "vector":
-            scale = scale.at[1].set(jnp.maximum(scale[1], MEASURABLE[: scale.shape[1]]))
+            scale = jnp.stack([scale[0], jnp.maximum(scale[1], MEASURABLE[: scale.shape[1]])])
         self.row_scale[...] = scale
 
     def _rows(self, reading: Reading) -> Float[Array, "*batch L features"]:
