@@ -26,7 +26,7 @@ Commands = argparse._SubParsersAction
 
 
 def add_evaluate(parsers: Commands) -> None:
-    """Add ``evaluate attempt``, ``position``, ``insertion``, ``assembly`` and ``calibration``."""
+    """Add all experiments."""
     commands = parsers.add_parser("evaluate", help="run an experiment").add_subparsers(
         required=True, metavar="EXPERIMENT"
     )
@@ -34,6 +34,7 @@ def add_evaluate(parsers: Commands) -> None:
     _add_assembly(commands)
     _add_position(commands)
     _add_insertion(commands)
+    _add_robustness(commands)
     _add_calibration(commands)
 
 
@@ -77,6 +78,28 @@ def _add_insertion(commands: Commands) -> None:
         help="seeds of the exploration noise for each draw (default 5)",
     )
     _with_trials(parser, 150, "draws of a hole and its detection")
+
+
+def _add_robustness(commands: Commands) -> None:
+    parser = add_command(
+        commands,
+        "robustness",
+        robustness,
+        "measure error and calibration under perturbed physics and readings",
+        resumes=True,
+    )
+    parser.add_argument("--run", type=path, metavar="RUN", help=RUN)
+    parser.add_argument("--out", type=path, required=True, metavar="FILE.json")
+    parser.add_argument(
+        "--trials",
+        type=int,
+        default=500,
+        metavar="N",
+        help="mismatched holes under each perturbation, and half as many matching ones (default 500)",
+    )
+    parser.add_argument("--perturbations", metavar="A,B", help="names (default: all; see the guide)")
+    simulating(parser)
+    configurable(parser)
 
 
 def _add_calibration(commands: Commands) -> None:
@@ -148,6 +171,20 @@ def _evaluate(experiment: "Callable[[Request], Result]", args: argparse.Namespac
         request = replace(request, methods=args.methods, seeds=getattr(args, "seeds", 1))
         request = request.with_sensors_of(run_of(args))
     print_summary(experiment(request))
+
+
+def robustness(args: argparse.Namespace) -> None:
+    """Run ``evaluate robustness``."""
+    from mjx_fit.engines.select import make_engine
+    from mjx_fit.evaluation.perturbations import PERTURBATIONS
+    from mjx_fit.evaluation.request import Request
+    from mjx_fit.evaluation.robustness import robustness
+    from mjx_fit.report.terminal import print_summary
+
+    config = config_of(args)
+    engine = make_engine(args.engine, config)
+    request = Request(config, args.out, engine, args.trials, args.seed).with_sensors_of(run_of(args))
+    print_summary(robustness(request, args.perturbations or ",".join(PERTURBATIONS)))
 
 
 def calibration(args: argparse.Namespace) -> None:

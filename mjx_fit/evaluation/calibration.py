@@ -1,11 +1,10 @@
 """Calibration experiment: trained sensors on held-out attempts."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Int
 
 from mjx_fit.config.schema import Config
 from mjx_fit.data import reader
@@ -14,7 +13,7 @@ from mjx_fit.data.manifest import read_manifest
 from mjx_fit.engines.select import resolve
 from mjx_fit.evaluation import held_out, result_file, scores
 from mjx_fit.evaluation.results import Result
-from mjx_fit.evaluation.statistics import Interval, Row, bootstrap_mean
+from mjx_fit.evaluation.statistics import Row, bootstrap_mean, bootstrap_score
 from mjx_fit.training.compatibility import require_new, require_world
 from mjx_fit.training.sensor_loader import TrainedSensor, load_baseline, load_trained_sensor
 from mjx_fit.training.split import require_sound
@@ -200,23 +199,5 @@ def _match_rows(method: str, group: _Trials, prefix: str, names: tuple[str, ...]
             ("match_auroc", scores.auroc),
             ("match_balanced_accuracy", lambda p, y: scores.balanced_accuracy(p > 0.5, y)),
         ):
-            rows.append(Row.of(method, metric, name, _bootstrap(measure, score, positive, clusters), n))
+            rows.append(Row.of(method, metric, name, bootstrap_score(measure, score, positive, clusters), n))
     return rows
-
-
-def _bootstrap(
-    measure: Callable[[np.ndarray, np.ndarray], float],
-    score: Float[np.ndarray, " n"],
-    positive: np.ndarray,
-    clusters: np.ndarray,
-) -> Interval:
-    """Compute a score and its percentile interval by a bootstrap over clusters."""
-    names, index = np.unique(clusters, return_inverse=True)
-    members = np.split(np.argsort(index, kind="stable"), np.cumsum(np.bincount(index))[:-1])
-    rng = np.random.default_rng(0)
-    values = []
-    for _ in range(RESAMPLES):
-        drawn = np.concatenate([members[k] for k in rng.integers(len(names), size=len(names))])
-        values.append(measure(score[drawn], positive[drawn]))
-    low, high = np.nanquantile(values, [0.025, 0.975])
-    return Interval(measure(score, positive), float(low), float(high))

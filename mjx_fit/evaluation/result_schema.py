@@ -182,6 +182,13 @@ def _position(trial: dict[str, Any], first: dict[str, Any], names: set[str]) -> 
         yield f"inserted_at: {trial['inserted_at']} is invalid: there are {places - 1} attempts"
 
 
+def _robustness(trial: dict[str, Any], first: dict[str, Any], names: set[str]) -> Iterator[str]:
+    yield from _unknown("pair", trial["pair"], names)
+    places = len(first["error_cm"])
+    for column in ("error_cm", "squared_mahalanobis", "match_probability"):
+        yield from _other_length(column, trial[column], places, "the first trial")
+
+
 def _insertion(trial: dict[str, Any], _: dict[str, Any], names: set[str]) -> Iterator[str]:
     yield from _unknown("shape", [trial["shape"]], names)
     yield from _other_length("peak_force_n", trial["peak_force_n"], trial["attempts"], "attempts")
@@ -198,6 +205,7 @@ _CHECKS: dict[str, Callable[[dict[str, Any], dict[str, Any], set[str]], Iterator
     "calibration": _calibration,
     "insertion": _insertion,
     "position": _position,
+    "robustness": _robustness,
 }
 
 

@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -133,6 +133,31 @@ def bootstrap_ratio(
     times = _times_drawn(len(above), seed)
     low, high = np.quantile((times @ above) / (times @ below), _ENDS)
     return Interval(ratio, float(low), float(high))
+
+
+def bootstrap_score(
+    measure: Callable[[Float[np.ndarray, " n"], Bool[np.ndarray, " n"]], float],
+    score: Float[np.ndarray, " n"],
+    positive: Bool[np.ndarray, " n"],
+    clusters: Sequence[int] | Int[np.ndarray, " n"],
+) -> Interval:
+    """Compute a measure of a classification with its percentile interval by a bootstrap over clusters.
+
+    Args:
+        measure: Function of scores and classes, such as ``scores.auroc``; NaN where it is undefined.
+        score: Score of each row.
+        positive: Class of each row.
+        clusters: Cluster of each row.
+    """
+    names, index = np.unique(clusters, return_inverse=True)
+    members = np.split(np.argsort(index, kind="stable"), np.cumsum(np.bincount(index))[:-1])
+    rng = np.random.default_rng(0)
+    values = []
+    for _ in range(RESAMPLES):
+        drawn = np.concatenate([members[k] for k in rng.integers(len(names), size=len(names))])
+        values.append(measure(score[drawn], positive[drawn]))
+    low, high = np.nanquantile(values, _ENDS)
+    return Interval(measure(score, positive), float(low), float(high))
 
 
 def _times_drawn(n: int, seed: int) -> Int[np.ndarray, "resamples n"]:

@@ -105,6 +105,24 @@ class PositionTrial(TypedDict):
     inserted_wrongly: NotRequired[bool]
 
 
+class RobustnessTrial(TypedDict):
+    """One trial of the robustness experiment: consecutive attempts at one hole under one perturbation.
+
+    ``match_probability`` is the belief that the hole matches the peg; other keys as in ``PositionTrial``.
+    """
+
+    __pydantic_config__ = STRICT  # pyright: ignore[reportGeneralTypeIssues]
+
+    trial: Whole
+    method: Name
+    perturbation: Name
+    pair: Pair
+    error_cm: Annotated[list[Size], Field(min_length=2, max_length=MAX_ATTEMPTS)]
+    squared_mahalanobis: list[Size]
+    match_probability: list[Probability]
+    inserted_at: Count | None
+
+
 class InsertionTrial(TypedDict):
     """One trial of the insertion experiment: a draw of hole and detection with a seed of exploration noise.
 
@@ -152,5 +170,6 @@ KINDS: dict[str, TypeAdapter[Any]] = {
     "calibration": TypeAdapter(list[CalibrationTrial]),
     "insertion": TypeAdapter(list[InsertionTrial]),
     "position": TypeAdapter(list[PositionTrial]),
+    "robustness": TypeAdapter(list[RobustnessTrial]),
 }
 """Schema of the trials of each experiment."""

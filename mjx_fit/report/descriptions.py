@@ -9,6 +9,8 @@ _EXPERIMENTS = {
     "trial counts one attempt more than the maximum.",
     "assembly": "The robot inserts one peg after another into a hole of its type; type and position of each "
     "hole are uncertain. A human intervenes when a peg reaches the maximum number of attempts.",
+    "robustness": "Position error, calibration and match classification over consecutive attempts at one "
+    "hole, in perturbed worlds and with perturbed readings; the same holes throughout.",
     "calibration": "Posterior after one update from each failed attempt of a data set: its error, and "
     "whether it is calibrated.",
 }

@@ -53,6 +53,8 @@ class Outcome:
         mean_world: Mean position before the first and after each attempt, (T, K + 1, 2), m. It stays constant
             after an insertion; the insertion position never replaces it.
         cov: Covariance of the position, (T, K + 1, 2, 2), m².
+        match_probability: Probability that the hole matches the peg, before the first and after each attempt,
+            (T, K + 1).
         peak_force_n: Peak tared force of each attempt, (T, K), N; NaN for attempts that were not made.
     """
 
@@ -60,6 +62,7 @@ class Outcome:
     attempts: Int[np.ndarray, "T"]
     mean_world: Float[np.ndarray, "T after 2"]
     cov: Float[np.ndarray, "T after 2 2"]
+    match_probability: Float[np.ndarray, "T after"]
     peak_force_n: Float[np.ndarray, "T K"]
 
 
@@ -83,6 +86,7 @@ class HoleTable:
         n_rows = len(self._samples)
         self._inserted_at, self._attempts = np.zeros(n_rows, int), np.zeros(n_rows, int)
         self._means, self._covs = [self._belief.pos_mean_world], [self._belief.pos_cov]
+        self._matches = [self._match_probability()]
         self._forces: list[Float[np.ndarray, "R"]] = []
 
     def next_try(self) -> Try | None:
@@ -109,6 +113,11 @@ class HoleTable:
         self._belief = jax.tree.map(taken, self._belief, tried.beliefs)
         self._means.append(self._belief.pos_mean_world)
         self._covs.append(self._belief.pos_cov)
+        self._matches.append(self._match_probability())
+
+    def _match_probability(self) -> Float[np.ndarray, "R"]:
+        kind = np.exp(np.asarray(self._belief.type_logp))
+        return np.take_along_axis(kind, self._world["peg_type"][:, None], axis=1)[:, 0]
 
     def outcomes(self) -> dict[str, Outcome]:
         """Return the outcome of the trials per method."""
@@ -118,6 +127,7 @@ class HoleTable:
             "attempts": self._attempts,
             "mean_world": np.stack([*self._means, *[self._means[-1]] * left], 1),
             "cov": np.stack([*self._covs, *[self._covs[-1]] * left], 1),
+            "match_probability": np.stack([*self._matches, *[self._matches[-1]] * left], 1),
             "peak_force_n": np.stack([*self._forces, *[np.full(len(self._samples), np.nan)] * left], 1),
         }
         own = {

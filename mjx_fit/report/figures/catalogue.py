@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from mjx_fit.config.schema import config_from_tree
 from mjx_fit.evaluation.results import Result
 from mjx_fit.report import paper_values
-from mjx_fit.report.figures import assembly, calibration, single_hole
+from mjx_fit.report.figures import assembly, calibration, robustness, single_hole
 
 Drawing = tuple[str, str, Callable[[], Figure]]
 
@@ -20,6 +20,7 @@ def of_result(result: Result) -> list[Drawing]:
         "calibration": _calibration,
         "insertion": _insertion,
         "position": _position,
+        "robustness": _robustness,
     }
     if not result.trials or result.experiment not in kinds:
         return []
@@ -194,3 +195,12 @@ def _insertion(result: Result) -> list[Drawing]:
         )
         shown.append(("saved", caption, lambda: single_hole.attempts_saved(result.summary)))
     return shown
+
+
+def _robustness(result: Result) -> list[Drawing]:
+    caption = (
+        "Mean position error (left) and coverage of the 90 % ellipse (right) after one and five attempts at "
+        "the same mismatched holes, by perturbation; bars are 95 % intervals by bootstrap over trials, the "
+        "dashed line is the calibrated coverage."
+    )
+    return [("perturbations", caption, lambda: robustness.by_perturbation(result.summary))]

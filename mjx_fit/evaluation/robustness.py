@@ -1,0 +1,207 @@
+"""Robustness experiment: a sensor away from the world of its training, on the same holes throughout."""
+
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Int
+
+from mjx_fit.config.schema import Config
+from mjx_fit.data.schedule import draw_places, mismatched_pairs
+from mjx_fit.engines.failures import Reporting
+from mjx_fit.engines.interface import Engine
+from mjx_fit.engines.select import make_engine
+from mjx_fit.evaluation import parts, result_file
+from mjx_fit.evaluation.parts import Rows
+from mjx_fit.evaluation.perturbations import Perturbation, chosen_perturbations
+from mjx_fit.evaluation.request import Request
+from mjx_fit.evaluation.results import Result
+from mjx_fit.evaluation.scores import auroc, inside, squared_mahalanobis
+from mjx_fit.evaluation.statistics import Row, bootstrap_mean, bootstrap_score
+from mjx_fit.filters.kalman import CM_PER_M
+from mjx_fit.task import single_hole
+from mjx_fit.task.estimator import Update, filter_update
+from mjx_fit.task.methods import POSITION
+from mjx_fit.training.sensor_loader import TrainedSensor
+from mjx_fit.types import Belief, Felt
+from mjx_fit.utils.errors import RequestError
+from mjx_fit.utils.progress import Progress
+from mjx_fit.utils.randomness import root_key
+
+ATTEMPTS, SHOWN = 5, (1, 2, 5)
+"""Attempts at one hole, and those after which the belief is scored."""
+METHOD = "full"
+MM_PER_CM = 10.0
+AWAY_CM, AWAY_SQUARED = 1.0, 50.0
+"""A belief has run away if it is worse than both after two attempts in a row: error, Mahalanobis distance."""
+LEAST_OF_EACH = 10
+"""Fewest failed attempts at matching and at other holes for an AUROC."""
+
+
+@dataclass(frozen=True)
+class _Part:
+    """Trials under one perturbation."""
+
+    name: str
+    ids: Int[np.ndarray, "n"]
+
+
+def robustness(request: Request, names: str) -> Result:
+    """Run five attempts at one hole with the full method under each perturbation.
+
+    Args:
+        request: Request; its trials are the number of mismatched holes; half as many matching ones follow,
+            for the match classification.
+        names: Names of the perturbations, comma-separated.
+
+    Raises:
+        RequestError: A value is invalid, the sensor is missing, or the file holds another result.
+    """
+    asked = chosen_perturbations(names)
+    sensor = request.sensor
+    if sensor is None:
+        raise RequestError(f"--run is required: method {METHOD!r} needs a trained sensor")
+    result_file.require_trials(request.trials, 2 * len(asked))
+    config = sensor.adapt(request.config)
+    for perturbation in asked.values():
+        perturbation.applied_to(config)  # refuse before any work
+    entries = {
+        "methods": [METHOD],
+        "trials": request.trials,
+        "perturbations": list(asked),
+        "sensor": {METHOD: sensor.fingerprint},
+        "differs_from_training": sensor.differences(config),
+    }
+    here = result_file.header("robustness", config, request.seed, request.engine.name, entries)
+    result = result_file.once(request.out, here, lambda: _worked_out(request, config, asked, here))
+    parts.finish(request.out)
+    return result
+
+
+def _worked_out(
+    request: Request, config: Config, asked: dict[str, Perturbation], here: result_file.Header
+) -> Result:
+    out, n = request.out, request.trials + request.trials // 2
+    ids = parts.pieces(n, 1, request.engine.name)
+    pieces = [_Part(name, own) for name in asked for own in ids]
+    finished = parts.kept(out)
+    with Progress("robustness: parts", len(pieces), finished) as progress:
+
+        def work(part: _Part) -> Rows:
+            progress(finished, part.name)
+            rows = _trials(request, config, asked[part.name], part)
+            return [row for row in rows if row["trial"] < n]
+
+        def told(rows: Rows) -> None:
+            nonlocal finished
+            finished = max(finished, -(-len(rows) // len(ids[0])))
+            progress(finished)
+
+        rows = parts.in_parts(out, here, pieces, work, told)
+    result = result_file.write(out, here, summarise(rows), rows)
+    parts.finish(out)
+    return result
+
+
+def _trials(request: Request, config: Config, perturbation: Perturbation, part: _Part) -> Rows:
+    changed = perturbation.applied_to(config)
+    engine = _engine(request, changed, perturbation)
+    world = _holes(config, part.ids, request)
+    assert request.sensor is not None
+    update = _update(changed, request.sensor, perturbation)
+    methods = tuple(method for method in POSITION if method.name == METHOD)
+    table = single_hole.HoleTable(changed, methods, world, ATTEMPTS)
+    broken = result_file.broken(request.out) / f"{part.name}-{part.ids[0]:06d}"
+    reporting = Reporting(engine, changed, broken)
+    for _ in single_hole.rounds(table, reporting, update):
+        pass
+    return _rows(part, world, table.outcomes()[METHOD], changed.scene.names)
+
+
+def _engine(request: Request, config: Config, perturbation: Perturbation) -> Engine:
+    name = request.engine.name
+    if perturbation.other_engine:
+        name = "mjx" if name == "native" else "native"
+    return make_engine(name, config)
+
+
+def _update(config: Config, sensor: TrainedSensor, perturbation: Perturbation) -> Update:
+    learn, change = filter_update(config, sensor.network), perturbation.felt
+    if change is None:
+        return learn
+
+    def update(beliefs: Belief, felt: Felt, keys) -> Belief:
+        return learn(beliefs, change(felt), keys)
+
+    return update
+
+
+def _holes(config: Config, ids: Int[np.ndarray, "n"], request: Request) -> single_hole.Holes:
+    """Draw holes: mismatched ones that cycle through the pairs, then matching ones."""
+    n_types = config.scene.n_types
+    peg = other = ids % n_types
+    pairs = mismatched_pairs(n_types)
+    if len(pairs):
+        pair, mismatched = pairs[ids % len(pairs)], ids < request.trials
+        peg = np.where(mismatched, pair[:, 0], peg)
+        other = np.where(mismatched, pair[:, 1], peg)
+    place, estimate, key, _ = draw_places(root_key(request.seed, "robustness"), jnp.asarray(ids), config)
+    return single_hole.Holes(peg, other, np.asarray(place), np.asarray(estimate), key)
+
+
+def _rows(part: _Part, world: single_hole.Holes, done: single_hole.Outcome, names: tuple[str, ...]) -> Rows:
+    error = world.hole_pos_world[:, None] - done.mean_world
+    squared = squared_mahalanobis(error.reshape(-1, 2), done.cov.reshape(-1, 2, 2)).reshape(error.shape[:2])
+    distance = CM_PER_M * np.linalg.norm(error, axis=-1)
+    return [
+        {
+            "trial": int(trial),
+            "method": METHOD,
+            "perturbation": part.name,
+            "pair": [names[world.peg_type[i]], names[world.hole_type[i]]],
+            "error_cm": result_file.rounded(distance[i]),
+            "squared_mahalanobis": result_file.rounded(squared[i]),
+            "match_probability": result_file.rounded(done.match_probability[i]),
+            "inserted_at": int(done.inserted_at[i]) or None,
+        }
+        for i, trial in enumerate(part.ids)
+    ]
+
+
+def summarise(trials: Rows) -> list[Row]:
+    """Compute error, coverage and match classification by perturbation and number of attempts.
+
+    Groups are ``NAME:K``: perturbation and attempts made. ``position_error_mm`` uses the mismatched holes,
+    where every trial has all attempts; ``coverage_90`` and ``nees`` the same; ``match_auroc`` the trials of
+    both kinds whose first K attempts failed. ``runaway``, with the group ``NAME``, is the share of
+    mismatched holes whose belief has run away. Intervals by bootstrap over trials.
+    """
+    rows = []
+    for name in dict.fromkeys(trial["perturbation"] for trial in trials):
+        own = [trial for trial in trials if trial["perturbation"] == name]
+        ids = np.array([trial["trial"] for trial in own])
+        error = np.array([trial["error_cm"] for trial in own])
+        squared = np.array([trial["squared_mahalanobis"] for trial in own])
+        chance = np.array([trial["match_probability"] for trial in own])
+        matched = np.array([trial["pair"][0] == trial["pair"][1] for trial in own])
+        inserted_at = np.array([trial["inserted_at"] or np.inf for trial in own])
+        kept = np.asarray(~matched if (~matched).any() else matched)
+        away = np.logical_and(error > AWAY_CM, squared > AWAY_SQUARED)
+        twice = np.any(away[:, 1:] & away[:, :-1], axis=1)
+        columns = {"runaway": (twice, name)}
+        for k in SHOWN:
+            group = f"{name}:{k}"
+            columns |= {
+                f"position_error_mm {k}": (MM_PER_CM * error[:, k], group),
+                f"coverage_90 {k}": (inside(squared[:, k], 0.9), group),
+                f"nees {k}": (squared[:, k] / 2, group),
+            }
+        for metric, (values, group) in columns.items():
+            interval = bootstrap_mean(values[kept].astype(float), ids[kept].tolist())
+            rows.append(Row.of(METHOD, metric.partition(" ")[0], group, interval, int(kept.sum())))
+        for k in SHOWN:
+            failed = inserted_at > k
+            if min(int((failed & matched).sum()), int((failed & ~matched).sum())) >= LEAST_OF_EACH:
+                value = bootstrap_score(auroc, chance[failed, k], matched[failed], ids[failed])
+                rows.append(Row.of(METHOD, "match_auroc", f"{name}:{k}", value, int(failed.sum())))
+    return rows

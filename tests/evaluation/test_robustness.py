@@ -1,0 +1,178 @@
+"""Perturbations, and the experiment with a sensor that says what it was given."""
+
+from dataclasses import replace
+from typing import Any
+
+import jax
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from synthetic import make_rollouts
+
+from mjx_fit.config.schema import Config, config_differences
+from mjx_fit.evaluation.perturbations import PERTURBATIONS, chosen_perturbations
+from mjx_fit.evaluation.robustness import summarise
+from mjx_fit.report.figures.robustness import by_perturbation
+from mjx_fit.sensors.pose import from_down
+from mjx_fit.types import Felt, Rollout
+from mjx_fit.utils.errors import RequestError
+
+NAMES = ("cross", "square")
+
+
+def felt(n: int = 3, actions: int = 12) -> Felt:
+    made = make_rollouts(n, actions=actions).felt
+    quat = from_down(0.02 * jax.random.normal(jax.random.key(0), made.trace.tip_pos_world.shape))
+    return replace(made, trace=replace(made.trace, tip_quat_world=np.asarray(quat)))
+
+
+def changed(name: str, given: Felt) -> Felt:
+    change = PERTURBATIONS[name].felt
+    assert change is not None
+    return change(given)
+
+
+def test_the_reference_changes_nothing_and_comes_first():
+    assert next(iter(PERTURBATIONS)) == "home"
+    home = PERTURBATIONS["home"]
+    assert home.applied_to(Config()) == Config()
+    assert home.felt is None
+
+
+@pytest.mark.parametrize("name", list(PERTURBATIONS))
+def test_each_other_changes_one_thing(name):
+    perturbation = PERTURBATIONS[name]
+    differs = config_differences(Config(), perturbation.applied_to(Config()))
+    kinds = [bool(differs), perturbation.felt is not None, perturbation.other_engine]
+    assert sum(kinds) == (name != "home")
+
+
+def test_those_of_the_world_have_their_values():
+    friction = PERTURBATIONS["friction_0.6"].applied_to(Config())
+    assert friction.scene.friction == 0.6
+    weaker, home = PERTURBATIONS["gains_-40%"].applied_to(Config()).control, Config().control
+    assert weaker.kp_position == pytest.approx(0.6 * home.kp_position)
+    assert weaker.kp_orientation == pytest.approx(0.6 * home.kp_orientation)
+    assert PERTURBATIONS["contact_time_x2"].applied_to(Config()).scene.contact_time_s == 0.02
+
+
+@pytest.mark.parametrize(("name", "axis"), [("tilt_x_0.1deg", 0), ("tilt_y_0.1deg", 1), ("yaw_0.1deg", 2)])
+def test_all_orientations_turn_about_an_axis_of_the_world(name, axis):
+    given = felt()
+    one, other = (
+        Rotation.from_quat(np.asarray(of.trace.tip_quat_world).reshape(-1, 4), scalar_first=True)
+        for of in (given, changed(name, given))
+    )
+    expected = np.zeros(3)
+    expected[axis] = np.deg2rad(0.1)
+    np.testing.assert_allclose((other * one.inv()).as_rotvec(), np.tile(expected, (len(one), 1)), atol=1e-6)
+
+
+def test_forces_are_biased_and_scaled_after_taring():
+    given = felt()
+    tare = np.asarray(given.tare_sensor)[:, None, None]
+    before = np.asarray(given.trace.wrench_sensor) - tare
+    biased = np.asarray(changed("force_bias_1n", given).trace.wrench_sensor) - tare
+    np.testing.assert_allclose(biased - before, np.broadcast_to([1, 0, 0, 0, 0, 0], before.shape), atol=1e-5)
+    scaled = np.asarray(changed("force_gain_+10%", given).trace.wrench_sensor) - tare
+    np.testing.assert_allclose(scaled[..., :3], 1.1 * before[..., :3], rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(scaled[..., 3:], before[..., 3:], atol=1e-5)
+
+
+def test_a_slow_wrench_is_numpys_interpolation():
+    given = felt()
+    tare = np.asarray(given.tare_sensor)[:, None]
+    x = np.asarray(given.trace.wrench_sensor).reshape(3, -1, 6) - tare
+    found = np.asarray(changed("wrench_125hz", given).trace.wrench_sensor).reshape(3, -1, 6) - tare
+    time = np.arange(x.shape[1])
+    for attempt in range(3):
+        for axis in range(6):
+            expected = np.interp(time, time[::4], x[attempt, ::4, axis])
+            np.testing.assert_allclose(found[attempt, :, axis], expected, atol=1e-4)
+
+
+def test_names_are_checked():
+    assert list(chosen_perturbations("home, delay_20ms")) == ["home", "delay_20ms"]
+    for wrong in ("moon", "home,home", ""):
+        with pytest.raises(
+            RequestError, match=r"^--perturbations: .* is invalid: expected different ones of"
+        ):
+            chosen_perturbations(wrong)
+
+
+def trial(number: int, matched: bool, errors_cm: list[float], squared: list[float], chance: float) -> dict:
+    return {
+        "trial": number,
+        "method": "full",
+        "perturbation": "home",
+        "pair": ["cross", "cross" if matched else "square"],
+        "error_cm": errors_cm,
+        "squared_mahalanobis": squared,
+        "match_probability": [0.5, *[chance] * 5],
+        "inserted_at": None,
+    }
+
+
+def test_the_summary_by_hand():
+    calm = [trial(i, False, [2.0] + [0.1] * 5, [1.0] * 6, 0.1 + 0.01 * i) for i in range(10)]
+    lost = [trial(10 + i, False, [2.0] + [1.5] * 5, [60.0] * 6, 0.3) for i in range(10)]
+    matched = [trial(20 + i, True, [2.0] + [0.2] * 5, [1.0] * 6, 0.9) for i in range(10)]
+    rows = {(row.metric, row.group): row for row in summarise([*calm, *lost, *matched])}
+    assert rows["position_error_mm", "home:1"].value == pytest.approx(8.0)
+    assert rows["position_error_mm", "home:1"].n == 20
+    assert rows["coverage_90", "home:5"].value == 0.5
+    assert rows["nees", "home:2"].value == pytest.approx(15.25)
+    assert rows["runaway", "home"].value == 0.5
+    assert rows["match_auroc", "home:1"].value == 1.0
+    assert by_perturbation(list(rows.values())).axes[0].get_yticklabels()[0].get_text() == "home"
+
+
+def test_a_perturbed_attempt_reaches_the_sensor(monkeypatch, tmp_path):
+    """The update sees the changed measurements, at the same holes as without a perturbation."""
+    from mjx_fit.evaluation import robustness
+    from mjx_fit.evaluation.request import Request
+
+    seen: dict[str, list[np.ndarray]] = {}
+
+    class Sensor:
+        network, fingerprint = None, "0" * 12
+
+        def adapt(self, config):
+            return config
+
+        def differences(self, config):
+            return []
+
+    def learn(config, network):
+        def update(beliefs, felt, keys):
+            seen.setdefault("heights", []).append(np.asarray(felt.trace.tip_pos_world[..., 2]))
+            return beliefs
+
+        return update
+
+    class Engine:
+        name, policy_name = "native", None
+
+        def run(self, attempts, actions=None, active=None, horizon=None):
+            """Every attempt fails."""
+            n = len(attempts.peg_type)
+            made = make_rollouts(n, actions=12)
+            down = np.tile(np.array([0.0, 1.0, 0.0, 0.0], np.float32), (n, 12, 1))
+            trace = replace(made.felt.trace, tip_quat_world=down)
+            felt = replace(made.felt, trace=trace, peg_type=np.asarray(attempts.peg_type))
+            fails = {"inserted": np.zeros(n, bool), "valid": np.ones(n, bool)}
+            return Rollout(felt, replace(made.truth, hole_type=np.asarray(attempts.hole_type), **fails))
+
+    monkeypatch.setattr(robustness, "filter_update", learn)
+    monkeypatch.setattr(robustness, "make_engine", lambda name, config: Engine())
+    sensor: Any = Sensor()
+    request = Request(Config(), tmp_path / "r.json", Engine(), 4, sensor=sensor)
+    result = robustness.robustness(request, "home,height_+0.5mm")
+    assert len(result.trials) == 2 * 6
+    first, second = seen["heights"][0], seen["heights"][5]
+    np.testing.assert_allclose(second - first, 0.0005, atol=1e-6)
+    home, raised = (
+        [t for t in result.trials if t["perturbation"] == name] for name in ("home", "height_+0.5mm")
+    )
+    assert [t["error_cm"][0] for t in home] == [t["error_cm"][0] for t in raised]
+    assert robustness.robustness(request, "home,height_+0.5mm") == result
