@@ -53,7 +53,7 @@ def losses_per_s(touching: np.ndarray) -> float:
     return (sliding[:, :-1] & ~sliding[:, 1:]).sum() / (sliding.size * 0.002)
 
 
-@pytest.mark.parametrize("friction", [0.15, 0.3, 0.6])
+@pytest.mark.parametrize("friction", [0.3, 0.6])
 def test_a_dragged_peg_stays_on_the_socket_and_feels_coulombs_friction(friction):
     touching, wrench = drag("paper", 0.01, friction)
     assert losses_per_s(touching) < 1
@@ -62,7 +62,7 @@ def test_a_dragged_peg_stays_on_the_socket_and_feels_coulombs_friction(friction)
 
 
 def test_it_chattered_before():
-    touching, _ = drag("as-2026-11", 0.01, 0.3)
+    touching, _ = drag("as-2026-11", 0.02, 0.3)
     assert losses_per_s(touching) > 20
 
 
