@@ -11,6 +11,7 @@ from pydantic.dataclasses import dataclass
 
 from mjx_fit.config import cross_section_rules, schema_errors, strict_yaml
 from mjx_fit.config.sections.fields import STRICT
+from mjx_fit.config.sections.filter import FilterConfig
 from mjx_fit.config.sections.learning import FIRST_SENSOR, FIRST_TRAIN, SensorConfig, TrainConfig
 from mjx_fit.config.sections.measurement import PoseConfig, WristConfig
 from mjx_fit.config.sections.task import TaskConfig
@@ -44,6 +45,7 @@ class Config:
     wrist: WristConfig = WristConfig()
     pose: PoseConfig = PoseConfig()
     task: TaskConfig = TaskConfig()
+    filter: FilterConfig = FilterConfig()
     sensor: SensorConfig = SensorConfig()
     train: TrainConfig = TrainConfig()
 

@@ -4,6 +4,8 @@ All functions are pure and accept any number of leading batch axes. A covariance
 gives NaN for its own batch entry only.
 """
 
+import math
+
 import jax.numpy as jnp
 from jaxtyping import Float
 
@@ -49,6 +51,31 @@ def update(
     residual = jnp.eye(mean.shape[-1], dtype=mean.dtype) - gain
     new_mean = mean + (gain * innovation[..., None, :]).sum(-1)
     return new_mean, _symmetric(_sandwich(residual, cov) + _sandwich(gain, noise_cov))
+
+
+def gated(
+    cov: Float[Array, "*batch 2 2"],
+    innovation: Float[Array, "*batch 2"],
+    noise_cov: Float[Array, "*#batch 2 2"],
+    gate: float,
+) -> tuple[Float[Array, "*batch 2 2"], Float[Array, "*batch 2 2"]]:
+    """Widen Σ and R so that a reading is inside the gate: s Σ and s R, s = max(1, νᵀ (Σ + R)⁻¹ ν / γ).
+
+    An improbable reading says that Σ or R is too small, but not which. Scaling both keeps the gain, so the
+    mean moves as before, and the posterior covariance grows by s: the belief becomes less certain. γ is the
+    quantile -2 ln(1 - gate) of the squared distance in two dimensions.
+
+    Args:
+        cov: Prior covariance Σ, m².
+        innovation: Innovation ν = o - μ, m.
+        noise_cov: Observation noise covariance R, m².
+        gate: Probability of an acceptable reading, above 0 and below 1.
+    """
+    cov, noise_cov = jnp.broadcast_arrays(cov, noise_cov)
+    root = cholesky_factor(_axes_first(_symmetric(cov + noise_cov)))
+    squared = jnp.square(solve_lower(root, jnp.moveaxis(innovation, -1, 0))).sum(0)
+    scale = jnp.maximum(1.0, squared / (-2 * math.log1p(-gate)))[..., None, None]
+    return scale * cov, scale * noise_cov
 
 
 def gaussian_nll_terms(

@@ -30,15 +30,21 @@ def initial_belief(estimate: Float[Array, "*batch 2"], prior_std_m: float, n_typ
     )
 
 
-def update_position(belief: Belief, observation: Observation) -> Belief:
+def update_position(belief: Belief, observation: Observation, gate: float = 0.0) -> Belief:
     """Update the position belief, Algorithm 2; the attempt must have started from ``belief.pos_mean_world``.
 
     The innovation is relative to the start of the attempt; a policy that starts elsewhere (a sampled
     estimate) has to add start - mean to it first.
+
+    Args:
+        belief: Prior belief.
+        observation: Output of the virtual sensors.
+        gate: Probability of an acceptable reading (``kalman.gated``); 0: any.
     """
-    mean, cov = kalman.update(
-        belief.pos_mean_world, belief.pos_cov, observation.innovation, observation.pos_noise_cov
-    )
+    innovation, prior_cov, noise_cov = observation.innovation, belief.pos_cov, observation.pos_noise_cov
+    if gate:
+        prior_cov, noise_cov = kalman.gated(prior_cov, innovation, noise_cov, gate)
+    mean, cov = kalman.update(belief.pos_mean_world, prior_cov, innovation, noise_cov)
     return replace(belief, pos_mean_world=mean, pos_cov=cov)
 
 

@@ -60,7 +60,10 @@ def filter_update(
             return updated
         observation = nnx.merge(graph, state)(readings(felt, keys, config))
         _require_same_types(observation, config)
-        moved = update_position(beliefs, observation)
+        if config.filter.match_temperature != 1:
+            logits = observation.match_logits / config.filter.match_temperature
+            observation = replace(observation, match_logits=logits)
+        moved = update_position(beliefs, observation, config.filter.gate)
         typed = update_type(beliefs, observation, felt.peg_type, alpha, hard=hard)
         return Belief(
             pos_mean_world=where_rows(learns_position, moved.pos_mean_world, beliefs.pos_mean_world),

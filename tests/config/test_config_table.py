@@ -13,7 +13,7 @@ from mjx_fit.config.table import WIDTH, Key, as_text, keys
 from mjx_fit.utils import resources
 
 PURE = {
-    *("wrist.gain_error", "wrist.cross_talk"),
+    *("wrist.gain_error", "wrist.cross_talk", "filter.gate", "filter.match_temperature"),
     *(
         "scene.friction",
         "scene.contact_impedance",

@@ -1,0 +1,23 @@
+"""Configuration section of the filters: safeguards against wrong readings, all of them off by default."""
+
+from typing import Annotated
+
+from pydantic import Field
+from pydantic.dataclasses import dataclass
+
+from mjx_fit.config.sections.fields import STRICT
+
+
+@dataclass(frozen=True, config=STRICT)
+class FilterConfig:
+    """Safeguards of the belief updates against wrong readings; off in the paper.
+
+    Attributes:
+        gate: Probability of acceptance. 0: any reading is accepted. A reading outside the region of this
+            probability, under the belief and its own R, widens the belief instead of moving it for certain
+            (``mjx_fit.filters.kalman.gated``).
+        match_temperature: Divisor of the logits of h_match. Above 1, the match classification counts less.
+    """
+
+    gate: Annotated[float, Field(ge=0, le=0.99999)] = 0.0
+    match_temperature: Annotated[float, Field(ge=0.1, le=100)] = 1.0

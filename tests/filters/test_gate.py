@@ -1,0 +1,94 @@
+"""The gate of the position filter, against dense Gaussians and SciPy's quantiles."""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from flax import nnx
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import chi2
+from synthetic import make_rollouts
+
+from mjx_fit.config.schema import Config
+from mjx_fit.config.sections.filter import FilterConfig
+from mjx_fit.config.sections.learning import SensorConfig
+from mjx_fit.filters import kalman
+from mjx_fit.filters.updates import initial_belief, update_position
+from mjx_fit.sensors.contact_sensor import ContactSensor
+from mjx_fit.task.estimator import filter_update
+from mjx_fit.types import Observation
+
+GATE = 0.99
+SMALL = SensorConfig(width=8, conv_channels=(2, 2, 2, 2, 2), layers=1, heads=1, feedforward=8)
+DOWN = np.tile(np.array([0.0, 1.0, 0.0, 0.0], np.float32), (3, 8, 1))
+SIGMA, NOISE = 1e-4 * np.array([[2.0, 0.6], [0.6, 1.0]]), 1e-5 * np.array([[1.0, -0.3], [-0.3, 2.0]])
+places = st.lists(st.floats(-0.1, 0.1), min_size=2, max_size=2).map(np.array)
+
+
+def distance(innovation, cov) -> float:
+    return float(innovation @ np.linalg.solve(cov, innovation))
+
+
+@given(places)
+def test_a_reading_ends_inside_the_gate_and_the_gain_stays(innovation):
+    gated = kalman.gated(jnp.asarray(SIGMA), jnp.asarray(innovation), jnp.asarray(NOISE), GATE)
+    cov, noise = map(np.asarray, gated)
+    limit = chi2.ppf(GATE, 2)
+    before = distance(innovation, SIGMA + NOISE)
+    assert distance(innovation, cov + noise) <= max(limit, before) * 1.001
+    assert distance(innovation, cov + noise) <= limit * 1.001
+    gain = SIGMA @ np.linalg.inv(SIGMA + NOISE)
+    np.testing.assert_allclose(cov @ np.linalg.inv(cov + noise), gain, rtol=1e-3, atol=1e-4)
+    if before < 0.999 * limit:
+        np.testing.assert_allclose(cov, SIGMA, rtol=1e-6)
+
+
+def observed(innovation) -> Observation:
+    zero = jnp.zeros(2)
+    return Observation(jnp.asarray(innovation), jnp.asarray(NOISE), zero, jnp.zeros((3, 2)))
+
+
+def test_an_improbable_reading_widens_the_belief():
+    belief = replace(initial_belief(jnp.zeros(2), 0.01, 3), pos_cov=jnp.asarray(1e-2 * SIGMA))
+    reading = observed([0.05, 0.0])
+    plain, cautious = (update_position(belief, reading, gate) for gate in (0.0, GATE))
+    np.testing.assert_allclose(plain.pos_mean_world, cautious.pos_mean_world, rtol=1e-4)
+    assert np.linalg.det(plain.pos_cov) < np.linalg.det(belief.pos_cov)
+    assert np.linalg.det(cautious.pos_cov) > np.linalg.det(belief.pos_cov)
+    scale = distance(np.array([0.05, 0.0]), 1e-2 * SIGMA + NOISE) / chi2.ppf(GATE, 2)
+    np.testing.assert_allclose(cautious.pos_cov, scale * plain.pos_cov, rtol=1e-3)
+
+
+def test_a_probable_reading_is_kalmans():
+    belief = replace(initial_belief(jnp.zeros(2), 0.01, 3), pos_cov=jnp.asarray(SIGMA))
+    plain, gated = (update_position(belief, observed([0.005, 0.002]), gate) for gate in (0.0, GATE))
+    np.testing.assert_allclose(plain.pos_cov, gated.pos_cov, rtol=1e-5)
+
+
+def test_rows_of_a_batch_are_independent():
+    innovations = jnp.array([[0.001, 0.0], [0.2, 0.0], [0.0, -0.1]])
+    many = kalman.gated(jnp.asarray(SIGMA), innovations, jnp.asarray(NOISE), GATE)
+    for i, one in enumerate(innovations):
+        single = kalman.gated(jnp.asarray(SIGMA), one, jnp.asarray(NOISE), GATE)
+        for a, b in zip(many, single, strict=True):
+            np.testing.assert_allclose(a[i], b, rtol=1e-6)
+
+
+def test_a_temperature_flattens_the_match_classification_in_the_estimator():
+    """At a high one the trace says nothing about the type, and the failure alone is left."""
+    felt = make_rollouts(3, actions=8).felt
+    felt = replace(felt, trace=replace(felt.trace, tip_quat_world=DOWN))
+    beliefs = initial_belief(jnp.asarray(felt.estimate_world), 0.01, 3)
+    keys = jax.random.split(jax.random.key(0), 3)
+
+    def types(temperature, *, learns=True):
+        config = Config(sensor=SMALL, filter=FilterConfig(match_temperature=temperature))
+        sensor = ContactSensor(SMALL, nnx.Rngs(0))
+        update = filter_update(config, sensor, learns_position=False, learns_type=learns)
+        return np.asarray(update(beliefs, felt, keys).type_logp)
+
+    alone = types(1.0, learns=False)
+    warm, hot = (np.abs(types(temperature) - alone).max() for temperature in (1.0, 100.0))
+    assert hot < warm
