@@ -83,6 +83,10 @@ class SkipMLP(nn.Module):
         return self.last(x)
 
 
+def _row_features(config: SensorConfig) -> int:
+    return ROW_FEATURES - (config.rotation == "vector")
+
+
 class ContactSensor(nn.Module):
     """Encoders, heads and noise models, for standardised inputs."""
 
@@ -90,7 +94,7 @@ class ContactSensor(nn.Module):
         super().__init__()
         self.n_types = n_types
         self.wrench_encoder = WrenchEncoder(config.conv_channels)
-        self.token = nn.Linear(self.wrench_encoder.out_features + ROW_FEATURES, config.width)
+        self.token = nn.Linear(self.wrench_encoder.out_features + _row_features(config), config.width)
         self.blocks = nn.ModuleList(Block(config) for _ in range(config.layers))
         self.norm = nn.LayerNorm(config.width, eps=EPSILON)
         self.peg_encoder = nn.Embedding(n_types, config.width)
@@ -174,7 +178,9 @@ def inputs_of(
     reading = sample.reading
     mask = _tensor(reading.mask)
     wrench = _standard(_tensor(reading.wrench_sensor), _tensor(sensor.wrench_scale))
-    rows = _standard(_tensor(contact_sensor.row_features(reading)), _tensor(sensor.row_scale))
+    rows = _standard(
+        _tensor(contact_sensor.row_features(reading, sensor.rotation)), _tensor(sensor.row_scale)
+    )
     peg_type = _tensor(reading.peg_type).long()
     inputs = {
         "wrench": torch.where(mask[..., None, None], wrench, 0.0),

@@ -1,5 +1,6 @@
 """Share code among the physics experiments: result files, figures, attempts and forces."""
 
+import argparse
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -34,7 +35,9 @@ def config(*changes: str) -> Config:
 
 
 def _world() -> str | None:
-    return sys.argv[sys.argv.index("--world") + 1] if "--world" in sys.argv else None
+    parser = argparse.ArgumentParser(allow_abbrev=False)
+    parser.add_argument("--world")
+    return parser.parse_known_args()[0].world
 
 
 def _suffix() -> str:

@@ -4,12 +4,14 @@
 
 A loss of contact is a simulation step without contact points after one with some; MJX does not list them, so
 there it is a sample of less than ``NO_CONTACT_N``, also counted in the C engine. MuJoCo's friction cone is
-convex: at sliding speed v friction adds D μ b v to the normal force of a contact, b = 2 / (d slip_time). A
-peg that slides faster than F / (D μ b) under a push F is thrown off. Each variant changes one cause alone. A
-peg is also dragged over the plate at constant speed, which measures the coefficient of friction.
+convex: at sliding speed v friction adds D μ b v to the normal force of a contact, where b is 2 over the deep
+impedance and the slip time. A peg that slides faster than F / (D μ b) under a push F is thrown off. Each
+variant changes one cause alone. A peg is also dragged over the plate at constant speed, which measures the
+coefficient of friction.
 """
 
 # pyright: reportAttributeAccessIssue=false
+import sys
 from collections.abc import Iterator
 from typing import Any
 
@@ -209,5 +211,7 @@ def _figure(slides: dict[str, dict[str, float]], samples: dict[str, np.ndarray])
 
 
 if __name__ == "__main__":
+    if len(sys.argv) > 1:
+        raise SystemExit(__doc__)
     shared.begin()
     main()

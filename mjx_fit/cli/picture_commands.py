@@ -46,7 +46,7 @@ def _with_what_to_play(parser: argparse.ArgumentParser, speed: float) -> None:
         type=path,
         nargs="?",
         metavar="RESULT.json",
-        help="of evaluate assembly (default: a new assembly, by --config, --set and --seed)",
+        help="of evaluate assembly (default: a new assembly, by --world, --config, --set and --seed)",
     )
     parser.add_argument("--run", type=path, metavar="RUN", help=RUN)
     parser.add_argument("--method", default="full", metavar="A", help="default: full")
@@ -83,10 +83,11 @@ def _played(args: argparse.Namespace) -> "Generator[Recording]":
     from mjx_fit.evaluation import playback, results
     from mjx_fit.training.sensor_loader import load_trained_sensor
 
-    asked = args.config or args.set or args.seed or args.engine != "auto"
+    asked = args.world or args.config or args.set or args.seed or args.engine != "auto"
     if args.result is not None and asked:
         raise RequestError(
-            "--config, --set, --seed, --engine: cannot be combined with a result file, which stores its own"
+            "--world, --config, --set, --seed, --engine: cannot be combined with a result file, "
+            "which stores its own"
         )
     pick = playback.Pick(args.method, args.trial, args.attempt)
     if args.result is None:

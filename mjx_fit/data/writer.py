@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Int
 
-from mjx_fit.config.schema import config_differences, config_from_tree
+from mjx_fit.config.schema import config_differences, config_from_stored, config_from_tree, config_to_tree
 from mjx_fit.data.manifest import MANIFEST_NAME, Manifest, Shard, read_manifest, write_manifest
 from mjx_fit.utils import files, locks, provenance
 from mjx_fit.utils.errors import RequestError
@@ -141,7 +141,7 @@ def _require_ours(folder: Path) -> None:
 
 def _require_same(folder: Path, there: Manifest, wanted: Manifest) -> None:
     names = sorted(there.request.keys() | wanted.request.keys())
-    pairs = [(name, there.request.get(name), wanted.request.get(name)) for name in names]
+    pairs = [(name, _filled(name, there), _filled(name, wanted)) for name in names]
     for name, old, new in [*pairs, ("part", there.part, wanted.part)]:
         if old != new:
             detail = f": {old!r} there, {new!r} here"
@@ -150,3 +150,9 @@ def _require_same(folder: Path, there: Manifest, wanted: Manifest) -> None:
             raise RequestError(
                 f"--out: {folder} cannot be used: it holds another run (its {name} differs{detail})"
             )
+
+
+def _filled(name: str, manifest: Manifest) -> Any:
+    """Return an entry of the request; an older version stored a configuration with fewer keys."""
+    value = manifest.request.get(name)
+    return config_to_tree(config_from_stored(value)) if name == "config" and value else value

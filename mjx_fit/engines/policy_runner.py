@@ -1,5 +1,7 @@
 """Run a policy inside a rollout: its input before each action, and its memory between actions."""
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Float, Int, Key
@@ -8,7 +10,7 @@ from mjx_fit.config.schema import Config
 from mjx_fit.config.sections.measurement import PoseConfig
 from mjx_fit.control.policies import Policy, PolicyInput, PolicyStart, State, start_of
 from mjx_fit.engines.attempt_rules import Tip
-from mjx_fit.sensors import force_torque
+from mjx_fit.sensors import distortion, force_torque
 from mjx_fit.sensors.pose import is_exact, measured_trace
 from mjx_fit.types import SUBSTEPS, Array, Attempt, Trace, pytree
 
@@ -59,15 +61,15 @@ def act(
         tip: TCP state at the start of the action.
         step: Index j of the action.
     """
-    key = jax.random.fold_in(memory.key, _NOISE)
-    tare_key, noise_key = jax.random.split(key)
-    error_key, offset_key, pose_key = (jax.random.fold_in(key, number) for number in range(3))
-    wrist = config.wrist
+    keys = jax.random.split(jax.random.fold_in(memory.key, _NOISE), 4)
+    tare_key, noise_key, error_key, pose_key = keys
+    wrist, before = config.wrist, jnp.maximum(step - 1, 0)
     tare = force_torque.measured_tare(memory.tare_sensor, tare_key, wrist)
-    clean = force_torque.distorted(memory.wrench_sensor[None], memory.tare_sensor, error_key, wrist, step)
-    wrench = force_torque.measured(clean[0], tare, jax.random.fold_in(noise_key, step), wrist)
+    clean = distortion.distorted(memory.wrench_sensor[None], memory.tare_sensor, error_key, wrist, before)
+    noisy = force_torque.measured(clean, tare, jax.random.fold_in(noise_key, step), wrist)
+    wrench = distortion.sampled(noisy, tare, wrist)[0]
     if not is_exact(config.pose):
-        tip = _measured(tip, offset_key, jax.random.fold_in(pose_key, step), config.pose)
+        tip = _measured(tip, jax.random.fold_in(pose_key, step), config.pose)
     seen = PolicyInput(
         start=memory.start,
         attempt_key=memory.key,
@@ -84,8 +86,9 @@ def act(
     return policy.act(memory.state, seen)
 
 
-def _measured(tip: Tip, offset_key: Key[Array, ""], noise_key: Key[Array, ""], pose: PoseConfig) -> Tip:
-    """Return pose and twist as the robot measures them."""
+def _measured(tip: Tip, key: Key[Array, ""], pose: PoseConfig) -> Tip:
+    """Return pose and twist as the robot measures them, without calibration errors (``PoseConfig``)."""
+    calibrated = replace(pose, position_offset_m=0.0, height_offset_m=0.0)
     row = Trace(
         wrench_sensor=jnp.zeros((1, SUBSTEPS, 6)),
         tip_pos_world=tip.pos_world[None],
@@ -94,7 +97,7 @@ def _measured(tip: Tip, offset_key: Key[Array, ""], noise_key: Key[Array, ""], p
         tip_angvel_world=tip.angvel_world[None],
         action_world=jnp.zeros((1, 3)),
     )
-    seen = measured_trace(row, offset_key, noise_key, pose)
+    seen = measured_trace(row, key, key, calibrated)
     return Tip(
         seen.tip_pos_world[0], seen.tip_quat_world[0], seen.tip_linvel_world[0], seen.tip_angvel_world[0]
     )

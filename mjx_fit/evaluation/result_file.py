@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from mjx_fit.config.schema import Config, config_to_tree
+from mjx_fit.config.schema import Config, config_from_stored, config_to_tree
 from mjx_fit.evaluation import results
 from mjx_fit.evaluation.results import Result
 from mjx_fit.evaluation.statistics import Row
@@ -59,7 +59,9 @@ def finished(out: Path, here: Header) -> Result | None:
     if out.is_dir():
         raise RequestError(f"--out: {out} cannot be used: it is a folder; name a .json file")
     there = results.read(out)
-    if {name: getattr(there, name) for name in here} != here:
+    stored = {name: getattr(there, name) for name in here}
+    stored["config"] = config_to_tree(config_from_stored(there.config))  # an older version wrote fewer keys
+    if stored != here:
         raise RequestError(f"--out: {out} cannot be used: it holds another result; choose a new file")
     return there
 

@@ -17,7 +17,7 @@ from mjx_fit.evaluation.perturbations import Perturbation, chosen_perturbations
 from mjx_fit.evaluation.request import Request
 from mjx_fit.evaluation.results import Result
 from mjx_fit.evaluation.scores import auroc, inside, squared_mahalanobis
-from mjx_fit.evaluation.statistics import Row, bootstrap_mean, bootstrap_score
+from mjx_fit.evaluation.statistics import Row, bootstrap_mean, bootstrap_score, clustered_rate
 from mjx_fit.filters.kalman import CM_PER_M
 from mjx_fit.task import single_hole
 from mjx_fit.task.estimator import Update, filter_update
@@ -63,8 +63,11 @@ def robustness(request: Request, names: str) -> Result:
         raise RequestError(f"--run is required: method {METHOD!r} needs a trained sensor")
     result_file.require_trials(request.trials, 2 * len(asked))
     config = sensor.adapt(request.config)
-    for perturbation in asked.values():
-        perturbation.applied_to(config)  # refuse before any work
+    for name, perturbation in asked.items():  # refuse before any work
+        try:
+            perturbation.applied_to(config)
+        except RequestError as error:
+            raise RequestError(f"--perturbations: {name} cannot be used: {error}") from None
     entries = {
         "methods": [METHOD],
         "trials": request.trials,
@@ -92,9 +95,9 @@ def _worked_out(
             rows = _trials(request, config, asked[part.name], part)
             return [row for row in rows if row["trial"] < n]
 
-        def told(rows: Rows) -> None:
+        def told(_: Rows) -> None:
             nonlocal finished
-            finished = max(finished, -(-len(rows) // len(ids[0])))
+            finished = parts.kept(out)
             progress(finished)
 
         rows = parts.in_parts(out, here, pieces, work, told)
@@ -172,9 +175,10 @@ def summarise(trials: Rows) -> list[Row]:
     """Compute error, coverage and match classification by perturbation and number of attempts.
 
     Groups are ``NAME:K``: perturbation and attempts made. ``position_error_mm`` uses the mismatched holes,
-    where every trial has all attempts; ``coverage_90`` and ``nees`` the same; ``match_auroc`` the trials of
-    both kinds whose first K attempts failed. ``runaway``, with the group ``NAME``, is the share of
-    mismatched holes whose belief has run away. Intervals by bootstrap over trials.
+    whose belief stays as it is after an insertion; ``coverage_90`` and ``nees`` the same; ``match_auroc`` the
+    trials of both kinds whose first K attempts failed. ``runaway`` and ``inserted_wrongly``, with the group
+    ``NAME``, are shares of the mismatched holes; the second is given if it is above 0. Intervals by
+    bootstrap over trials, Wilson's for rates of 0 and 1.
     """
     rows = []
     for name in dict.fromkeys(trial["perturbation"] for trial in trials):
@@ -187,8 +191,11 @@ def summarise(trials: Rows) -> list[Row]:
         inserted_at = np.array([trial["inserted_at"] or np.inf for trial in own])
         kept = np.asarray(~matched if (~matched).any() else matched)
         away = np.logical_and(error > AWAY_CM, squared > AWAY_SQUARED)
-        twice = np.any(away[:, 1:] & away[:, :-1], axis=1)
-        columns = {"runaway": (twice, name)}
+        twice = np.any(away[:, 2:] & away[:, 1:-1], axis=1)
+        wrongly = ~matched & np.isfinite(inserted_at)
+        columns = {"runaway": (twice, name)} | (
+            {"inserted_wrongly": (wrongly, name)} if wrongly.any() else {}
+        )
         for k in SHOWN:
             group = f"{name}:{k}"
             columns |= {
@@ -197,7 +204,8 @@ def summarise(trials: Rows) -> list[Row]:
                 f"nees {k}": (squared[:, k] / 2, group),
             }
         for metric, (values, group) in columns.items():
-            interval = bootstrap_mean(values[kept].astype(float), ids[kept].tolist())
+            rate = bootstrap_mean if metric.startswith(("position", "nees")) else clustered_rate
+            interval = rate(values[kept], ids[kept].tolist())
             rows.append(Row.of(METHOD, metric.partition(" ")[0], group, interval, int(kept.sum())))
         for k in SHOWN:
             failed = inserted_at > k

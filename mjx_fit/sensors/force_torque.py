@@ -4,8 +4,7 @@ The simulator stores noise-free wrenches; noise is drawn when a trace is read, s
 time and evaluation draws it once per attempt.
 """
 
-import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -15,10 +14,10 @@ from jaxtyping import Bool, Float, Int, Key
 from mjx_fit.config.schema import Config
 from mjx_fit.config.sections.measurement import WristConfig
 from mjx_fit.scene.parts import plate_top_m
+from mjx_fit.sensors.distortion import distorted, sampled
 from mjx_fit.sensors.pose import is_exact, measured_trace
 from mjx_fit.sensors.traces import require_readable
 from mjx_fit.types import Array, Felt, Reading
-from mjx_fit.utils.rates import STEP_S
 
 MIN_PRESS_N = 1.0
 _ATTEMPTS_AT_ONCE = 256
@@ -62,79 +61,6 @@ def measured(
     dtype = wrench_sensor.dtype
     noise = jax.random.normal(key, wrench_sensor.shape, dtype)
     return wrench_sensor - tare_sensor + wrench_noise_std(wrist).astype(dtype) * noise
-
-
-def distorted(
-    wrench_sensor: Float[Array, "L samples 6"],
-    tare_sensor: Float[Array, "6"],
-    key: Key[Array, ""],
-    wrist: WristConfig,
-    start: int | Int[Array, ""] = 0,
-) -> Float[Array, "L samples 6"]:
-    """Apply the errors of the F/T sensor other than white noise to consecutive actions of one attempt.
-
-    tare + saturate(G low_pass(clean - tare) + bias + t drift), held between samples; G has the gains on its
-    diagonal and the cross talk beside it, forces and torques apart. t is the time since the start.
-
-    Args:
-        wrench_sensor: Noise-free wrenches, N and N·m.
-        tare_sensor: Noise-free reading at rest in free space, N and N·m.
-        key: Random key of the errors that are constant in an attempt.
-        wrist: F/T sensor with the errors.
-        start: Index of the first action.
-    """
-    if is_undistorted(wrist):
-        return wrench_sensor
-    gain_key, bias_key, drift_key = jax.random.split(key, 3)
-    shape = wrench_sensor.shape
-    wrench = (wrench_sensor - tare_sensor).reshape(-1, 6)
-    if wrist.bandwidth_hz is not None:
-        wrench = _low_pass(wrench, wrist.bandwidth_hz)
-    wrench = wrench @ _gains(gain_key, wrist).T
-    if wrist.rate_hz is not None:
-        held = max(1, round(1 / (wrist.rate_hz * STEP_S)))
-        wrench = wrench[jnp.arange(len(wrench)) // held * held]
-    time_s = STEP_S * (start * shape[1] + jnp.arange(len(wrench)))[:, None]
-    bias = _per_axis(wrist.force_bias_n, wrist.torque_bias_nm) * jax.random.normal(bias_key, (6,))
-    drift = _per_axis(wrist.force_drift_nps, wrist.torque_drift_nmps) * jax.random.normal(drift_key, (6,))
-    raw = wrench + bias + time_s * drift + tare_sensor
-    if wrist.force_range_n is not None or wrist.torque_range_nm is not None:
-        most = _per_axis(wrist.force_range_n or jnp.inf, wrist.torque_range_nm or jnp.inf)
-        raw = jnp.clip(raw, -most, most)
-    return raw.reshape(shape)
-
-
-def is_undistorted(wrist: WristConfig) -> bool:
-    """Return True if the F/T sensor has white noise alone."""
-    errors = ("bandwidth_hz", "rate_hz", "force_range_n", "torque_range_nm")
-    sizes = ("force_bias_n", "torque_bias_nm", "force_drift_nps", "torque_drift_nmps", "gain_error")
-    return all(getattr(wrist, name) is None for name in errors) and not any(
-        getattr(wrist, name) for name in (*sizes, "cross_talk")
-    )
-
-
-def _per_axis(force: Any, torque: Any) -> Float[Array, "6"]:
-    return jnp.array([force] * 3 + [torque] * 3)
-
-
-def _gains(key: Key[Array, ""], wrist: WristConfig) -> Float[Array, "6 6"]:
-    """Draw the matrix of gains and cross talk; forces and torques do not mix, as their units differ."""
-    drawn = jax.random.normal(key, (6, 6))
-    same = np.kron(np.eye(2), np.ones((3, 3)))
-    size = np.eye(6) * wrist.gain_error + (same - np.eye(6)) * wrist.cross_talk
-    return jnp.eye(6) + size * drawn
-
-
-def _low_pass(wrench: Float[Array, "n 6"], cutoff_hz: float) -> Float[Array, "n 6"]:
-    """Filter with y_k = y_{k-1} + a (x_k - y_{k-1}), a = 1 - exp(-2π f Δt), from the state y_0 = x_0."""
-    share = 1 - math.exp(-2 * math.pi * cutoff_hz * STEP_S)
-    decay = jnp.concatenate([jnp.zeros((1, 1)), jnp.full((len(wrench) - 1, 1), 1 - share)])
-    inputs = jnp.concatenate([wrench[:1], share * wrench[1:]])
-
-    def joined(first, second):
-        return first[0] * second[0], first[1] * second[0] + second[1]
-
-    return jax.lax.associative_scan(joined, (decay, inputs))[1]
 
 
 def in_contact(wrench_sensor: Float[Array, "*batch samples 6"], wrist: WristConfig) -> Bool[Array, "*batch"]:
@@ -226,14 +152,13 @@ def read_window(felt: Felt, key: Key[Array, ""], config: Config, window: Window)
     trace = jax.tree.map(
         lambda x: jnp.where(mask.reshape(-1, *[1] * (x.ndim - 1)), x, jnp.zeros_like(x)), trace
     )
-    sample_key, tare_key = jax.random.split(key)
-    wrist_key, pose_key = (jax.random.fold_in(key, number) for number in (1, 2))
+    sample_key, tare_key, wrist_key, pose_key = jax.random.split(key, 4)
     clean = distorted(trace.wrench_sensor, felt.tare_sensor, wrist_key, wrist, window.start)
     if not is_exact(config.pose):
         offset_key, noise_key = jax.random.split(pose_key)
         trace = measured_trace(trace, offset_key, noise_key, config.pose)
     tare = measured_tare(felt.tare_sensor, tare_key, wrist)
-    noisy = measured(clean, tare, sample_key, wrist)
+    noisy = sampled(measured(clean, tare, sample_key, wrist), tare, wrist)
     origin = jnp.append(felt.estimate_world, jnp.asarray(plate_top_m(scene), clean.dtype))
     wrench = jnp.where(mask[:, None, None], noisy, 0)
     return Reading(

@@ -16,8 +16,8 @@ def measured_trace(
 ) -> Trace:
     """Return the trace of one attempt with pose and twist as a robot measures them; commands stay.
 
-    A pose of the past is extrapolated with the velocity of its row: x(t - τ) = x - τ v; the velocity of the
-    past is interpolated between rows. The offsets of position and height are constant over the rows.
+    A delay shows the pose of a moment before, interpolated between rows. The offsets of position and height
+    are constant over the rows.
 
     Args:
         trace: Rows of one attempt (L, ...), exact.
@@ -85,17 +85,38 @@ def from_down(rotation_world: Float[Array, "*n 3"]) -> Float[Array, "*n 4"]:
 
 
 def _delayed(trace: Trace, delay_s: float) -> Trace:
-    def before(velocity: Float[Array, "L 3"]) -> Float[Array, "L 3"]:
-        last = jnp.concatenate([velocity[:1], velocity[:-1]])
-        return velocity + (last - velocity) * (delay_s / ACTION_S)
+    """Return pose and twist of a moment before each row, by cubic Hermite interpolation between rows.
 
+    Before the first row, the pose is extrapolated at constant velocity.
+    """
+    share = 1 - delay_s / ACTION_S
+    rotation, spin = rotation_from_down(trace.tip_quat_world), trace.tip_angvel_world
+    position, velocity = trace.tip_pos_world, trace.tip_linvel_world
     return replace(
         trace,
-        tip_pos_world=trace.tip_pos_world - delay_s * trace.tip_linvel_world,
-        tip_quat_world=turned(trace.tip_quat_world, -delay_s * trace.tip_angvel_world),
-        tip_linvel_world=before(trace.tip_linvel_world),
-        tip_angvel_world=before(trace.tip_angvel_world),
+        tip_pos_world=_between(position, velocity, share),
+        # Rotation vectors near straight down change at the angular velocity, to second order in the tilt.
+        tip_quat_world=from_down(_between(rotation, spin, share)),
+        tip_linvel_world=_before(velocity) + share * (velocity - _before(velocity)),
+        tip_angvel_world=_before(spin) + share * (spin - _before(spin)),
     )
+
+
+def _before(rows: Float[Array, "L 3"]) -> Float[Array, "L 3"]:
+    return jnp.concatenate([rows[:1], rows[:-1]])
+
+
+def _between(value: Float[Array, "L 3"], slope: Float[Array, "L 3"], t: float) -> Float[Array, "L 3"]:
+    """Interpolate from the previous row (t = 0) to each row (t = 1)."""
+    start, start_slope = _before(value), ACTION_S * _before(slope)
+    inner = (
+        (2 * t**3 - 3 * t**2 + 1) * start
+        + (t**3 - 2 * t**2 + t) * start_slope
+        + (3 * t**2 - 2 * t**3) * value
+        + (t**3 - t**2) * ACTION_S * slope
+    )
+    first = value[:1] - (1 - t) * ACTION_S * slope[:1]
+    return jnp.concatenate([first, inner[1:]])
 
 
 def _rounded(value: Float[Array, "L 3"], step: float) -> Float[Array, "L 3"]:

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mjx_fit.config.schema import Config
-from mjx_fit.config.sections.measurement import WristConfig
+from mjx_fit.config.sections.measurement import PoseConfig, WristConfig
 from mjx_fit.engines.requests import require_count
 from mjx_fit.filters.outcome_model import success_probability
 from mjx_fit.filters.updates import initial_belief
@@ -78,14 +78,15 @@ class BeliefTracker:
         self.filled = np.zeros(len(places), bool)
         self.tries = np.zeros(len(places), np.int32)
         self._peg: int | None = None
-        # A logged trace already contains the noise of the robot's own sensor.
+        # A logged trace already contains the errors of the robot's own sensors.
         silent = WristConfig(
             force_noise_n=0.0,
             torque_xy_noise_nm=0.0,
             torque_z_noise_nm=0.0,
             contact_force_n=self._config.wrist.contact_force_n,
         )
-        self._update = filter_update(replace(self._config, wrist=silent), sensor.network)
+        as_logged = replace(self._config, wrist=silent, pose=PoseConfig())
+        self._update = filter_update(as_logged, sensor.network)
 
     def choose(self, peg: str) -> int:
         """Choose the empty hole with the highest insertion probability for this peg; ties: the least tried.

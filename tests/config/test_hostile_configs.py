@@ -169,6 +169,8 @@ def _beside(section: str, key: str, end: float) -> dict:
     return {
         "min_std_m": {"max_std_m": 0.02},
         "max_std_m": {"min_std_m": 0.0001},
+        "contact_impedance": {"deep_impedance": 0.99},
+        "deep_impedance": {"contact_impedance": 0.1},
     }.get(key, {}) | {key: end}
 
 

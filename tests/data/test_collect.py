@@ -1,5 +1,6 @@
 """Content of collected data sets."""
 
+import shutil
 from dataclasses import replace
 from typing import Any
 
@@ -216,6 +217,22 @@ def test_bad_requests_write_nothing(change: dict[str, Any], message, collect, tm
     with pytest.raises(RequestError, match=message):
         collect(tmp_path / "new", **change)
     assert not (tmp_path / "new").exists()
+
+
+def test_a_data_set_of_an_older_version_is_its_own(folder, collect, tmp_path):
+    """Its configuration lacks keys that were added since; they have the values of that time."""
+    older = tmp_path / "older"
+    shutil.copytree(folder, older)
+    manifest = read_manifest(older)
+    config = dict(manifest.request["config"])
+    config["scene"] = {name: value for name, value in config["scene"].items() if name != "slip_time_s"}
+    del config["pose"]
+    write_manifest(older, replace(manifest, request=manifest.request | {"config": config}))
+    before = files_of(older)
+    collect(older)
+    assert files_of(older) == before
+    with pytest.raises(RequestError, match=r"its config differs: scene.friction is 0.3 there and 0.2 here"):
+        collect(older, read_config(None, ["scene.friction=0.2"]))
 
 
 def test_folder_of_another_run_is_refused_and_untouched(folder, collect, tmp_path):

@@ -9,9 +9,13 @@ import pytest
 from scipy.signal import lfilter
 from synthetic import make_rollouts
 
+from mjx_fit.config.files import read_config
 from mjx_fit.config.schema import Config
 from mjx_fit.config.sections.measurement import WristConfig
-from mjx_fit.sensors.force_torque import Window, distorted, is_undistorted, read_window
+from mjx_fit.sensors.distortion import distorted, is_undistorted, sampled
+from mjx_fit.sensors.force_torque import Window, read_window
+from mjx_fit.types import Felt
+from mjx_fit.utils.errors import RequestError
 
 TARE = np.array([0.5, -0.2, 4.0, 0.01, 0.02, 0.0], np.float32)
 KEY = jax.random.key(5)
@@ -20,6 +24,12 @@ KEY = jax.random.key(5)
 def wrench(actions: int = 6) -> np.ndarray:
     rng = np.random.default_rng(1)
     return (TARE + rng.normal(size=(actions, 50, 6)) * [5, 5, 10, 0.3, 0.3, 0.1]).astype(np.float32)
+
+
+def upright(felt: Felt) -> Felt:
+    """The same with the tool straight down."""
+    down = np.broadcast_to(np.array([0, 1, 0, 0], np.float32), felt.trace.tip_quat_world.shape)
+    return replace(felt, trace=replace(felt.trace, tip_quat_world=down))
 
 
 def seen(wrist: WristConfig, clean: np.ndarray, key=KEY, start: int = 0) -> np.ndarray:
@@ -69,25 +79,39 @@ def test_the_low_pass_is_scipys():
     np.testing.assert_allclose(found, expected, atol=1e-4)
 
 
-def test_a_slow_sensor_holds_its_samples():
-    found = seen(WristConfig(rate_hz=100.0), wrench()).reshape(-1, 5, 6)
-    np.testing.assert_allclose(found, np.repeat(found[:, :1], 5, axis=1))
-    np.testing.assert_allclose(found[:, 0], (wrench() - TARE).reshape(-1, 6)[::5], atol=1e-5)
+def test_a_slow_sensor_holds_its_samples_noise_included():
+    config = Config(wrist=WristConfig(rate_hz=100.0))
+    felt = upright(make_rollouts(2, actions=12).felt)
+    reading = read_window(felt[0], KEY, config, Window(12))
+    found = np.asarray(reading.wrench_sensor)[np.asarray(reading.mask)].reshape(-1, 5, 6)
+    np.testing.assert_array_equal(found, np.repeat(found[:, :1], 5, axis=1))
+    assert len(np.unique(found[:, 0, 0])) == len(found)
 
 
-def test_it_saturates_tare_included():
+def test_it_saturates_tare_and_noise_included():
     wrist = WristConfig(force_range_n=10.0, torque_range_nm=1.0)
-    clean = wrench()
-    clean[0, 0] = TARE + np.array([0, 0, 500, 0, 0, -9])
-    raw = seen(wrist, clean) + TARE
+    tared = wrench() - TARE
+    tared[0, 0] = [0, 0, 500, 0, 0, -9]
+    raw = np.asarray(sampled(jnp.asarray(tared), jnp.asarray(TARE), wrist)) + TARE
     np.testing.assert_allclose(raw[0, 0, [2, 5]], [10, -1], rtol=1e-6)
     assert abs(raw[..., :3]).max() <= 10.00001
 
 
+@pytest.mark.parametrize("rate", [300.0, 499.0, 334.0])
+def test_a_rate_that_cannot_be_held_is_refused(rate):
+    with pytest.raises(RequestError, match=r"wrist\.rate_hz: .* expected 500 divided by a whole number"):
+        read_config(None, [f"wrist.rate_hz={rate}"])
+
+
+def test_keys_of_a_reading_differ():
+    keys = jax.random.split(KEY, 4)
+    np.testing.assert_array_equal(jax.random.key_data(keys[:2]), jax.random.key_data(jax.random.split(KEY)))
+    assert len(np.unique(jax.random.key_data(keys), axis=0)) == 4
+
+
 def test_a_reading_has_the_errors_and_depends_on_its_key_alone():
     config = Config(wrist=WristConfig(force_bias_n=0.5, bandwidth_hz=40.0))
-    felt = make_rollouts(2, actions=8).felt
-    read = jax.jit(lambda key: read_window(felt[0], key, config, Window(8)))
-    one, other, again = (read(jax.random.key(i)) for i in (0, 1, 0))
+    felt = upright(make_rollouts(2, actions=8).felt)
+    one, other, again = (read_window(felt[0], jax.random.key(i), config, Window(8)) for i in (0, 1, 0))
     np.testing.assert_array_equal(one.wrench_sensor, again.wrench_sensor)
     assert abs(one.wrench_sensor - other.wrench_sensor).max() > 0.1

@@ -16,7 +16,7 @@ from synthetic import with_trace, with_truth
 
 from mjx_fit.config.files import read_config
 from mjx_fit.config.schema import Config
-from mjx_fit.evaluation import insertion, parts, position, result_file
+from mjx_fit.evaluation import insertion, parts, position, result_file, results
 from mjx_fit.evaluation.request import Request
 from mjx_fit.filters.updates import initial_belief
 from mjx_fit.task import estimator, methods, single_hole
@@ -102,6 +102,20 @@ def test_a_trials_outcome_does_not_depend_on_its_batch():
 
 def asked(tmp_path, **changes) -> tuple[Path, result_file.Header]:
     return tmp_path / "r.json", result_file.header("position", CONFIG, 0, "native", {"trials": 5} | changes)
+
+
+def test_a_result_of_an_older_version_is_its_own(tmp_path):
+    """Its configuration lacks keys that were added since; they have the values of that time."""
+    out, here = asked(tmp_path)
+    written = result_file.write(out, here, [], [])
+    older = dict(
+        written.config, scene={k: v for k, v in written.config["scene"].items() if k != "slip_time_s"}
+    )
+    older.pop("pose")
+    results.write(out, replace(written, config=older))
+    assert result_file.finished(out, here) is not None
+    with pytest.raises(result_file.RequestError, match="holds another result"):
+        result_file.finished(out, here | {"seed": 1})
 
 
 def test_parts_that_are_killed_at_any_file_operation_go_on(tmp_path, monkeypatch):

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from places import EXPERIMENTS
 
 import mjx_fit as mf
-from mjx_fit.config.sections.measurement import WristConfig
+from mjx_fit.config.sections.measurement import PoseConfig, WristConfig
 from mjx_fit.filters.updates import initial_belief
 from mjx_fit.task.estimator import filter_update
 
@@ -63,6 +63,22 @@ def test_a_log_at_500_hz_gives_what_the_batch_gives(tracker, sensor, failed):
         np.testing.assert_allclose(getattr(got, name), getattr(want, name), atol=1e-5)
     moved = np.linalg.norm(np.asarray(got.pos_mean_world) - failed.estimate_world, axis=1)
     assert moved.min() > 1e-3
+
+
+def test_errors_of_simulated_sensors_are_not_added_to_a_log(sensor, failed):
+    """A log has those of the robot's own sensors already."""
+    wrong = replace(
+        sensor.config,
+        wrist=WristConfig(force_bias_n=5.0, gain_error=0.3, bandwidth_hz=5.0),
+        pose=PoseConfig(position_noise_m=0.01, height_offset_m=0.01, delay_s=0.1),
+    )
+    logs = [mf.log_from_felt(failed[0])]
+    want, got = (
+        track(mf.BeliefTracker(replace(sensor, config=config), failed.estimate_world[:1]), failed, logs)
+        for config in (sensor.config, wrong)
+    )
+    np.testing.assert_allclose(got.pos_mean_world, want.pos_mean_world, atol=1e-7)
+    np.testing.assert_allclose(got.type_logp, want.type_logp, atol=1e-6)
 
 
 def resampled(log: mf.SensorLog, rate_hz: float) -> mf.SensorLog:

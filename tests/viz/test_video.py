@@ -359,4 +359,7 @@ def test_results_and_own_settings_do_not_mix(result, tmp_path):
     done = run("view", str(out), "--seed", "3")
     assert done.returncode == 2
     assert "cannot be combined with a result file" in done.stderr
+    done = run("view", str(out), "--world", "paper")
+    assert done.returncode == 2
+    assert "--world" in done.stderr
     assert mujoco.__version__ in result.versions.values()

@@ -2,10 +2,11 @@
 
 from typing import Annotated
 
-from pydantic import Field
+from pydantic import Field, model_validator
 from pydantic.dataclasses import dataclass
 
 from mjx_fit.config.sections.fields import STRICT
+from mjx_fit.utils.rates import STEP_S
 
 Share = Annotated[float, Field(ge=0, le=0.5)]
 
@@ -31,7 +32,7 @@ class WristConfig:
         cross_talk: Share of another axis in each. σ per pair of axes and attempt, among forces and among
             torques.
         bandwidth_hz: Cut-off of a first-order low pass. Null: none.
-        rate_hz: Sampling rate, held in between. Null: that of the simulation, 500 Hz.
+        rate_hz: Sampling rate, held in between. 500 Hz divided by a whole number; null: 500 Hz, as simulated.
         force_range_n: Saturation of the forces. It includes the tare; null: none.
         torque_range_nm: Saturation of the torques. It includes the tare; null: none.
     """
@@ -52,12 +53,24 @@ class WristConfig:
     force_range_n: Annotated[float, Field(ge=10, le=10_000)] | None = None
     torque_range_nm: Annotated[float, Field(ge=1, le=1000)] | None = None
 
+    @model_validator(mode="after")
+    def _held_for_whole_steps(self) -> "WristConfig":
+        if self.rate_hz is not None:
+            nearest = 1 / (STEP_S * round(1 / (STEP_S * self.rate_hz)))
+            if abs(self.rate_hz - nearest) > 0.01:
+                raise ValueError(
+                    f"rate_hz: {self.rate_hz} is invalid: expected 500 divided by a whole number, "
+                    f"such as {nearest:.2f}"
+                )
+        return self
+
 
 @dataclass(frozen=True, config=STRICT)
 class PoseConfig:
     """Measured pose and twist of the tool centre point (TCP).
 
-    Orientations are relative to that at the start of the attempt, so a constant error of theirs cancels.
+    Policies see the noise, the resolution and the delay, not the calibration errors, which act where a sensor
+    reads the trace.
 
     Attributes:
         position_noise_m: Noise σ of the position. Per sample and axis.

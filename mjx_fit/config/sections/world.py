@@ -40,10 +40,10 @@ class SceneConfig:
             solver grows as d / (1 - d).
         deep_impedance: MuJoCo's solimp dmax. The impedance beyond the depth ``contact_width_m``; a high one
             bounds the penetration in impacts.
-        slip_time_s: MuJoCo's solreffriction. Time in which friction stops a sliding peg; null: equal to
-            ``contact_time_s``. MuJoCo's convex friction cone lifts a peg that slides at speed v with the
-            force D μ 2 v / (d slip_time_s); where this exceeds the push, the peg loses contact
-            (experiments/physics/sliding.py).
+        slip_time_s: MuJoCo's solreffriction. Friction brakes a sliding peg at the rate b = 2 /
+            (deep_impedance slip_time_s); null: equal to ``contact_time_s``. MuJoCo's convex friction cone
+            lifts a peg that slides at speed v with the force D μ b v; where this exceeds the push, the peg
+            loses contact (experiments/physics/sliding.py).
         max_contacts: Contact slots per world in MJX.
     """
 
@@ -65,6 +65,15 @@ class SceneConfig:
     def _names_differ(self) -> "SceneConfig":
         if len(set(self.names)) < self.n_types:
             raise ValueError(f"shapes: {', '.join(self.names)} cannot be used: the names must differ")
+        return self
+
+    @model_validator(mode="after")
+    def _stiffer_with_depth(self) -> "SceneConfig":
+        if self.contact_impedance > self.deep_impedance:
+            raise ValueError(
+                f"contact_impedance: {self.contact_impedance} is invalid: expected at most deep_impedance "
+                f"({self.deep_impedance})"
+            )
         return self
 
     @property
