@@ -88,10 +88,9 @@ def _gains(key: Key[Array, ""], wrist: WristConfig) -> Float[Array, "6 6"]:
 def _low_pass(wrench: Float[Array, "n 6"], cutoff_hz: float) -> Float[Array, "n 6"]:
     """Filter with y_k = y_{k-1} + a (x_k - y_{k-1}), a = 1 - exp(-2π f Δt), from the state y_0 = x_0."""
     share = 1 - math.exp(-2 * math.pi * cutoff_hz * STEP_S)
-    decay = jnp.concatenate([jnp.zeros((1, 1)), jnp.full((len(wrench) - 1, 1), 1 - share)])
-    inputs = jnp.concatenate([wrench[:1], share * wrench[1:]])
 
-    def joined(first, second):
-        return first[0] * second[0], first[1] * second[0] + second[1]
+    def sample(last, now):
+        filtered = last + share * (now - last)
+        return filtered, filtered
 
-    return jax.lax.associative_scan(joined, (decay, inputs))[1]
+    return jax.lax.scan(sample, wrench[0], wrench)[1]

@@ -66,6 +66,7 @@ def test_it_chattered_before():
     assert losses_per_s(touching) > 20
 
 
+@pytest.mark.slow
 def test_both_engines_ask_friction_for_the_same_acceleration():
     """One corner in contact, sliding: reference accelerations of its normal and its two tangents."""
     config = read_config(world_file("paper"))
