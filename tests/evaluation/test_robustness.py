@@ -116,9 +116,10 @@ def trial(number: int, matched: bool, errors_cm: list[float], squared: list[floa
 def test_the_summary_by_hand():
     calm = [trial(i, False, [2.0] + [0.1] * 5, [1.0] * 6, 0.1 + 0.01 * i) for i in range(10)]
     lost = [trial(10 + i, False, [2.0] + [1.5] * 5, [60.0] * 6, 0.3) for i in range(10)]
+    calm[0]["error_cm"][1], calm[0]["squared_mahalanobis"][1] = 1.1, 60.0  # once is not lost
     matched = [trial(20 + i, True, [2.0] + [0.2] * 5, [1.0] * 6, 0.9) for i in range(10)]
     rows = {(row.metric, row.group): row for row in summarise([*calm, *lost, *matched])}
-    assert rows["position_error_mm", "home:1"].value == pytest.approx(8.0)
+    assert rows["position_error_mm", "home:1"].value == pytest.approx(8.5)
     assert rows["position_error_mm", "home:1"].n == 20
     assert rows["coverage_90", "home:5"].value == 0.5
     assert rows["nees", "home:2"].value == pytest.approx(15.25)

@@ -48,6 +48,7 @@ def test_bias_and_drift_are_lines_in_time():
     error = (seen(wrist, wrench()) - (wrench() - TARE)).reshape(-1, 6)
     time = 0.002 * np.arange(len(error))
     slope, start = np.polyfit(time, error, 1)
+    assert (abs(slope[:3]) > 1e-4).all()
     np.testing.assert_allclose(error, start + time[:, None] * slope, atol=1e-4)
     later = (seen(wrist, wrench(), start=100) - (wrench() - TARE)).reshape(-1, 6)
     np.testing.assert_allclose(later[0], start + 10 * slope, rtol=1e-3, atol=1e-3)
