@@ -4,7 +4,7 @@ from functools import partial
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Key
 
 from mjx_fit.config.schema import Config
 from mjx_fit.data.schedule import draw_places, mismatched_pairs
@@ -18,6 +18,7 @@ from mjx_fit.evaluation.statistics import Row, bootstrap_mean
 from mjx_fit.filters.kalman import CM_PER_M
 from mjx_fit.task import single_hole
 from mjx_fit.task.methods import POSITION, chosen
+from mjx_fit.types import Array
 from mjx_fit.utils.randomness import root_key
 
 ATTEMPTS = 5
@@ -43,7 +44,7 @@ def position(request: Request) -> Result:
         {"trials": trials},
         ATTEMPTS,
         kinds * trials,
-        partial(_holes, trials=trials, seed=request.seed),
+        partial(draw_holes, trials=trials, root=root_key(request.seed, "position")),
         partial(_rows, names=request.config.scene.names),
         summarise,
     )
@@ -99,8 +100,8 @@ def _means(
     ]
 
 
-def _holes(config: Config, ids: Ids, trials: int, seed: int) -> single_hole.Holes:
-    """Draw holes: the first half of the trials are mismatched, cycling through the pairs, the rest match."""
+def draw_holes(config: Config, ids: Ids, trials: int, root: Key[Array, ""]) -> single_hole.Holes:
+    """Draw holes: ids below ``trials`` are mismatched and cycle through the pairs, the others match."""
     n_types = config.scene.n_types
     peg = other = ids % n_types
     pairs = mismatched_pairs(n_types)
@@ -108,7 +109,7 @@ def _holes(config: Config, ids: Ids, trials: int, seed: int) -> single_hole.Hole
         pair, mismatched = pairs[ids % len(pairs)], ids < trials
         peg = np.where(mismatched, pair[:, 0], peg)
         other = np.where(mismatched, pair[:, 1], peg)
-    place, estimate, key, _ = draw_places(root_key(seed, "position"), jnp.asarray(ids), config)
+    place, estimate, key, _ = draw_places(root, jnp.asarray(ids), config)
     return single_hole.Holes(peg, other, np.asarray(place), np.asarray(estimate), key)
 
 

@@ -2,18 +2,17 @@
 
 from dataclasses import dataclass
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Int
 
 from mjx_fit.config.schema import Config
-from mjx_fit.data.schedule import draw_places, mismatched_pairs
 from mjx_fit.engines.failures import Reporting
 from mjx_fit.engines.interface import Engine
 from mjx_fit.engines.select import make_engine
 from mjx_fit.evaluation import parts, result_file
 from mjx_fit.evaluation.parts import Rows
 from mjx_fit.evaluation.perturbations import Perturbation, chosen_perturbations
+from mjx_fit.evaluation.position import draw_holes
 from mjx_fit.evaluation.request import Request
 from mjx_fit.evaluation.results import Result
 from mjx_fit.evaluation.scores import auroc, inside, squared_mahalanobis
@@ -109,7 +108,8 @@ def _worked_out(
 def _trials(request: Request, config: Config, perturbation: Perturbation, part: _Part) -> Rows:
     changed = perturbation.applied_to(config)
     engine = _engine(request, changed, perturbation)
-    world = _holes(config, part.ids, request)
+    root = root_key(request.seed, "robustness")
+    world = draw_holes(config, part.ids, request.trials, root)
     assert request.sensor is not None
     update = _update(changed, request.sensor, perturbation)
     methods = tuple(method for method in POSITION if method.name == METHOD)
@@ -137,19 +137,6 @@ def _update(config: Config, sensor: TrainedSensor, perturbation: Perturbation) -
         return learn(beliefs, change(felt), keys)
 
     return update
-
-
-def _holes(config: Config, ids: Int[np.ndarray, "n"], request: Request) -> single_hole.Holes:
-    """Draw holes: mismatched ones that cycle through the pairs, then matching ones."""
-    n_types = config.scene.n_types
-    peg = other = ids % n_types
-    pairs = mismatched_pairs(n_types)
-    if len(pairs):
-        pair, mismatched = pairs[ids % len(pairs)], ids < request.trials
-        peg = np.where(mismatched, pair[:, 0], peg)
-        other = np.where(mismatched, pair[:, 1], peg)
-    place, estimate, key, _ = draw_places(root_key(request.seed, "robustness"), jnp.asarray(ids), config)
-    return single_hole.Holes(peg, other, np.asarray(place), np.asarray(estimate), key)
 
 
 def _rows(part: _Part, world: single_hole.Holes, done: single_hole.Outcome, names: tuple[str, ...]) -> Rows:

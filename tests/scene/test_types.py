@@ -29,6 +29,7 @@ from mjx_fit.scene.build import pair_index, simulation_scene
 from mjx_fit.task import assembly, methods
 from mjx_fit.task.assembly_state import Table
 from mjx_fit.utils.errors import RequestError
+from mjx_fit.utils.randomness import root_key
 from mjx_fit.utils.type_colours import FIGURE_COLOURS, TYPE_RGB
 
 TYPES = (1, 2, 7, 12)
@@ -161,7 +162,7 @@ def test_an_assembly_of_so_many_types_ends(n):
 
 @pytest.mark.parametrize("n", TYPES)
 def test_single_holes_are_drawn_of_all_types(n, tmp_path):
-    holes = position._holes(config_of(n), np.arange(2 * n * n), n * n, 0)
+    holes = position.draw_holes(config_of(n), np.arange(2 * n * n), n * n, root_key(0, "position"))
     matched = holes.peg_type == holes.hole_type
     assert matched[n * n :].all()
     assert matched[: n * n].any() == (n == 1)

@@ -200,7 +200,7 @@ def _insertion(result: Result) -> list[Drawing]:
 def _robustness(result: Result) -> list[Drawing]:
     caption = (
         "Mean position error (left) and coverage of the 90 % ellipse (right) after one and five attempts at "
-        "the same mismatched holes, by perturbation; bars are 95 % intervals by bootstrap over trials, the "
-        "dashed line is the calibrated coverage."
+        "the same mismatched holes, by perturbation; bars are 95 % intervals by bootstrap over trials, by "
+        "Wilson for rates of 0 and 1; the dashed line is the calibrated coverage."
     )
     return [("perturbations", caption, lambda: robustness.by_perturbation(result.summary))]
