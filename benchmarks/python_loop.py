@@ -75,7 +75,7 @@ def one_world(
     first = jax.tree.map(lambda leaf: leaf[:1], attempts)
     model = scene.models[int(pair_index(first.peg_type, first.hole_type, scene.n_types)[0])]
     data = mujoco.MjData(model)
-    data.qpos[:] = np.asarray(start_qpos(chain_of(model), first, scene.config))[0]
+    data.qpos[:] = np.asarray(start_qpos(chain_of(model), first, config))[0]
     data.mocap_pos[0] = [*np.asarray(first.hole_pos_world)[0], scene.plate_top_m]
     return (
         model,

@@ -18,7 +18,7 @@ from mjx_fit.data.windows import Sample
 from mjx_fit.sensors import contact_sensor
 from mjx_fit.sensors.contact_sensor import METRES_PER_CM, ROW_FEATURES
 from mjx_fit.sensors.heads import H_INIT_LOGIT, MIN_STD_CM
-from mjx_fit.types import SUBSTEPS
+from mjx_fit.utils.rates import SUBSTEPS
 
 EPSILON = 1e-6
 """Epsilon of the layer norms: the default of Flax; PyTorch's is 1e-5."""
@@ -84,7 +84,7 @@ class SkipMLP(nn.Module):
 
 
 def _row_features(config: SensorConfig) -> int:
-    return ROW_FEATURES - (config.rotation == "vector")
+    return ROW_FEATURES - (config.pose == "start")
 
 
 class ContactSensor(nn.Module):
@@ -179,7 +179,8 @@ def inputs_of(
     mask = _tensor(reading.mask)
     wrench = _standard(_tensor(reading.wrench_sensor), _tensor(sensor.wrench_scale))
     rows = _standard(
-        _tensor(contact_sensor.row_features(reading, sensor.rotation)), _tensor(sensor.row_scale)
+        _tensor(contact_sensor.row_features(reading, as_vector=sensor.from_start)),
+        _tensor(sensor.row_scale),
     )
     peg_type = _tensor(reading.peg_type).long()
     inputs = {

@@ -5,9 +5,12 @@ import math
 import random
 from collections.abc import Iterator
 from pathlib import Path
+from types import UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
+from mjx_fit.config.randomized import allowed_range
 from mjx_fit.config.schema import Config
+from mjx_fit.config.sections.randomize import Distribution
 
 SEED = 20261126
 Request = tuple[list[bytes], list[str]]
@@ -59,7 +62,7 @@ def write(request: Request, folder: Path) -> tuple[list[Path], list[str]]:
 def _fields() -> Iterator[tuple[str, str, Any]]:
     for section, schema in vars(Config()).items():
         for field in dataclasses.fields(schema):
-            members = get_args(field.type) if get_origin(field.type) is Union else (field.type,)
+            members = get_args(field.type) if get_origin(field.type) in (Union, UnionType) else (field.type,)
             yield section, field.name, members[0]  # the other is null
 
 
@@ -68,6 +71,10 @@ def _sane(rng: random.Random) -> tuple[str, str, str]:
     section, key, kind = rng.choice([field for field in _fields() if field[1] not in _LISTS])
     if kind is bool:
         return section, key, rng.choice(("true", "false"))
+    if kind is Distribution:
+        low, high = allowed_range(Config(), key)
+        ends = sorted(float(f"{_between(rng, low, high):.4g}") for _ in range(2))
+        return section, key, f"{{uniform: [{ends[0]!r}, {ends[1]!r}]}}"
     if get_origin(kind) is Literal:
         return section, key, rng.choice(get_args(kind))
     plain, low, high = next(one[2:] for one in numbers() if one[:2] == (section, key))

@@ -13,13 +13,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from mjx_fit.config.schema import Config
-from mjx_fit.control.policies import SPIRAL
 from mjx_fit.data.schedule import draw_places, mismatched_pairs
 from mjx_fit.engines.native.engine import NativeEngine
 from mjx_fit.report import script
-from mjx_fit.types import SUBSTEPS, Attempt
+from mjx_fit.task.attempt_loop import spirals_at
 from mjx_fit.utils import process_setup
 from mjx_fit.utils.randomness import root_key
+from mjx_fit.utils.rates import SUBSTEPS
 
 HALF, ACTIONS, TIMES = 128, 100, 3
 
@@ -29,9 +29,9 @@ def main() -> None:
     ids = np.arange(2 * HALF)
     easy = ids % 2 == 0
     peg, hole = np.where(easy, ids // 2 % 3, mismatched_pairs(3)[ids // 2 % 6].T)
-    place, estimate, key, _ = draw_places(root_key(0, "finished"), jnp.asarray(ids), config)
-    estimate = jnp.where(easy[:, None], place, estimate)
-    both = Attempt(jnp.asarray(peg), jnp.asarray(hole), place, estimate, jnp.full(2 * HALF, SPIRAL), key)
+    places = draw_places(root_key(0, "finished"), jnp.asarray(ids), config)
+    estimate = jnp.where(easy[:, None], places.hole_pos_world, places.estimate_world)
+    both = spirals_at(peg, hole, places.hole_pos_world, estimate, places.key)
     engine = NativeEngine(config, 2)
     seconds: dict[str, list[float]] = {"both": [], "alone": []}
     steps = {}

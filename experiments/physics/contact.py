@@ -19,7 +19,8 @@ from mjx_fit.config.schema import Config
 from mjx_fit.data.schedule import mismatched_pairs
 from mjx_fit.engines.native.engine import NativeEngine
 from mjx_fit.report.figures import style
-from mjx_fit.types import SUBSTEPS, Rollout
+from mjx_fit.types import Rollout
+from mjx_fit.utils.rates import SUBSTEPS
 
 MATCHED, OTHERS = 102, 600
 ALLOWED_SHARE = 0.1

@@ -24,7 +24,7 @@ from mjx_fit.engines.attempt_rules import start_qpos
 from mjx_fit.engines.mjx import contact, step
 from mjx_fit.engines.mjx.compiler import compiler_options
 from mjx_fit.engines.mjx.engine import arm_state
-from mjx_fit.engines.mjx.step import models_of, placed, stacked_models
+from mjx_fit.engines.mjx.step import Models, placed
 from mjx_fit.scene.build import pair_index, simulation_scene
 from mjx_fit.utils.linalg import worlds_last
 
@@ -65,14 +65,15 @@ def _free(model: mjx.Model, data: mjx.Data) -> mjx.Data:
 def _microseconds(controlled: bool) -> float:
     config = Config()
     scene = simulation_scene(config.scene)
-    stacked, axes = stacked_models(scene)
     attempts = attempts_of(config, WORLDS)
-    models = models_of(stacked, pair_index(attempts.peg_type, attempts.hole_type, scene.n_types))
+    pair = pair_index(attempts.peg_type, attempts.hole_type, scene.n_types)
+    models, axes = Models.of(scene).of_worlds(pair)
+    gains = operational_space.gains_of(config)
 
     def world(model, qpos, hole, goal):
         data = placed(model, qpos, hole, scene.plate_top_m)
         to = jnp.append(goal, scene.plate_top_m - config.spiral.push_m)
-        command = worlds_last(lambda arm, goal: operational_space.torque(arm, goal, config.control))
+        command = worlds_last(lambda arm, goal: operational_space.torque(arm, goal, gains))
 
         def step(data, _):
             arm = arm_state(model, data, scene)
@@ -84,7 +85,7 @@ def _microseconds(controlled: bool) -> float:
         return jax.lax.scan(step, data, length=STEPS)[1]
 
     rollout = jax.jit(jax.vmap(world, (axes, 0, 0, 0)), compiler_options=compiler_options())
-    qpos = start_qpos(chain_of(scene.models[0]), attempts, scene.config)
+    qpos = start_qpos(chain_of(scene.models[0]), attempts, config)
     fields = models, qpos, attempts.hole_pos_world, attempts.estimate_world
     jax.block_until_ready(rollout(*fields))
     seconds = []

@@ -18,7 +18,7 @@ from mujoco import mjx
 from mjx_fit.config.schema import Config
 from mjx_fit.data.schedule import draw_attempts
 from mjx_fit.engines.mjx.compiler import compiler_options
-from mjx_fit.engines.mjx.step import accelerate, models_of, observe, stacked_models
+from mjx_fit.engines.mjx.step import Models, accelerate, observe
 from mjx_fit.engines.native.engine import NativeEngine
 from mjx_fit.scene.build import Scene, pair_index, simulation_scene
 
@@ -116,7 +116,7 @@ def _in_c(scene: Scene, states: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 
 def _in_mjx(scene: Scene, states: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    stacked, axes = stacked_models(scene)
+    models, axes = Models.of(scene).of_worlds(states["pair"])
 
     def one(model, qpos, qvel, qacc_warmstart, ctrl, mocap_pos):
         data = mjx.make_data(model).replace(qpos=qpos, qvel=qvel, qacc_warmstart=qacc_warmstart)
@@ -125,7 +125,7 @@ def _in_mjx(scene: Scene, states: dict[str, np.ndarray]) -> dict[str, np.ndarray
 
     batched = jax.jit(jax.vmap(one, (axes, 0, 0, 0, 0, 0)), compiler_options=compiler_options())
     fields = [np.asarray(value, np.float32) for name, value in states.items() if name != "pair"]
-    smooth, acc, sensor, pos, dist = map(np.asarray, batched(models_of(stacked, states["pair"]), *fields))
+    smooth, acc, sensor, pos, dist = map(np.asarray, batched(models, *fields))
     touching = [points[deep < 0] for points, deep in zip(pos, dist, strict=True)]
     return {
         "qacc_smooth": smooth,

@@ -13,9 +13,9 @@ from matplotlib.figure import Figure
 from mjx_fit.config.files import read_config
 from mjx_fit.config.schema import Config
 from mjx_fit.config.worlds import world_file
-from mjx_fit.control.policies import SPIRAL
 from mjx_fit.data.schedule import draw_places
 from mjx_fit.report import script
+from mjx_fit.task.attempt_loop import spirals_at
 from mjx_fit.types import Attempt, Rollout
 from mjx_fit.utils import process_setup
 from mjx_fit.utils.randomness import root_key
@@ -56,8 +56,8 @@ def draw(name: str, make: Callable[[], Figure]) -> None:
 
 def spiral_attempts(config: Config, use: str, peg: np.ndarray, hole: np.ndarray) -> Attempt:
     """Draw attempts of Algorithm 4 from the detector's estimates, seed 0, with these pegs and holes (n,)."""
-    hole_pos, estimate, key, _ = draw_places(root_key(0, use), jnp.arange(len(peg)), config)
-    return Attempt(jnp.asarray(peg), jnp.asarray(hole), hole_pos, estimate, jnp.full(len(peg), SPIRAL), key)
+    places = draw_places(root_key(0, use), jnp.arange(len(peg)), config)
+    return spirals_at(peg, hole, places.hole_pos_world, places.estimate_world, places.key, places.physics)
 
 
 def force(rollouts: Rollout) -> np.ndarray:

@@ -30,7 +30,8 @@ from mjx_fit.data.schedule import mismatched_pairs
 from mjx_fit.engines.mjx.engine import MjxEngine
 from mjx_fit.engines.native.engine import NativeEngine
 from mjx_fit.report.figures import style
-from mjx_fit.types import SUBSTEPS, Attempt, Rollout
+from mjx_fit.types import Attempt, Rollout
+from mjx_fit.utils.rates import SUBSTEPS
 
 ATTEMPTS, ACTIONS = 48, 100
 NO_CONTACT_N = 1.0

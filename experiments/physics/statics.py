@@ -33,7 +33,8 @@ def main() -> None:
     config = shared.config()
     scene = simulation_scene(config.scene)
     rng = np.random.default_rng(0)
-    torque = jax.jit(lambda arm, goal: operational_space.torque(arm, goal, config.control))
+    gains = operational_space.gains_of(config)
+    torque = jax.jit(lambda arm, goal: operational_space.torque(arm, goal, gains))
     chain = chain_of(scene.models[0])
     rows = [_press(scene, config, chain, torque, rng, i) for i in range(N)]
     pressed = {key: np.array([row[key] for row in rows]) for key in rows[0]}
@@ -98,7 +99,8 @@ def _press(scene: Scene, config: Config, chain, torque, rng: np.random.Generator
 def _tare(scene: Scene, chain, rng: np.random.Generator) -> np.ndarray:
     """Measure |tared reading| (n, 6) at rest in free space across the workspace, one second after taring."""
     config = shared.config()
-    torque = jax.jit(lambda arm, goal: operational_space.torque(arm, goal, config.control))
+    gains = operational_space.gains_of(config)
+    torque = jax.jit(lambda arm, goal: operational_space.torque(arm, goal, gains))
     model = scene.models[0]
     rows = []
     for x, y in np.stack(np.meshgrid(np.linspace(0.35, 0.65, 5), np.linspace(-0.3, 0.3, 5)), -1).reshape(

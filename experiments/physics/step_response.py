@@ -14,10 +14,12 @@ from mjx_fit.control import operational_space
 from mjx_fit.control.kinematics import chain_of, inverse
 from mjx_fit.control.policies import SPIRAL
 from mjx_fit.engines.native.block import Block, Layout
+from mjx_fit.engines.native.models import Models
 from mjx_fit.report.figures import style
 from mjx_fit.scene.build import simulation_scene
 from mjx_fit.scene.robot import PANDA
-from mjx_fit.types import SUBSTEPS, Attempt
+from mjx_fit.types import Attempt
+from mjx_fit.utils.rates import SUBSTEPS
 
 STEP_M = 0.02
 DIRECTIONS = {
@@ -76,10 +78,9 @@ def follow(config: Config, start: np.ndarray, goal: np.ndarray) -> tuple[np.ndar
     kind = np.zeros(n, int)
     attempts = Attempt(kind, kind, far, far, np.full(n, SPIRAL), jax.random.split(jax.random.key(0), n))
     qpos = np.asarray(jax.vmap(inverse, (None, 0))(chain_of(scene.models[0]), jnp.asarray(start)))
-    block = Block(scene, layout, attempts, qpos, n)
-    command = jax.jit(
-        jax.vmap(lambda row, to: operational_space.torque(layout.unpack(row), to, config.control))
-    )
+    block = Block(Models(scene), layout, attempts, qpos, n)
+    gains = operational_space.gains_of(config)
+    command = jax.jit(jax.vmap(lambda row, to: operational_space.torque(layout.unpack(row), to, gains)))
     tips, frames, torques = [], [], []
     for step in range(round(SECONDS / DT_S)):
         torques.append(np.asarray(command(block.packed(), goal)))

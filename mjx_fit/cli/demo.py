@@ -102,7 +102,7 @@ def _collect(config: Config, data: Path, size: Size, engine: Engine, console: Co
 
 def _train(config: Config, data: Path, run: Path, console: Console) -> None:
     console.rule("train sensors and filters on them")
-    train_from(data, config, Run(run, seed=0))
+    train_from([data], config, Run(run, seed=0))
     best = min(read_metrics(run / "metrics.jsonl"), key=lambda row: row["val_nll"])
     console.print(
         f"validation NLL: {best['val_nll']:.3f} after the update, {best['prior_nll']:.3f} before it "

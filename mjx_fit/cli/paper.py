@@ -176,7 +176,7 @@ def _stages(base: Request, size: Size) -> dict[str, Callable[[], object]]:
     return {
         f"{size.episodes:,} episodes to train on": lambda: collect(config, data, plan, engine),
         f"{size.held_out:,} to calibrate on": lambda: collect(config, test, test_plan, engine),
-        "train": lambda: train_from(data, config, Run(run, seed)),
+        "train": lambda: train_from([data], config, Run(run, seed)),
         "calibration": lambda: calibrate(config, out / "calibration.json", run, test, seed),
         "calibration by attempt": lambda: _by_attempt(replace(base, seed=seed + OWN), run, size.own),
         "single attempts": measure(attempt, "attempt", config, size.attempts, ""),

@@ -19,7 +19,9 @@ def add_train(parsers: argparse._SubParsersAction) -> None:
         "train sensors and noise models; the defaults gave the weights that ship",
         resumes=True,
     )
-    parser.add_argument("--data", type=path, required=True, metavar="DIR")
+    parser.add_argument(
+        "--data", type=path, required=True, nargs="+", metavar="DIR", help="one data set or several"
+    )
     parser.add_argument("--out", type=path, required=True, metavar="RUN")
     parser.add_argument(
         "--epochs", type=int, metavar="N", help="passes over the data (default: train.epochs, 30)"
@@ -53,9 +55,10 @@ def train(args: argparse.Namespace) -> None:
     if args.epochs is not None:
         require("--epochs", args.epochs, 1, MAX_EPOCHS)
         config = replace(config, train=replace(config.train, epochs=args.epochs))
-    index, of = read_manifest(args.data).part
-    if of > 1:
-        print(f"{args.data}: part {index} of {of} of a data set; data merge joins them")
+    for folder in args.data:
+        index, of = read_manifest(folder).part
+        if of > 1:
+            print(f"{folder}: part {index} of {of} of a data set; data merge joins them")
     run = Run(args.out, args.seed, args.members, args.init)
     was_left = train_from(args.data, config, run)
     for folder in run.folders():

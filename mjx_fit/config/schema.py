@@ -9,13 +9,15 @@ import yaml
 from pydantic import TypeAdapter, ValidationError, model_validator
 from pydantic.dataclasses import dataclass
 
-from mjx_fit.config import cross_section_rules, schema_errors, strict_yaml
+from mjx_fit.config import cross_section_rules, randomized, schema_errors, strict_yaml
 from mjx_fit.config.sections.fields import STRICT
 from mjx_fit.config.sections.filter import FilterConfig
 from mjx_fit.config.sections.learning import FIRST_SENSOR, FIRST_TRAIN, SensorConfig, TrainConfig
 from mjx_fit.config.sections.measurement import PoseConfig, WristConfig
+from mjx_fit.config.sections.randomize import RandomizeConfig
 from mjx_fit.config.sections.task import TaskConfig
 from mjx_fit.config.sections.world import (
+    ArmConfig,
     ControlConfig,
     DetectorConfig,
     RandomConfig,
@@ -38,6 +40,8 @@ class Config:
 
     scene: SceneConfig = SceneConfig()
     control: ControlConfig = ControlConfig()
+    arm: ArmConfig = ArmConfig()
+    randomize: RandomizeConfig = RandomizeConfig()
     spiral: SpiralConfig = SpiralConfig()
     random: RandomConfig = RandomConfig()
     detector: DetectorConfig = DetectorConfig()
@@ -71,6 +75,8 @@ def config_from_stored(tree: dict[str, Any]) -> Config:
         for name, section in then.items()
         if isinstance(tree.get(name), dict)
     }
+    if "rotation" in filled.get("sensor", {}):  # one version's name of sensor.pose
+        filled["sensor"]["pose"] = "start" if filled["sensor"].pop("rotation") == "vector" else "world"
     return config_from_tree(tree | filled)
 
 
@@ -90,9 +96,11 @@ def config_from_tree(tree: dict[str, Any]) -> Config:
         raise RequestError(
             f"config: {shown(tree)} is invalid: expected sections of names and values"
         ) from None
-    cross_section_rules.require_steady(
-        config.scene, config.control, config.spiral, config.random, config.task
-    )
+    randomized.require_valid(config)
+    for corner in randomized.extremes(config):
+        cross_section_rules.require_steady(
+            corner.scene, corner.control, corner.spiral, corner.random, corner.task
+        )
     require_room(config, "spiral.radius_m", config.spiral.radius_m)
     return config
 

@@ -20,7 +20,8 @@ def in_words(error: ValidationError, schema: type) -> str:
     place, kind, given = _without_tags(first["loc"], schema), first["type"], first["input"]
     field = _dotted(place)
     if kind == "unexpected_keyword_argument":
-        return f"{field}: unknown key; allowed here: {', '.join(_keys(_annotation(place[:-1], schema)))}"
+        known = _keys(members(_annotation(place[:-1], schema))[0])
+        return f"{field}: unknown key; allowed here: {', '.join(known)}"
     if kind == "value_error":  # raised by a section's own check, which names its key
         said = str(first.get("ctx", {}).get("error"))
         return f"{field}.{said}" if field else said

@@ -5,7 +5,7 @@ from pathlib import Path
 from mjx_fit.utils import resources
 from mjx_fit.utils.errors import RequestError, shown
 
-WORLDS = ("home", "as-2026-11", "paper")
+WORLDS = ("home", "as-2026-11", "paper", "forge", "wide")
 """Names of the presets; the first is the default of every key."""
 
 

@@ -1,29 +1,85 @@
 """Motion of the controller's goal during an action."""
 
+from dataclasses import replace
+from typing import Any
+
 from jaxtyping import Float, Int
 
 from mjx_fit.config.sections.world import ControlConfig
-from mjx_fit.types import SUBSTEPS, Array
+from mjx_fit.types import Array, pytree
+from mjx_fit.types.physics import AS_CONFIGURED, Physics
+from mjx_fit.utils.rates import ACTION_S, STEP_S, SUBSTEPS
+
+
+@pytree
+class Goal:
+    """Goal of the TCP between actions, m.
+
+    Attributes:
+        now_world: Commanded goal at the end of the previous action.
+        earlier_world: The same, one action before; for delayed goals.
+        smooth_world: Smoothed goal that the controller follows.
+    """
+
+    now_world: Float[Array, "*n 3"]
+    earlier_world: Float[Array, "*n 3"]
+    smooth_world: Float[Array, "*n 3"]
+
+
+def at_rest(tip_pos_world: Float[Array, "*n 3"]) -> Goal:
+    """Return the goal of a TCP that stays where it is."""
+    return Goal(tip_pos_world, tip_pos_world, tip_pos_world)
+
+
+def after(goal: Goal, next_world: Float[Array, "*n 3"]) -> Goal:
+    """Return the goal at the end of an action with a new commanded goal, m."""
+    return replace(goal, now_world=next_world, earlier_world=goal.now_world)
 
 
 def goal_during(
-    before_world: Float[Array, "*n 3"],
-    after_world: Float[Array, "*n 3"],
+    goal: Goal,
+    next_world: Float[Array, "*n 3"],
     substep: int | Int[Array, ""],
     control: ControlConfig,
-) -> Float[Array, "*n 3"]:
-    """Compute the goal of the TCP in one simulation step of an action, m.
+    physics: Physics = AS_CONFIGURED,
+) -> tuple[Goal, Float[Array, "*n 3"]]:
+    """Compute the goal of the TCP in one simulation step of an action, m, and update the smoothed one.
 
     Mode ``step`` is a jump by the whole command, which the arm answers with a torque step. Mode ``ramp``
     interpolates linearly at the rate of the torques, as the controllers of VICES (Martín-Martín et al., 2019)
-    do.
+    do. A delay shifts this motion in time; a low pass follows it: y += Δt / (τ + Δt) (x - y).
 
     Args:
-        before_world: Goal at the end of the previous action, m.
-        after_world: Goal of this action, m.
+        goal: Goal before the step.
+        next_world: Goal commanded for this action, m.
         substep: Index of the simulation step in the action, from 0.
-        control: Defines the mode.
+        control: Defines the mode, and delay and smoothing of worlds that have none of their own.
+        physics: Quantities of the worlds.
     """
-    if control.goal == "step":
-        return after_world
-    return before_world + (substep + 1) / SUBSTEPS * (after_world - before_world)
+    delay = _own(physics.goal_delay_s, control.goal_delay_s)
+    time = _own(physics.smoothing_s, control.smoothing_s)
+    wanted = _commanded(goal, next_world, substep, control.goal, delay)
+    if isinstance(time, float) and time == 0:
+        return goal, wanted
+    smooth = goal.smooth_world + STEP_S / (time + STEP_S) * (wanted - goal.smooth_world)
+    return replace(goal, smooth_world=smooth), smooth
+
+
+def _own(drawn: Any, constant: float) -> Any:
+    """Return a world's own value with an axis for x, y and z, or the constant."""
+    return constant if drawn is None else drawn[..., None]
+
+
+def _commanded(goal: Goal, next_world, substep, mode: str, delay_s: Any) -> Float[Array, "*n 3"]:
+    """Return the commanded goal as it was ``delay_s`` ago, at most one action."""
+    if isinstance(delay_s, float) and delay_s == 0:
+        if mode == "step":
+            return next_world
+        return goal.now_world + (substep + 1) / SUBSTEPS * (next_world - goal.now_world)
+    share = (substep + 1) / SUBSTEPS - delay_s / ACTION_S
+    of_this = share > 0
+    if mode == "step":
+        return next_world * of_this + goal.now_world * (1 - of_this)
+    here = goal.now_world + share * (next_world - goal.now_world)
+    before = goal.now_world + share * (goal.now_world - goal.earlier_world)
+    return here * of_this + before * (1 - of_this)

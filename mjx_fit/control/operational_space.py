@@ -16,14 +16,19 @@ accelerations in free space would be decoupled instead of forces: pressing the p
 it, so that it stands on one edge.
 """
 
+from dataclasses import dataclass, fields
+from typing import Any
+
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from mjx_fit.config.sections.world import ControlConfig
+from mjx_fit.config.schema import Config
 from mjx_fit.control.kinematics import STRAIGHT_DOWN, jacobian, posture_towards, rotation_error
 from mjx_fit.scene.robot import PANDA, Robot
 from mjx_fit.types import Array, pytree
+from mjx_fit.types.physics import AS_CONFIGURED, Physics
+from mjx_fit.utils.arrays import is_off
 from mjx_fit.utils.linalg import (
     CholeskyFactor,
     cholesky_factor,
@@ -38,6 +43,9 @@ from mjx_fit.utils.linalg import (
 # inertias at least 1e-1 1/kg, so it changes torques by less than one part in a thousand.
 _DAMPING_MASS = 1e-6
 _DAMPING_TASK = 1e-5
+GRAVITY_MPS2 = 9.81
+_FRICTION_RADPS = 0.03
+"""Joint velocity at which Coulomb friction is mostly developed, rad/s; a step would be unstable at 500 Hz."""
 
 
 @pytree
@@ -81,25 +89,53 @@ def tip_quaternion(arm: ArmState) -> Float[Array, "4 *b"]:
     return jnp.stack([wyz[0], x, wyz[1], wyz[2]])
 
 
+@dataclass(frozen=True)
+class Gains:
+    """Gains of the controller, and imperfections of the arm that it does not know.
+
+    Each is a number, or an array with one value per world. See ``ControlConfig`` and ``ArmConfig``.
+    """
+
+    kp_position: Any
+    kp_orientation: Any
+    damping_ratio: Any
+    kp_posture: Any
+    dead_zone_n: Any
+    dead_zone_nm: Any
+    joint_friction_nm: Any
+    joint_damping_nms: Any
+    payload_kg: Any
+    tilt_x_rad: Any
+    tilt_y_rad: Any
+
+
+def gains_of(config: Config, physics: Physics = AS_CONFIGURED) -> Gains:
+    """Return the gains of a configuration, or of worlds that have some of their own."""
+    own = {field.name: getattr(physics, field.name, None) for field in fields(Gains)}
+    constant = vars(config.control) | vars(config.arm)
+    return Gains(**{name: constant[name] if value is None else value for name, value in own.items()})
+
+
 def torque(
-    arm: ArmState, goal_pos_world: Float[Array, "3 *b"], gains: ControlConfig, robot: Robot = PANDA
+    arm: ArmState, goal_pos_world: Float[Array, "3 *b"], gains: Gains, robot: Robot = PANDA
 ) -> Float[Array, "joints *b"]:
     """Compute joint torques that pull the TCP to a goal, straight down.
 
     Args:
         arm: State of the arm.
         goal_pos_world: Goal position of the TCP, m.
-        gains: Stiffness and damping.
+        gains: Stiffness and damping, and the arm's imperfections.
         robot: Robot with the null-space posture and the torque limits.
 
     Returns:
         Joint torques within the robot's limits, N·m.
     """
     jac = jacobian(arm.joint_anchor_world, arm.joint_axis_world, arm.tip_pos_world)
-    error = jnp.concatenate(
-        [goal_pos_world - arm.tip_pos_world, rotation_error(arm.tip_frame_world, STRAIGHT_DOWN)]
-    )
-    stiffness = column(jnp.repeat(jnp.array([gains.kp_position, gains.kp_orientation]), 3), error)
+    turn = rotation_error(arm.tip_frame_world, STRAIGHT_DOWN)
+    if not (is_off(gains.tilt_x_rad) and is_off(gains.tilt_y_rad)):
+        turn += jnp.stack([0 * turn[0] + gains.tilt_x_rad, 0 * turn[1] + gains.tilt_y_rad, 0 * turn[2]])
+    error = jnp.concatenate([goal_pos_world - arm.tip_pos_world, turn])
+    stiffness = _six(gains.kp_position, gains.kp_orientation, error)
     damping = 2 * gains.damping_ratio * jnp.sqrt(stiffness)
     task_acc = stiffness * error - damping * times(jac, arm.qvel)
 
@@ -115,7 +151,40 @@ def torque(
     of_position = CholeskyFactor(root.lower[:3], root.inverse_diagonal[:3])
     of_rotation = cholesky_factor(inverse_inertia[3:, 3:], _DAMPING_TASK)
     apart = [cholesky_solve(of_position, task_acc[:3]), cholesky_solve(of_rotation, task_acc[3:])]
-    force = jnp.concatenate(apart) - cholesky_solve(root, times(jac, posture_acc))
+    force = _felt_by_arm(jnp.concatenate(apart), gains) - cholesky_solve(root, times(jac, posture_acc))
     unlimited = total(jac * force[:, None]) + times(arm.mass_matrix, posture_acc) + arm.bias
+    unlimited = _disturbed(unlimited, jac, arm.qvel, gains)
     limit = column(np.array(robot.torque_limit_nm, np.float32), unlimited)
     return jnp.clip(unlimited, -limit, limit)
+
+
+def _felt_by_arm(force: Float[Array, "6 *b"], gains: Gains) -> Float[Array, "6 *b"]:
+    """Reduce the magnitude of each component by the dead zone, at most to zero."""
+    if is_off(gains.dead_zone_n) and is_off(gains.dead_zone_nm):
+        return force
+    zone = _six(gains.dead_zone_n, gains.dead_zone_nm, force)
+    return jnp.sign(force) * jnp.maximum(abs(force) - zone, 0)
+
+
+def _disturbed(
+    torque_nm: Float[Array, "joints *b"],
+    jac: Float[Array, "6 joints *b"],
+    qvel: Float[Array, "joints *b"],
+    gains: Gains,
+) -> Float[Array, "joints *b"]:
+    """Add friction in the joints, and the weight of the payload at the TCP."""
+    if not is_off(gains.joint_friction_nm):
+        torque_nm -= gains.joint_friction_nm * jnp.tanh(qvel / _FRICTION_RADPS)
+    if not is_off(gains.joint_damping_nms):
+        torque_nm -= gains.joint_damping_nms * qvel
+    if not is_off(gains.payload_kg):
+        torque_nm -= GRAVITY_MPS2 * gains.payload_kg * jac[2]
+    return torque_nm
+
+
+def _six(linear: Any, angular: Any, like: Float[Array, "6 *b"]) -> Float[Array, "6 *ones"]:
+    """Repeat a linear and an angular value three times each; numbers broadcast over the worlds."""
+    if isinstance(linear, float) and isinstance(angular, float):
+        return column(jnp.repeat(jnp.array([linear, angular]), 3), like)
+    worlds = [jnp.broadcast_to(value, like.shape[1:]) for value in (linear, angular)]
+    return jnp.repeat(jnp.stack(worlds), 3, axis=0)

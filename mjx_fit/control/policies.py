@@ -14,7 +14,8 @@ from jaxtyping import Bool, Float, Int, Key
 
 from mjx_fit.config.schema import Config
 from mjx_fit.config.sections.world import RandomConfig, SpiralConfig
-from mjx_fit.types import Array, Attempt, pytree, static
+from mjx_fit.types import Array, Attempt
+from mjx_fit.utils.pytrees import pytree, static
 
 NAMES = ("spiral", "random")
 SPIRAL, RANDOM = range(len(NAMES))

@@ -13,9 +13,10 @@ import jax
 import jax.numpy as jnp
 
 from mjx_fit.control.policies import Policy, PolicyInput, PolicyStart, stateless
-from mjx_fit.types import SUBSTEPS, Array
+from mjx_fit.types import Array
 from mjx_fit.utils import numerics
 from mjx_fit.utils.errors import RequestError, shortened, shown
+from mjx_fit.utils.rates import SUBSTEPS
 
 NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,39}(@[0-9a-f]{12})?")
 """Pattern of the policy names allowed in data sets and results."""

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from mjx_fit.config import cross_section_rules
+from mjx_fit.config import cross_section_rules, randomized
 from mjx_fit.config.schema import Config, require_room
 from mjx_fit.data import hdf5
 from mjx_fit.data.plan import Plan, check, require_engine
@@ -15,10 +15,10 @@ from mjx_fit.data.writer import Writer, is_finished, new_manifest, new_shard
 from mjx_fit.engines.failures import kept_in
 from mjx_fit.engines.interface import Engine
 from mjx_fit.task.estimator import Update
-from mjx_fit.types import ACTION_BYTES, SUBSTEPS
 from mjx_fit.utils import memory
 from mjx_fit.utils.filesystem import path_inside
 from mjx_fit.utils.progress import COMPILING, Progress
+from mjx_fit.utils.rates import ACTION_BYTES, SUBSTEPS
 
 _BROKEN = "broken"
 """Subfolder of the data set for replay files of diverged simulations."""
@@ -43,7 +43,8 @@ def collect(config: Config, out: Path, plan: Plan, engine: Engine, update: Updat
     check(plan)
     if plan.policy in ("random", "mixed"):
         require_room(config, "random.reach_m", config.random.reach_m)
-        cross_section_rules.require_random_upright(config.scene, config.control, config.random)
+        for corner in randomized.extremes(config):
+            cross_section_rules.require_random_upright(corner.scene, corner.control, corner.random)
     _require_memory(config, plan)
     require_engine(plan, engine)
     request, shards = plan.request(config), plan.shards()

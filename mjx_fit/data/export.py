@@ -11,20 +11,20 @@ import jax
 import numpy as np
 from jaxtyping import Int
 
-from mjx_fit.config.schema import Config, config_from_tree
+from mjx_fit.config.schema import Config, config_from_stored
 from mjx_fit.data.episode import Episode, happened
-from mjx_fit.data.hdf5 import FIELDS, flat
+from mjx_fit.data.hdf5 import fields_of, flat
 from mjx_fit.data.manifest import Manifest, read_complete_manifest
 from mjx_fit.data.reader import load, read_shards
 from mjx_fit.data.schedule import stored_policies
 from mjx_fit.data.split import split_sequences
-from mjx_fit.engines.attempt_rules import START_HEIGHT_M
-from mjx_fit.scene.parts import plate_top_m
+from mjx_fit.scene.parts import START_HEIGHT_M, plate_top_m
 from mjx_fit.sensors.force_torque import in_contact
-from mjx_fit.types import SUBSTEPS, Rollout
+from mjx_fit.types import Rollout
 from mjx_fit.utils import files, locks
 from mjx_fit.utils.errors import RequestError
 from mjx_fit.utils.progress import Progress
+from mjx_fit.utils.rates import SUBSTEPS
 
 _STATE = (
     "tip_pos_world",
@@ -73,11 +73,11 @@ def export(folder: Path, out: Path) -> None:
 
 def _write_npz(folder: Path, manifest: Manifest, path: Path) -> None:
     data = load(folder)
-    keep, config = happened(data), config_from_tree(manifest.request["config"])
+    keep, config = happened(data), config_from_stored(manifest.request["config"])
     arrays: dict[str, Any] = {
         name.replace("/", "_"): value[keep] for name, value in flat(data, config).items()
     }
-    about = {name.replace("/", "_"): field._asdict() for name, field in FIELDS.items()}
+    about = {name.replace("/", "_"): field._asdict() for name, field in fields_of(config).items()}
     about |= {"shapes": list(manifest.shapes), "request": manifest.request, "versions": manifest.versions}
     with path.open("wb") as file:  # savez would append .npz to a temporary file name
         np.savez_compressed(file, about=np.array(json.dumps(about)), **arrays)
@@ -91,7 +91,7 @@ def _write_robomimic(folder: Path, manifest: Manifest, path: Path) -> None:
     straight down. The masks are the default train/validation split of ``mjx-fit train``: all demonstrations
     of a sequence share one mask.
     """
-    config = config_from_tree(manifest.request["config"])
+    config = config_from_stored(manifest.request["config"])
     total, buffer = 0, io.BytesIO()
     names: list[str] = []
     sequences: list[int] = []

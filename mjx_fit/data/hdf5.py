@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 import h5py
 import numpy as np
 
-from mjx_fit.config.schema import Config, config_from_tree
-from mjx_fit.config.sections.world import SceneConfig
+from mjx_fit.config.randomized import distributions
+from mjx_fit.config.schema import Config, config_from_stored
 from mjx_fit.data import hdf5_check_layout, hdf5_check_values
 from mjx_fit.data.episode import Episode
 from mjx_fit.data.manifest import FORMAT, Shard
@@ -21,6 +21,7 @@ from mjx_fit.data.schedule import stored_policies
 from mjx_fit.scene.robot import ROBOTS
 from mjx_fit.sensors.force_torque import touched
 from mjx_fit.types import Felt, Rollout, Trace, Truth
+from mjx_fit.types.physics import QUANTITIES, Physics
 from mjx_fit.utils.rates import ACTION_S
 
 
@@ -83,6 +84,19 @@ FIELDS = {
     "valid": Field("1", "-", "n", "false where the simulation turned non-finite"),
 }
 
+PHYSICS = "physics/"
+"""Group of the quantities that each world drew for itself; only those with a distribution are stored."""
+
+
+def fields_of(config: Config) -> dict[str, Field]:
+    """Return the fields of a data set: those of every data set, and the physics that its worlds drew."""
+    own = {
+        f"{PHYSICS}{name}": Field(QUANTITIES[name].unit, "-", "n", f"drawn from randomize.{name}")
+        for name in distributions(config.randomize)
+    }
+    return FIELDS | own
+
+
 _HDF5 = ("v108", "v110")
 """Oldest and newest HDF5 file format to use; "latest" would depend on the installed library."""
 
@@ -108,7 +122,7 @@ def encode(episodes: Episode, request: dict[str, Any]) -> bytes:
         episodes: Stacked episodes (n,), as NumPy arrays.
         request: Request of the data set, stored in the shard to make it self-describing.
     """
-    config = config_from_tree(request["config"])
+    config = config_from_stored(request["config"])
     values = flat(episodes, config)
     buffer = io.BytesIO()
     with h5py.File(buffer, "w", libver=_HDF5) as file:
@@ -117,7 +131,7 @@ def encode(episodes: Episode, request: dict[str, Any]) -> bytes:
         file.attrs["policies"] = list(stored_policies(request["policy"]))
         file.attrs["frames"], file.attrs["action_s"] = FRAMES, ACTION_S
         file.attrs["request"] = json.dumps(request)
-        for name, field in FIELDS.items():
+        for name, field in fields_of(config).items():
             value = values[name]
             # One chunk per episode of a trace: a single episode can be read without unpacking others.
             chunks = (1, *value.shape[1:]) if name.startswith("trace/") else value.shape
@@ -145,11 +159,12 @@ def decode(content: bytes, shard: Shard, request: dict[str, Any]) -> Episode:
     Raises:
         ValueError: The content is not that of the shard.
     """
-    scene = config_from_tree(request["config"]).scene
+    config = config_from_stored(request["config"])
+    scene, shapes = config.scene, _shapes(shard.episodes, request["steps"], config)
     try:
         with h5py.File(io.BytesIO(content), "r") as file:
-            hdf5_check_layout.require(file, _shapes(shard.episodes, request["steps"], scene), len(content))
-            fields = {name: np.asarray(file[name]) for name in FIELDS}
+            hdf5_check_layout.require(file, shapes, len(content))
+            fields = {name: np.asarray(file[name]) for name in shapes}
     except hdf5_check_layout.LayoutError:
         raise
     except (OSError, LookupError, RuntimeError, ValueError, TypeError, AttributeError) as error:
@@ -165,15 +180,15 @@ def decode(content: bytes, shard: Shard, request: dict[str, Any]) -> Episode:
 def flat(episodes: Episode, config: Config) -> dict[str, np.ndarray]:
     """Return the fields by their names in a file."""
     contact = touched(episodes.rollout.felt, config.wrist)
-    return {name: contact if name == CONTACT else _get(episodes, name) for name in FIELDS}
+    return {name: contact if name == CONTACT else _get(episodes, name) for name in fields_of(config)}
 
 
-def _shapes(n: int, actions: int, scene: SceneConfig) -> dict[str, hdf5_check_layout.Shape]:
+def _shapes(n: int, actions: int, config: Config) -> dict[str, hdf5_check_layout.Shape]:
     """Return the shape of each field for n episodes."""
-    axes = {"n": n, "J": actions, "joints": len(ROBOTS[scene.robot].joints)}
+    axes = {"n": n, "J": actions, "joints": len(ROBOTS[config.scene.robot].joints)}
     return {
         name: tuple(axes[axis] if axis in axes else int(axis) for axis in field.shape.split())
-        for name, field in FIELDS.items()
+        for name, field in fields_of(config).items()
     }
 
 
@@ -181,12 +196,19 @@ def _get(episodes: Episode, name: str) -> np.ndarray:
     rollout, last = episodes.rollout, name.rpartition("/")[2]
     if name.startswith("trace/"):
         value: Any = rollout.felt.trace
+    elif name.startswith(PHYSICS):
+        value = rollout.truth.physics
     else:
         value = episodes if name in _OWN else rollout.felt if name in _FELT else rollout.truth
     return np.asarray(getattr(value, last))
 
 
 def _from_fields(fields: dict[str, np.ndarray]) -> Episode:
-    own, felt = ({name: fields.pop(name) for name in names} for names in (_OWN, _FELT))
-    trace = {name.removeprefix("trace/"): fields.pop(name) for name in list(fields) if "trace/" in name}
-    return Episode(**own, rollout=Rollout(Felt(Trace(**trace), **felt), Truth(**fields)))
+    own: dict[str, Any] = {name: fields.pop(name) for name in _OWN}
+    felt: dict[str, Any] = {name: fields.pop(name) for name in _FELT}
+    trace, drawn = (
+        {name.removeprefix(group): fields.pop(name) for name in list(fields) if name.startswith(group)}
+        for group in ("trace/", PHYSICS)
+    )
+    truth = Truth(**fields, physics=Physics(**drawn))
+    return Episode(**own, rollout=Rollout(Felt(Trace(**trace), **felt), truth))

@@ -14,7 +14,9 @@ from mjx_fit.utils import bounded_json, files
 from mjx_fit.utils.errors import RequestError
 
 MANIFEST_NAME = "manifest.json"
-FORMAT = 2
+FORMAT = 3
+"""Version of the files that are written; 3 adds the physics of randomised worlds."""
+READABLE = (2, 3)
 
 
 class FormatError(ValueError):
@@ -53,6 +55,7 @@ class Manifest:
         shapes: Names of the shapes, in the order of their indices.
         complete: True if all shards of the part exist.
         shards: Existing shards, sorted by name.
+        format: Version of the files.
     """
 
     request: dict[str, Any]
@@ -61,6 +64,7 @@ class Manifest:
     shapes: tuple[str, ...]
     complete: bool = False
     shards: tuple[Shard, ...] = field(default=())
+    format: int = FORMAT
 
     def shard(self, name: str) -> Shard | None:
         """Return the shard of a name, or None."""
@@ -74,7 +78,8 @@ class Manifest:
 
 def manifest_text(manifest: Manifest) -> str:
     """Format the manifest as JSON text."""
-    tree = {"format": FORMAT, **asdict(manifest)}
+    fields = asdict(manifest)
+    tree = {"format": fields.pop("format"), **fields}
     return json.dumps(tree | {"sha256": _digest(tree)}, indent=1) + "\n"
 
 
@@ -89,32 +94,27 @@ def parse_manifest(text: str) -> Manifest:
         FormatError: The format is not supported.
         ValueError: The manifest is damaged.
     """
-    fields = _whole(bounded_json.loads(text, manifest_schema.LARGEST))
-    manifest = Manifest(
-        **fields
-        | {
-            "part": tuple(fields["part"]),
-            "shapes": tuple(fields["shapes"]),
-            "shards": tuple(Shard(**shard) for shard in fields["shards"]),
-        }
-    )
+    fields, version = _whole(bounded_json.loads(text, manifest_schema.LARGEST))
+    fields["part"], fields["shapes"] = tuple(fields["part"]), tuple(fields["shapes"])
+    fields["shards"] = tuple(Shard(**shard) for shard in fields["shards"])
+    manifest = Manifest(**fields, format=version)
     if manifest_text(manifest) != text:
         raise ValueError("its SHA-256 does not fit")
     return manifest
 
 
-def _whole(tree: Any) -> dict[str, Any]:
-    """Check the format, digest and schema of a manifest and return its fields."""
+def _whole(tree: Any) -> tuple[dict[str, Any], int]:
+    """Check the format, digest and schema of a manifest and return its fields and its format."""
     if not isinstance(tree, dict) or not isinstance(told := tree.get("format"), int):
         raise ValueError("it has no format")
     # Formats before 2 had no digest and cannot be verified.
     body = {name: value for name, value in tree.items() if name != "sha256"}
     if told != 1 and tree.get("sha256") != _digest(body):
         raise ValueError("its SHA-256 does not fit")
-    if told != FORMAT:
-        raise FormatError(f"its format is {told!r}, not {FORMAT}")
+    if told not in READABLE:
+        raise FormatError(f"its format is {told!r}, not one of {', '.join(map(str, READABLE))}")
     del body["format"]
-    return manifest_schema.require(body)
+    return manifest_schema.require(body), told
 
 
 def read_complete_manifest(folder: Path) -> Manifest:

@@ -63,6 +63,11 @@ def _whole(manifests: dict[Path, Manifest]) -> Manifest:
                 f"data: {folder} cannot be used: it is not a part of the same data set as {first_folder} "
                 f"({differing[0]})"
             )
+        if part.format != first.format:
+            raise RequestError(
+                f"data: {folder} cannot be used: its format is {part.format}, and that of {first_folder} is "
+                f"{first.format}"
+            )
         if part.part[1] != of:
             raise RequestError(
                 f"data: {folder} cannot be used: it is a part of {part.part[1]}, and {first_folder} of {of}"

@@ -2,14 +2,15 @@
 
 import errno
 import os
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import jax
 import numpy as np
 
-from mjx_fit.config.schema import config_from_tree
+from mjx_fit.config.schema import config_from_stored
 from mjx_fit.data import hdf5
 from mjx_fit.data.episode import Episode, happened
 from mjx_fit.data.manifest import (
@@ -22,8 +23,10 @@ from mjx_fit.data.manifest import (
     read_manifest,
     read_manifest_text,
 )
+from mjx_fit.data.manifest_schema import MAX_EPISODES
 from mjx_fit.sensors.force_torque import touched
 from mjx_fit.types import Array, Rollout
+from mjx_fit.types.physics import AS_CONFIGURED
 from mjx_fit.utils import files
 from mjx_fit.utils.errors import RequestError
 
@@ -56,6 +59,43 @@ def load(folder: Path, without: Collection[str] = ()) -> Episode:
         jax.tree.map(lambda to, leaf, rows=rows: to.__setitem__(rows, leaf), stacked, part)
     assert stacked is not None
     return stacked
+
+
+def load_joined(folders: Sequence[Path]) -> Episode:
+    """Load several data sets as one for training, without the physics of their worlds.
+
+    The ids of data set k are larger by k ``MAX_EPISODES``, so that no two sequences share one.
+
+    Args:
+        folders: Folders of the data sets.
+
+    Raises:
+        RequestError: As in ``load``, or a folder is given twice.
+    """
+    if len({folder.resolve() for folder in folders}) < len(folders):
+        raise RequestError("--data: a folder is given twice: give each data set once")
+    sets = [_without_physics(load(folder)) for folder in folders]
+    if len(sets) == 1:
+        return sets[0]
+    actions = max(one.rollout.felt.trace.action_world.shape[1] for one in sets)
+    shifted = (_shifted(k, one, actions) for k, one in enumerate(sets))
+    return jax.tree.map(lambda *leaves: np.concatenate(leaves), *shifted)
+
+
+def _shifted(k: int, data: Episode, actions: int) -> Episode:
+    """Return data set k of several, with unique ids and traces of this length."""
+
+    def pad(leaf):
+        return np.pad(leaf, [(0, 0), (0, actions - leaf.shape[1]), *[(0, 0)] * (leaf.ndim - 2)])
+
+    felt = replace(data.rollout.felt, trace=jax.tree.map(pad, data.rollout.felt.trace))
+    ids = {name: getattr(data, name) + k * MAX_EPISODES for name in ("episode", "sequence")}
+    return replace(data, **ids, rollout=replace(data.rollout, felt=felt))
+
+
+def _without_physics(data: Episode) -> Episode:
+    truth = replace(data.rollout.truth, physics=AS_CONFIGURED)
+    return replace(data, rollout=replace(data.rollout, truth=truth))
 
 
 def read_shards(folder: Path, shards: Collection[Shard], request: dict[str, Any]) -> Iterator[Episode]:
@@ -145,7 +185,7 @@ def describe(folder: Path) -> dict[str, Any]:
     keep = happened(data)
     done: Rollout = jax.tree.map(lambda leaf: leaf[keep], data.rollout)
     felt, truth = done.felt, done.truth
-    wrist = config_from_tree(request["config"]).wrist
+    config = config_from_stored(request["config"])
     pairs: dict[str, dict[str, int]] = {}
     for peg, hole, succeeded, wrong in zip(
         felt.peg_type, truth.hole_type, done.succeeded, done.inserted_wrongly, strict=True
@@ -169,7 +209,7 @@ def describe(folder: Path) -> dict[str, Any]:
         "invalid": int((~data.rollout.truth.valid).sum()),
         "steps": request["steps"],
         "actions": int(felt.length.sum()),
-        "contact_fraction": _mean(touched(felt, wrist)[_real(felt.length, request["steps"])]),
+        "contact_fraction": _mean(touched(felt, config.wrist)[_real(felt.length, request["steps"])]),
         "success_rate": {
             "matched": _mean(done.succeeded[matched]),
             "mismatched": _mean(done.succeeded[~matched]),
@@ -180,7 +220,7 @@ def describe(folder: Path) -> dict[str, Any]:
         "shards": len(manifest.shards),
         "bytes": sum(shard.bytes for shard in manifest.shards),
         "devices": sorted({shard.device for shard in manifest.shards}),
-        "units": {name: field.unit for name, field in hdf5.FIELDS.items()},
+        "units": {name: field.unit for name, field in hdf5.fields_of(config).items()},
     }
 
 

@@ -9,11 +9,14 @@ import numpy as np
 from jaxtyping import Float, Int, Key
 
 from mjx_fit.config.schema import Config
+from mjx_fit.config.sections.randomize import RandomizeConfig
 from mjx_fit.config.sections.world import DetectorConfig, SequenceConfig
 from mjx_fit.control import policies
 from mjx_fit.scene.detector import detect
+from mjx_fit.scene.randomization import draw_physics
 from mjx_fit.scene.robot import ROBOTS, Robot
-from mjx_fit.types import Array, Attempt
+from mjx_fit.types import Array, Attempt, pytree
+from mjx_fit.types.physics import Physics
 
 POLICIES = (*policies.NAMES, "mixed")
 
@@ -67,44 +70,65 @@ def _shifts(turn: Int[np.ndarray, "n"], n_types: int) -> Int[np.ndarray, "n"]:
 
 def draw_attempts(root: Key[Array, ""], sequences: Int[Array, "n"], policy: str, config: Config) -> Attempt:
     """Draw the first attempt of each sequence, from the detector's estimate."""
-    hole_pos, estimate, wiggle, _ = draw_places(root, sequences, config)
+    places = draw_places(root, sequences, config)
     which = _pair_and_policy(sequences, policy, 0, config)
-    return _attempts(which, hole_pos, estimate, wiggle)
+    return _attempts(which, places, places.estimate_world, places.key)
 
 
 def draw_later_attempts(
     root: Key[Array, ""], sequences: Int[Array, "n"], policy: str, number: int, config: Config
 ) -> tuple[Attempt, Float[Array, "n 2 2"]]:
     """Draw attempt ``number`` (1 or more) of each sequence, and the covariance of its estimate (m²)."""
-    hole_pos, _, _, later = draw_places(root, sequences, config)
-    estimate, cov, wiggle = _updated(later, hole_pos, number, config.sequence)
+    places = draw_places(root, sequences, config)
+    estimate, cov, key = _updated(places.later_key, places.hole_pos_world, number, config.sequence)
     which = _pair_and_policy(sequences, policy, number, config)
-    return _attempts(which, hole_pos, estimate, wiggle), cov
+    return _attempts(which, places, estimate, key), cov
 
 
-def draw_places(
-    root: Key[Array, ""], ids: Int[Array, "n"], config: Config
-) -> tuple[Float[Array, "n 2"], Float[Array, "n 2"], Key[Array, "n"], Key[Array, "n"]]:
-    """Draw hole positions, detections and keys.
+@pytree
+class Places:
+    """Holes, their detections, and the worlds that they are in.
+
+    Attributes:
+        hole_pos_world: True positions, uniform in the workspace, m.
+        estimate_world: Estimates of the detector, m.
+        key: Keys of policies.
+        later_key: Keys of later attempts.
+        physics: Quantities that each world has of its own.
+    """
+
+    hole_pos_world: Float[Array, "n 2"]
+    estimate_world: Float[Array, "n 2"]
+    key: Key[Array, "n"]
+    later_key: Key[Array, "n"]
+    physics: Physics
+
+
+def draw_places(root: Key[Array, ""], ids: Int[Array, "n"], config: Config) -> Places:
+    """Draw holes, detections and worlds.
 
     Args:
         root: Root key.
         ids: Ids; each draw depends on the root key and its own id alone.
-        config: Defines the detector and the robot's workspace.
-
-    Returns:
-        True positions, uniform in the workspace, m; estimates, m; keys of policies; keys of later attempts.
+        config: Defines the detector, the robot's workspace and the distributions of the physics.
     """
-    return _places(root, ids, config.detector, ROBOTS[config.scene.robot])
+    return _places(root, ids, config.detector, config.randomize, ROBOTS[config.scene.robot])
 
 
-@partial(jax.jit, static_argnames=("detector", "robot"))
-def _places(root: Key[Array, ""], ids: Int[Array, "n"], detector: DetectorConfig, robot: Robot):
+@partial(jax.jit, static_argnames=("detector", "randomize", "robot"))
+def _places(
+    root: Key[Array, ""],
+    ids: Int[Array, "n"],
+    detector: DetectorConfig,
+    randomize: RandomizeConfig,
+    robot: Robot,
+) -> Places:
     def draw(i):
-        place, error, wiggle, later = jax.random.split(jax.random.fold_in(root, i), 4)
+        place, error, wiggle, later, world = jax.random.split(jax.random.fold_in(root, i), 5)
         low, high = jnp.asarray(robot.workspace_m).T
         hole_pos = jax.random.uniform(place, (2,), minval=low, maxval=high)
-        return hole_pos, detect(error, hole_pos, detector), wiggle, later
+        physics = draw_physics(world, randomize)
+        return Places(hole_pos, detect(error, hole_pos, detector), wiggle, later, physics)
 
     return jax.vmap(draw)(ids)
 
@@ -132,6 +156,6 @@ def _pair_and_policy(sequences, policy: str, number: int, config: Config) -> tup
     return *pair_of(ids, n_types), policy_of(policy, ids, number, n_types)
 
 
-def _attempts(which: tuple[np.ndarray, ...], hole_pos, estimate, key) -> Attempt:
+def _attempts(which: tuple[np.ndarray, ...], places: Places, estimate, key) -> Attempt:
     peg_type, hole_type, kind = map(jnp.asarray, which)
-    return Attempt(peg_type, hole_type, hole_pos, estimate, kind, key)
+    return Attempt(peg_type, hole_type, places.hole_pos_world, estimate, kind, key, places.physics)

@@ -25,7 +25,7 @@ _SIDE = {"broken", "report"}
 
 def new_manifest(request: dict[str, Any], part: tuple[int, int]) -> Manifest:
     """Return the manifest of an empty data set, with the versions of this installation."""
-    return Manifest(request, part, provenance.versions(), config_from_tree(request["config"]).scene.names)
+    return Manifest(request, part, provenance.versions(), config_from_stored(request["config"]).scene.names)
 
 
 def new_shard(name: str, episodes: Int[np.ndarray, "n"], content: bytes) -> Shard:
@@ -99,6 +99,11 @@ class Writer:
                     f"--out: {self._folder} cannot be completed here: it was begun with {name} {there}, and "
                     f"here is {here}"
                 )
+        if missing and self._manifest.format != self._wanted.format:
+            raise RequestError(
+                f"--out: {self._folder} cannot be completed: it was begun in format {self._manifest.format}, "
+                f"and this version writes format {self._wanted.format}; collect into another folder"
+            )
         for name in missing:
             if self._manifest.shard(name) is not None:
                 print(

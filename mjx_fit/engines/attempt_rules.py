@@ -14,12 +14,13 @@ from mjx_fit.control import operational_space
 from mjx_fit.control.kinematics import Chain, inverse
 from mjx_fit.control.operational_space import ArmState
 from mjx_fit.engines import plausible
-from mjx_fit.scene.parts import plate_top_m
-from mjx_fit.types import SUBSTEPS, Array, Attempt, Felt, Rollout, Trace, Truth, pytree
+from mjx_fit.scene.parts import START_HEIGHT_M, plate_top_m
+from mjx_fit.sensors.pose import turned
+from mjx_fit.types import Array, Attempt, Felt, Rollout, Trace, Truth, pytree
+from mjx_fit.types.physics import Physics, drawn
+from mjx_fit.utils.rates import SUBSTEPS
 
-START_HEIGHT_M = 0.002
-"""Height of the TCP above the socket at the start of an attempt, at rest, m."""
-
+_TILTS = {"tilt_x_rad", "tilt_y_rad"}
 BESIDE_M, BELOW_M = 0.02, 0.002
 """Horizontal distance from the hole's centre, m, and distance below the hole's floor, m.
 
@@ -65,16 +66,37 @@ class Verdict:
         return self.inserted | ~self.valid
 
 
-def start_qpos(chain: Chain, attempts: Attempt, scene: SceneConfig) -> Float[Array, "n joints"]:
-    """Compute the start posture of attempts, joint angles in rad: TCP above the estimate, straight down."""
-    height = jnp.full_like(attempts.estimate_world[:, :1], plate_top_m(scene) + START_HEIGHT_M)
-    return jax.vmap(inverse, (None, 0))(chain, jnp.concatenate([attempts.estimate_world, height], 1))
+def start_qpos(chain: Chain, attempts: Attempt, config: Config) -> Float[Array, "n joints"]:
+    """Compute the start posture of attempts, joint angles in rad.
+
+    The TCP is above the estimate, straight down but for the tilt of the tool, of which the robot is unaware.
+    """
+    height = jnp.full_like(attempts.estimate_world[:, :1], plate_top_m(config.scene) + START_HEIGHT_M)
+    place = jnp.concatenate([attempts.estimate_world, height], 1)
+    tilt = jnp.broadcast_to(tilt_world(attempts.physics, config), place.shape)
+    return jax.vmap(inverse, (None, 0, 0))(chain, place, tilt)
 
 
-def tip_of(arm: ArmState) -> Tip:
-    """Return the pose and twist of one arm's TCP."""
+def tilt_world(physics: Physics, config: Config) -> Float[Array, "*n 3"]:
+    """Return the rotation vector from straight down to where the robot takes the tool to point down, rad."""
+    tilts = [
+        jnp.asarray(constant if own is None else own, jnp.float32)
+        for constant, own in (
+            (config.arm.tilt_x_rad, physics.tilt_x_rad),
+            (config.arm.tilt_y_rad, physics.tilt_y_rad),
+        )
+    ]
+    x, y = jnp.broadcast_arrays(*tilts)
+    return jnp.stack([x, y, jnp.zeros_like(x)], -1)
+
+
+def tip_of(arm: ArmState, physics: Physics, config: Config) -> Tip:
+    """Return the pose and twist of one arm's TCP, as its kinematics report them: without the tool's tilt."""
     velocity = operational_space.tip_velocity(arm)
-    return Tip(arm.tip_pos_world, operational_space.tip_quaternion(arm), velocity[:3], velocity[3:])
+    quat = operational_space.tip_quaternion(arm)
+    if (config.arm.tilt_x_rad, config.arm.tilt_y_rad) != (0, 0) or drawn(physics).keys() & _TILTS:
+        quat = turned(quat, -tilt_world(physics, config))
+    return Tip(arm.tip_pos_world, quat, velocity[:3], velocity[3:])
 
 
 def trace_row(tip: Tip, wrench_sensor: Float[Array, "*n 50 6"], action_world: Float[Array, "*n 3"]) -> Trace:
@@ -163,5 +185,6 @@ def nothing_done(attempts: Attempt, actions: int, joints: int) -> Rollout:
         valid=np.ones(n, bool),
         end_qpos=zeros(joints),
         end_qvel=zeros(joints),
+        physics=jax.tree.map(np.asarray, attempts.physics),
     )
     return Rollout(felt, truth)

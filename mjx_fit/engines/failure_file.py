@@ -5,8 +5,10 @@ from pathlib import Path
 
 import numpy as np
 
+from mjx_fit.config.randomized import allowed_range
 from mjx_fit.config.schema import config_from_yaml
 from mjx_fit.control.policies import OWN
+from mjx_fit.types.physics import QUANTITIES
 from mjx_fit.utils.errors import RequestError
 
 LARGEST = 1 << 20
@@ -27,6 +29,8 @@ _FORM: dict[str, tuple[str, tuple[int, ...]]] = {
     "policy": ("i", ()),
 }
 """Kind and shape of each array."""
+_PHYSICS = {f"physics_{name}": ("f", ()) for name in QUANTITIES}
+"""Arrays of worlds with physics of their own; any of them may be missing."""
 
 
 def read(path: Path) -> dict[str, np.ndarray]:
@@ -50,22 +54,22 @@ def _read(path: Path) -> dict[str, np.ndarray]:
     if path.stat().st_size > LARGEST:
         raise ValueError(f"it has more than {LARGEST:,} bytes")
     with zipfile.ZipFile(path) as packed:
-        names = sorted(info.filename for info in packed.infolist())
-        if names != sorted(f"{name}.npy" for name in _FORM):
-            raise ValueError(f"expected only {', '.join(_FORM)}")
+        names = [info.filename.removesuffix(".npy") for info in packed.infolist()]
+        if len(set(names)) < len(names) or not set(_FORM) <= set(names) <= set(_FORM | _PHYSICS):
+            raise ValueError(f"expected only {', '.join(_FORM)}, and physics")
         if sum(info.file_size for info in packed.infolist()) > LARGEST:
             raise ValueError(f"it unpacks to more than {LARGEST:,} bytes")
-        for name in _FORM:
+        for name in names:
             _require_form(name, packed)
     with np.load(path, allow_pickle=False) as kept:
-        arrays = {name: kept[name] for name in _FORM}
+        arrays = {name: kept[name] for name in names}
     _require_values(arrays)
     return arrays
 
 
 def _require_form(name: str, packed: zipfile.ZipFile) -> None:
     """Check the kind and shape of an array from its header, before any allocation."""
-    kind, shape = _FORM[name]
+    kind, shape = (_FORM | _PHYSICS)[name]
     with packed.open(f"{name}.npy") as file:
         version = np.lib.format.read_magic(file)
         reader = (
@@ -80,7 +84,12 @@ def _require_values(arrays: dict[str, np.ndarray]) -> None:
     for name, value in arrays.items():
         if value.dtype.kind == "f" and not np.isfinite(value).all():
             raise ValueError(f"{name}: expected finite numbers")
-    n_types = config_from_yaml(str(arrays["config"])).scene.n_types
+    config = config_from_yaml(str(arrays["config"]))
+    for name in QUANTITIES:
+        least, most = allowed_range(config, name)
+        if not least <= (value := float(arrays.get(f"physics_{name}", least))) <= most:
+            raise ValueError(f"physics_{name}: {value:g} is invalid: expected {least} to {most}")
+    n_types = config.scene.n_types
     ends = {"peg_type": n_types, "hole_type": n_types, "policy": OWN + 1, "horizon": MAX_HORIZON + 1}
     for name, end in (*ends.items(), ("step", int(arrays["horizon"]))):
         if not 0 <= int(arrays[name]) < end:

@@ -19,6 +19,7 @@ from mjx_fit.engines.interface import Engine
 from mjx_fit.engines.native.engine import NativeEngine
 from mjx_fit.engines.plausible import reason
 from mjx_fit.types import Attempt, Rollout
+from mjx_fit.types.physics import QUANTITIES, Physics, drawn
 from mjx_fit.utils import files
 from mjx_fit.utils.errors import RequestError
 from mjx_fit.utils.filesystem import path_inside
@@ -65,6 +66,7 @@ def report(
             "config": config_to_yaml(config),
             "key": jax.random.key_data(attempts.key[i]),
             **{name: np.asarray(getattr(attempts, name))[i] for name in _PLAIN},
+            **{f"physics_{name}": np.asarray(leaf)[i] for name, leaf in drawn(attempts.physics).items()},
         }
         files.replace_with(path, lambda temporary, arrays=arrays: _save(temporary, arrays))
         if place < MOST_LINES:
@@ -100,7 +102,9 @@ def replay(path: Path, policy: Policy | None = None) -> Rollout:
         raise RequestError(f"replay: {path} needs the custom policy of its engine: pass it as policy")
     config = config_from_yaml(str(kept["config"]))
     key = jax.random.wrap_key_data(jax.numpy.asarray(kept["key"])[None], impl=KEY_IMPL)
-    attempt = Attempt(key=key, **{name: kept[name][None] for name in _PLAIN})
+    own = {name: kept[f"physics_{name}"][None] for name in QUANTITIES if f"physics_{name}" in kept}
+    plain = {name: kept[name][None] for name in _PLAIN}
+    attempt = Attempt(key=key, physics=Physics(**own), **plain)
     step, horizon = int(kept["step"]), int(kept["horizon"])
     return NativeEngine(config, 1, policy).act(attempt, kept["qpos"][None], kept["qvel"][None], step, horizon)
 

@@ -1,6 +1,6 @@
 """Run a policy inside a rollout: its input before each action, and its memory between actions."""
 
-from dataclasses import replace
+import copy
 
 import jax
 import jax.numpy as jnp
@@ -8,11 +8,16 @@ from jaxtyping import Float, Int, Key
 
 from mjx_fit.config.schema import Config
 from mjx_fit.config.sections.measurement import PoseConfig
+from mjx_fit.control import goals
+from mjx_fit.control.goals import Goal
 from mjx_fit.control.policies import Policy, PolicyInput, PolicyStart, State, start_of
 from mjx_fit.engines.attempt_rules import Tip
+from mjx_fit.scene.randomization import draw_errors
 from mjx_fit.sensors import distortion, force_torque
 from mjx_fit.sensors.pose import is_exact, measured_trace
-from mjx_fit.types import SUBSTEPS, Array, Attempt, Trace, pytree
+from mjx_fit.types import Array, Attempt, Trace, pytree
+from mjx_fit.types.physics import Physics
+from mjx_fit.utils.rates import SUBSTEPS
 
 _NOISE = 2**21
 """Offset that separates the noise keys of the F/T sensor from the keys that policies derive."""
@@ -28,7 +33,8 @@ class Memory:
         key: Key of the attempt.
         tare_sensor: Clean reading of the F/T sensor in free space, N and N·m.
         wrench_sensor: Clean wrenches of the previous action, N and N·m.
-        goal_pos_world: Goal of the TCP at the end of the previous action, at first its position, m.
+        goal: Goal of the TCP at the end of the previous action, at first its position.
+        physics: Quantities that the world has of its own, unknown to the policy.
     """
 
     state: State
@@ -36,7 +42,8 @@ class Memory:
     key: Key[Array, ""]
     tare_sensor: Float[Array, "6"]
     wrench_sensor: Float[Array, "50 6"]
-    goal_pos_world: Float[Array, "3"]
+    goal: Goal
+    physics: Physics
 
 
 def begin(
@@ -45,7 +52,15 @@ def begin(
     """Initialise the memory before the first action, with the wrench of free space and the TCP's position."""
     start = start_of(attempt)
     wrench = jnp.broadcast_to(tare_sensor, (SUBSTEPS, 6))
-    return Memory(policy.init(start, attempt.key), start, attempt.key, tare_sensor, wrench, tip_pos_world)
+    return Memory(
+        state=policy.init(start, attempt.key),
+        start=start,
+        key=attempt.key,
+        tare_sensor=tare_sensor,
+        wrench_sensor=wrench,
+        goal=goals.at_rest(tip_pos_world),
+        physics=attempt.physics,
+    )
 
 
 def act(
@@ -61,15 +76,16 @@ def act(
         tip: TCP state at the start of the action.
         step: Index j of the action.
     """
-    keys = jax.random.split(jax.random.fold_in(memory.key, _NOISE), 4)
-    tare_key, noise_key, error_key, pose_key = keys
-    wrist, before = config.wrist, jnp.maximum(step - 1, 0)
+    keys = jax.random.split(jax.random.fold_in(memory.key, _NOISE), 5)
+    tare_key, noise_key, error_key, pose_key, size_key = keys
+    wrist, pose = draw_errors(size_key, config)
+    before = jnp.maximum(step - 1, 0)
     tare = force_torque.measured_tare(memory.tare_sensor, tare_key, wrist)
     clean = distortion.distorted(memory.wrench_sensor[None], memory.tare_sensor, error_key, wrist, before)
     noisy = force_torque.measured(clean, tare, jax.random.fold_in(noise_key, step), wrist)
     wrench = distortion.sampled(noisy, tare, wrist)[0]
-    if not is_exact(config.pose):
-        tip = _measured(tip, jax.random.fold_in(pose_key, step), config.pose)
+    if not is_exact(pose):
+        tip = _measured(tip, jax.random.fold_in(pose_key, step), pose)
     seen = PolicyInput(
         start=memory.start,
         attempt_key=memory.key,
@@ -88,7 +104,9 @@ def act(
 
 def _measured(tip: Tip, key: Key[Array, ""], pose: PoseConfig) -> Tip:
     """Return pose and twist as the robot measures them, without calibration errors (``PoseConfig``)."""
-    calibrated = replace(pose, position_offset_m=0.0, height_offset_m=0.0)
+    calibrated = copy.copy(pose)
+    for name in ("position_offset_m", "height_offset_m"):
+        object.__setattr__(calibrated, name, 0.0)
     row = Trace(
         wrench_sensor=jnp.zeros((1, SUBSTEPS, 6)),
         tip_pos_world=tip.pos_world[None],

@@ -9,12 +9,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool
 
+from mjx_fit.config.randomized import allowed_range
+from mjx_fit.config.schema import Config
 from mjx_fit.config.sections.world import SceneConfig
 from mjx_fit.control.policies import NAMES
 from mjx_fit.scene.robot import ROBOTS
-from mjx_fit.types import ACTION_BYTES, Attempt
+from mjx_fit.types import Attempt
+from mjx_fit.types.physics import Physics, drawn
 from mjx_fit.utils import memory
 from mjx_fit.utils.errors import RequestError
+from mjx_fit.utils.rates import ACTION_BYTES
 
 MOST_ACTIONS = 10_000
 """Maximum number of actions in one attempt, and maximum horizon of a policy."""
@@ -65,6 +69,7 @@ def require_attempts(
     for name, reach in places.items():
         _require_places(name, _leaf(attempts, name, n, (2,), jnp.floating, "floats"), active, reach)
     _require_keys(attempts.key, n)
+    _require_physics(attempts.physics, n, active)
     return actions, horizon, active
 
 
@@ -86,10 +91,13 @@ def require_count(name: str, value: Any, least: int, most: int) -> int:
 def _length(attempts: Attempt) -> int:
     if not isinstance(attempts, Attempt):
         _refuse("attempts", type(attempts).__name__, "expected an Attempt")
-    for field in fields(Attempt):
-        if not hasattr(getattr(attempts, field.name), "shape"):
-            given = type(getattr(attempts, field.name)).__name__
-            _refuse(f"attempts: {field.name}", given, "expected a NumPy or JAX array")
+    leaves = {field.name: getattr(attempts, field.name) for field in fields(Attempt)}
+    physics = leaves.pop("physics")
+    if not isinstance(physics, Physics):
+        _refuse("attempts: physics", type(physics).__name__, "expected Physics")
+    for name, leaf in (leaves | drawn(physics)).items():
+        if not hasattr(leaf, "shape"):
+            _refuse(f"attempts: {name}", type(leaf).__name__, "expected a NumPy or JAX array")
     shape = np.shape(attempts.peg_type)
     if len(shape) != 1 or not shape[0]:
         _refuse("attempts: peg_type", f"shape {shape}", "expected (n,) with n >= 1")
@@ -122,6 +130,19 @@ def _require_places(name: str, leaf: np.ndarray, active: np.ndarray, reach: tupl
             f"({x:.6g}, {y:.6g}) m",
             f"expected {reach[0]} to {reach[1]} m from the arm's base, with x positive",
         )
+
+
+def _require_physics(physics: Physics, n: int, active: np.ndarray) -> None:
+    for name, leaf in drawn(physics).items():
+        if leaf.shape != (n,) or not jnp.issubdtype(leaf.dtype, jnp.floating):
+            _refuse(f"attempts: physics.{name}", f"{leaf.dtype} {leaf.shape}", f"expected floats ({n},)")
+        least, most = allowed_range(Config(), name)
+        wrong = active & ~((np.float32(least) <= np.asarray(leaf)) & (np.asarray(leaf) <= np.float32(most)))
+        if wrong.any():
+            row = int(wrong.argmax())
+            _refuse(
+                f"attempts: physics.{name} of row {row}", f"{leaf[row]:.6g}", f"expected {least} to {most}"
+            )
 
 
 def _require_keys(key: Any, n: int) -> None:

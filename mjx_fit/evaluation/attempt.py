@@ -50,8 +50,15 @@ def _attempt(request: Request, here: result_file.Header) -> Result:
     with Progress("attempts", n, 0, COMPILING if engine.name == "mjx" else "") as progress:
         for start in range(0, n, batch):
             ids = np.arange(start, start + batch)
-            hole_pos, estimate, wiggle, _ = draw_places(root, jnp.asarray(ids), config)
-            attempts = spirals_at(peg_type[ids % n], hole_type[ids % n], hole_pos, estimate, wiggle)
+            there = draw_places(root, jnp.asarray(ids), config)
+            attempts = spirals_at(
+                peg_type[ids % n],
+                hole_type[ids % n],
+                there.hole_pos_world,
+                there.estimate_world,
+                there.key,
+                there.physics,
+            )
             rollouts = engine.run(attempts, actions, ids < n)
             report(rollouts, as_run(attempts, engine), ids, actions, config, dumps)
             rows += _attempt_rows(rollouts, ids[ids < n], config.scene.names)

@@ -1,5 +1,6 @@
 """Insertion experiment: number of attempts until a peg is inserted at a matching hole."""
 
+from dataclasses import replace
 from functools import partial
 
 import jax
@@ -12,7 +13,7 @@ from mjx_fit.evaluation import result_file, single_hole_runner
 from mjx_fit.evaluation.parts import Rows
 from mjx_fit.evaluation.request import Request
 from mjx_fit.evaluation.results import Result, by_method
-from mjx_fit.evaluation.single_hole_runner import Ids, Outcomes, Study
+from mjx_fit.evaluation.single_hole_runner import Ids, Outcomes, Study, holes_at
 from mjx_fit.evaluation.statistics import Row, bootstrap_mean, clustered_rate, holm, sign_flip
 from mjx_fit.task import single_hole
 from mjx_fit.task.methods import INSERTION, chosen
@@ -82,9 +83,9 @@ def summarise(trials: Rows) -> list[Row]:
 def draw_holes(config: Config, ids: Ids, seeds: int, seed: int) -> single_hole.Holes:
     draw, number = np.divmod(ids, seeds)
     shape = draw % config.scene.n_types
-    place, estimate, key, _ = draw_places(root_key(seed, "insertion"), jnp.asarray(draw), config)
-    own = jax.vmap(jax.random.fold_in)(key, jnp.asarray(number))
-    return single_hole.Holes(shape, shape, np.asarray(place), np.asarray(estimate), own)
+    places = draw_places(root_key(seed, "insertion"), jnp.asarray(draw), config)
+    own = jax.vmap(jax.random.fold_in)(places.key, jnp.asarray(number))
+    return holes_at(shape, shape, replace(places, key=own))
 
 
 def _rows(ids: Ids, world: single_hole.Holes, outcomes: Outcomes, seeds: int, names: tuple[str, ...]) -> Rows:

@@ -12,11 +12,13 @@ import numpy as np
 from jaxtyping import Float
 
 from mjx_fit.config.schema import Config, config_from_tree, config_to_tree
-from mjx_fit.sensors.pose import turned
+from mjx_fit.config.sections.world import SceneConfig
+from mjx_fit.sensors.pose import start_of, turned
 from mjx_fit.types import Felt
 from mjx_fit.utils.errors import RequestError, shown
 
-Change = Callable[[Felt], Felt]
+Change = Callable[[Felt, SceneConfig], Felt]
+"""Function that returns changed measurements of n attempts."""
 SAMPLES_HELD = 4
 """Samples of 500 Hz per sample of a wrench at 125 Hz."""
 
@@ -47,9 +49,11 @@ class Perturbation:
         for name, value in self.values.items():
             section, key = name.split(".")
             tree[section][key] = value
+            tree["randomize"] |= {key: None} if key in tree["randomize"] else {}
         for name, factor in self.factors.items():
             section, key = name.split(".")
             tree[section][key] *= factor
+            tree["randomize"] |= {key: None} if key in tree["randomize"] else {}
         return config_from_tree(tree)
 
 
@@ -58,9 +62,14 @@ def _turned_by(axis: int, degrees: float) -> Change:
     rotation = np.zeros(3, np.float32)
     rotation[axis] = np.deg2rad(degrees)
 
-    def change(felt: Felt) -> Felt:
-        quat = np.asarray(turned(jnp.asarray(felt.trace.tip_quat_world), jnp.asarray(rotation)))
-        return replace(felt, trace=replace(felt.trace, tip_quat_world=quat))
+    def change(felt: Felt, scene: SceneConfig) -> Felt:
+        start = start_of(felt, scene)
+        before, during = (
+            np.asarray(turned(jnp.asarray(quat), jnp.asarray(rotation)))
+            for quat in (start.quat_world, felt.trace.tip_quat_world)
+        )
+        trace = replace(felt.trace, tip_quat_world=during)
+        return replace(felt, trace=trace, start=replace(start, quat_world=before))
 
     return change
 
@@ -68,16 +77,22 @@ def _turned_by(axis: int, degrees: float) -> Change:
 def _raised_by(height_m: float) -> Change:
     """Shift all heights, as a wrong height of the table does."""
     offset = np.array([0, 0, height_m], np.float32)
-    return lambda felt: replace(
-        felt, trace=replace(felt.trace, tip_pos_world=felt.trace.tip_pos_world + offset)
-    )
+
+    def change(felt: Felt, scene: SceneConfig) -> Felt:
+        start = start_of(felt, scene)
+        trace = replace(felt.trace, tip_pos_world=felt.trace.tip_pos_world + offset)
+        return replace(
+            felt, trace=trace, start=replace(start, pos_world=np.asarray(start.pos_world) + offset)
+        )
+
+    return change
 
 
 Wrench = Float[np.ndarray, "n J 50 6"]
 
 
 def _tared_wrench(change: Callable[[Wrench], Wrench]) -> Change:
-    def perturbed(felt: Felt) -> Felt:
+    def perturbed(felt: Felt, _: SceneConfig) -> Felt:
         tare = np.asarray(felt.tare_sensor)[:, None, None]
         wrench = change(np.asarray(felt.trace.wrench_sensor) - tare) + tare
         return replace(felt, trace=replace(felt.trace, wrench_sensor=wrench.astype(np.float32)))

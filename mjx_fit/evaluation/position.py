@@ -13,7 +13,7 @@ from mjx_fit.evaluation.parts import Rows
 from mjx_fit.evaluation.request import Request
 from mjx_fit.evaluation.results import Result, by_method
 from mjx_fit.evaluation.scores import inside, squared_mahalanobis
-from mjx_fit.evaluation.single_hole_runner import Ids, Outcomes, Study
+from mjx_fit.evaluation.single_hole_runner import Ids, Outcomes, Study, holes_at
 from mjx_fit.evaluation.statistics import Row, bootstrap_mean
 from mjx_fit.filters.kalman import CM_PER_M
 from mjx_fit.task import single_hole
@@ -109,8 +109,7 @@ def draw_holes(config: Config, ids: Ids, trials: int, root: Key[Array, ""]) -> s
         pair, mismatched = pairs[ids % len(pairs)], ids < trials
         peg = np.where(mismatched, pair[:, 0], peg)
         other = np.where(mismatched, pair[:, 1], peg)
-    place, estimate, key, _ = draw_places(root, jnp.asarray(ids), config)
-    return single_hole.Holes(peg, other, np.asarray(place), np.asarray(estimate), key)
+    return holes_at(peg, other, draw_places(root, jnp.asarray(ids), config))
 
 
 def _rows(ids: Ids, world: single_hole.Holes, outcomes: Outcomes, names: tuple[str, ...]) -> Rows:

@@ -134,7 +134,7 @@ def _update(config: Config, sensor: TrainedSensor, perturbation: Perturbation) -
         return learn
 
     def update(beliefs: Belief, felt: Felt, keys) -> Belief:
-        return learn(beliefs, change(felt), keys)
+        return learn(beliefs, change(felt, config.scene), keys)
 
     return update
 

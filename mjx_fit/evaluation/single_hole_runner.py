@@ -5,10 +5,12 @@ from dataclasses import dataclass, replace
 from itertools import compress
 from typing import Any
 
+import jax
 import numpy as np
 from jaxtyping import Int
 
 from mjx_fit.config.schema import Config
+from mjx_fit.data.schedule import Places
 from mjx_fit.engines.failures import Reporting
 from mjx_fit.evaluation import parts, result_file
 from mjx_fit.evaluation.parts import Rows
@@ -25,6 +27,13 @@ from mjx_fit.utils.progress import COMPILING, Progress
 
 Outcomes = dict[str, single_hole.Outcome]
 Ids = Int[np.ndarray, "n"]
+
+
+def holes_at(peg_type: Ids, hole_type: Ids, places: Places) -> single_hole.Holes:
+    """Return the setup of trials at drawn places."""
+    position, estimate = np.asarray(places.hole_pos_world), np.asarray(places.estimate_world)
+    physics = jax.tree.map(np.asarray, places.physics)
+    return single_hole.Holes(peg_type, hole_type, position, estimate, places.key, physics)
 
 
 @dataclass(frozen=True)

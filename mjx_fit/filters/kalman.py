@@ -13,6 +13,8 @@ from mjx_fit.types import Array
 from mjx_fit.utils.linalg import cholesky_factor, cholesky_solve, solve_lower
 
 CM_PER_M = 100.0
+_MOST_SHARE = 0.999
+"""Largest share of the information that correlated readings can ever give; more would make R infinite."""
 
 
 def update(
@@ -76,6 +78,35 @@ def gated(
     squared = jnp.square(solve_lower(root, jnp.moveaxis(innovation, -1, 0))).sum(0)
     scale = jnp.maximum(1.0, squared / (-2 * math.log1p(-gate)))[..., None, None]
     return scale * cov, scale * noise_cov
+
+
+def correlated(
+    cov: Float[Array, "*batch 2 2"],
+    noise_cov: Float[Array, "*#batch 2 2"],
+    prior_std_m: float,
+    correlation: float,
+) -> Float[Array, "*batch 2 2"]:
+    """Widen R of a reading whose error is correlated with those of earlier readings at the same hole.
+
+    k readings with covariance R and correlation ρ have the information of k / (1 + (k - 1) ρ) independent
+    ones. With g of them already in the belief, g = ½ tr(R (Σ⁻¹ - Σ₀⁻¹)), the next adds
+
+        (1 - g ρ)² / (1 - g ρ²),
+
+    and R is divided by this number. It is 1 for the first reading and tends to 0 as g tends to 1 / ρ.
+
+    Args:
+        cov: Prior covariance Σ, m².
+        noise_cov: Observation noise covariance R, m².
+        prior_std_m: Standard deviation of Σ₀, the belief before any reading, per axis, m.
+        correlation: Correlation ρ of the errors, from 0 to below 1.
+    """
+    cov, noise_cov = jnp.broadcast_arrays(cov, noise_cov)
+    precision = cholesky_solve(cholesky_factor(_axes_first(cov)), _axes_first(noise_cov))
+    along = [precision[i, i] - noise_cov[..., i, i] / prior_std_m**2 for i in range(cov.shape[-1])]
+    count = jnp.clip(sum(along) / len(along), 0, _MOST_SHARE / correlation)
+    adds = (1 - count * correlation) ** 2 / (1 - count * correlation**2)
+    return noise_cov / adds[..., None, None]
 
 
 def gaussian_nll_terms(

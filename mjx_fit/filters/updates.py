@@ -10,8 +10,12 @@ from dataclasses import replace
 import jax.numpy as jnp
 from jaxtyping import Float, Int
 
+from mjx_fit.config.sections.filter import FilterConfig
 from mjx_fit.filters import histogram, kalman
 from mjx_fit.types import Array, Belief, Observation
+
+NONE = FilterConfig()
+"""No safeguards, as in the paper."""
 
 
 def initial_belief(estimate: Float[Array, "*batch 2"], prior_std_m: float, n_types: int) -> Belief:
@@ -30,7 +34,12 @@ def initial_belief(estimate: Float[Array, "*batch 2"], prior_std_m: float, n_typ
     )
 
 
-def update_position(belief: Belief, observation: Observation, gate: float = 0.0) -> Belief:
+def update_position(
+    belief: Belief,
+    observation: Observation,
+    safeguards: FilterConfig = NONE,
+    prior_std_m: float = 0.01,
+) -> Belief:
     """Update the position belief, Algorithm 2; the attempt must have started from ``belief.pos_mean_world``.
 
     The innovation is relative to the start of the attempt; a policy that starts elsewhere (a sampled
@@ -39,11 +48,14 @@ def update_position(belief: Belief, observation: Observation, gate: float = 0.0)
     Args:
         belief: Prior belief.
         observation: Output of the virtual sensors.
-        gate: Probability of an acceptable reading (``kalman.gated``); 0: any.
+        safeguards: Correlation of readings and the gate; by default, neither.
+        prior_std_m: Standard deviation of the belief before any reading, per axis, m; for the correlation.
     """
     innovation, prior_cov, noise_cov = observation.innovation, belief.pos_cov, observation.pos_noise_cov
-    if gate:
-        prior_cov, noise_cov = kalman.gated(prior_cov, innovation, noise_cov, gate)
+    if safeguards.correlation:
+        noise_cov = kalman.correlated(prior_cov, noise_cov, prior_std_m, safeguards.correlation)
+    if safeguards.gate:
+        prior_cov, noise_cov = kalman.gated(prior_cov, innovation, noise_cov, safeguards.gate)
     mean, cov = kalman.update(belief.pos_mean_world, prior_cov, innovation, noise_cov)
     return replace(belief, pos_mean_world=mean, pos_cov=cov)
 

@@ -10,7 +10,7 @@ import jax
 import yaml
 from pydantic import TypeAdapter
 
-from mjx_fit.config.schema import config_from_tree
+from mjx_fit.config.schema import config_from_stored
 from mjx_fit.data import reader
 from mjx_fit.data.episode import happened
 from mjx_fit.data.manifest import read_manifest
@@ -135,7 +135,7 @@ def of_dataset(slug: str, folder: Path) -> Section:
     manifest, episodes = read_manifest(folder), reader.load(folder)
     keep = happened(episodes)
     data = jax.tree.map(lambda leaf: leaf[keep], episodes.rollout)
-    asked = config_from_tree(manifest.request["config"])
+    asked = config_from_stored(manifest.request["config"])
     if not len(data.felt.length):
         raise RequestError(f"report: {folder} contains no valid interaction: nothing to show")
     shown: list[Drawing] = [

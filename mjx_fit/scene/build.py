@@ -9,7 +9,7 @@ can touch them.
 # MuJoCo's extension module has no stubs.
 # pyright: reportAttributeAccessIssue=false
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -24,6 +24,7 @@ from mjx_fit.scene.robot import ROBOTS, Robot
 from mjx_fit.utils import resources
 from mjx_fit.utils.errors import RequestError
 
+MakeBoxes = Callable[[Shape, SceneConfig, float], Boxes]
 _PEG_BIT, _HOLE_BIT = 1, 2
 _SPARE_HALF_M = 0.001
 _PLACED_ABOVE_FLOOR_M = 0.002
@@ -60,17 +61,14 @@ def pair_index(peg_type, hole_type, n_types: int):
 
 def simulation_scene(config: SceneConfig) -> Scene:
     """Compile the simulation scene, one arm, one peg and one socket, for all pairs."""
-    n_peg = max(len(peg_boxes(shape, config).centre) for shape in config.shapes)
-    n_hole = max(len(hole_boxes(shape, config).centre) for shape in config.shapes)
     models = []
-    for peg, hole in product(config.shapes, config.shapes):
+    for peg, hole in product(padded_boxes(peg_boxes, config), padded_boxes(hole_boxes, config)):
         spec = _arm_on_table(config)
-        _add_peg(spec, config, _padded(peg_boxes(peg, config), n_peg))
-        boxes = _padded(hole_boxes(hole, config), n_hole)
-        _add_hole(spec, config, boxes, "hole", (0.5, 0.0), mocap=True)
+        _add_peg(spec, config, peg)
+        _add_hole(spec, config, hole, "hole", (0.5, 0.0), mocap=True)
         _strip_visual_geoms(spec)
         if config.slip_time_s is not None:
-            _add_pairs(spec, config, n_peg, n_hole)
+            _add_pairs(spec, config, len(peg.centre), len(hole.centre))
         models.append(spec.compile())
     return Scene(tuple(models), config, ROBOTS[config.robot])
 
@@ -192,7 +190,7 @@ def _contact(config: SceneConfig, contype: int, conaffinity: int) -> dict:
         "condim": 3,
         "density": 0,
         "friction": [config.friction, 0.005, 0.0001],
-        "solref": [config.contact_time_s, 1.0],
+        "solref": [config.contact_time_s, config.contact_damping],
         "solimp": [
             config.contact_impedance,
             config.deep_impedance,
@@ -217,6 +215,19 @@ def _add_pairs(spec: mujoco.MjSpec, config: SceneConfig, n_peg: int, n_hole: int
             solimp=of_box["solimp"],
             solreffriction=[config.slip_time_s, 1.0],
         )
+
+
+def padded_boxes(make: MakeBoxes, config: SceneConfig, scale: float = 1.0) -> list[Boxes]:
+    """Create the boxes of all pegs, or of all sockets, padded to the same number.
+
+    Args:
+        make: ``peg_boxes`` or ``hole_boxes``.
+        config: Configuration of the scene.
+        scale: Factor of the cross-sections.
+    """
+    boxes = [make(shape, config, scale) for shape in config.shapes]
+    n = max(len(one.centre) for one in boxes)
+    return [_padded(one, n) for one in boxes]
 
 
 def _padded(boxes: Boxes, n: int) -> Boxes:

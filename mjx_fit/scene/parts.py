@@ -16,6 +16,8 @@ from mjx_fit.config.sections.shape import Shape
 from mjx_fit.config.sections.world import SceneConfig
 
 FLOOR_THICKNESS_M = 0.01
+START_HEIGHT_M = 0.002
+"""Height of the TCP above the socket at the start of an attempt, at rest, m."""
 HANGING = np.array([1.0, -1.0, -1.0])
 """Signs that convert coordinates in the frame of the body ``peg`` to world axes."""
 
@@ -44,21 +46,33 @@ def plate_top_m(scene: SceneConfig) -> float:
     return scene.hole_depth_m + FLOOR_THICKNESS_M
 
 
-def peg_boxes(shape: Shape, scene: SceneConfig) -> Boxes:
-    """Create the boxes of a peg, one per rectangle, in the frame of the body ``peg``."""
-    low = [[x0, -y1, 0.0] for x0, _, _, y1 in shape.rectangles]
-    high = [[x1, -y0, scene.peg_length_m] for _, y0, x1, _ in shape.rectangles]
+def peg_boxes(shape: Shape, scene: SceneConfig, scale: float = 1.0) -> Boxes:
+    """Create the boxes of a peg, one per rectangle, in the frame of the body ``peg``.
+
+    Args:
+        shape: Cross-section.
+        scene: Defines the length.
+        scale: Factor of the cross-section.
+    """
+    rectangles = _scaled(shape, scale)
+    low = [[x0, -y1, 0.0] for x0, _, _, y1 in rectangles]
+    high = [[x1, -y0, scene.peg_length_m] for _, y0, x1, _ in rectangles]
     return Boxes.between(low, high)
 
 
-def hole_boxes(shape: Shape, scene: SceneConfig) -> Boxes:
+def hole_boxes(shape: Shape, scene: SceneConfig, scale: float = 1.0) -> Boxes:
     """Create the boxes of a socket whose hole is wider than the peg by the clearance on every side.
 
     The boxes are a floor, four walls around the hole's bounding rectangle, and the part of that rectangle
     outside the hole. Together they fill the socket except for the hole, without overlap.
+
+    Args:
+        shape: Cross-section of the peg.
+        scene: Defines clearance, depth and size of the socket.
+        scale: Factor of the cross-section.
     """
     gap, width, bottom = scene.clearance_m, scene.plate_half_width_m, -scene.hole_depth_m
-    open_ = [(x0 - gap, y0 - gap, x1 + gap, y1 + gap) for x0, y0, x1, y1 in shape.rectangles]
+    open_ = [(x0 - gap, y0 - gap, x1 + gap, y1 + gap) for x0, y0, x1, y1 in _scaled(shape, scale)]
     left, front = (min(rectangle[i] for rectangle in open_) for i in (0, 1))
     right, back = (max(rectangle[i] for rectangle in open_) for i in (2, 3))
     low = [
@@ -79,6 +93,10 @@ def hole_boxes(shape: Shape, scene: SceneConfig) -> Boxes:
         low.append([x0, y0, bottom])
         high.append([x1, y1, 0])
     return Boxes.between(low, high)
+
+
+def _scaled(shape: Shape, scale: float) -> list["_Rectangle"]:
+    return [(scale * x0, scale * y0, scale * x1, scale * y1) for x0, y0, x1, y1 in shape.rectangles]
 
 
 _SLIVER_M = 1e-6

@@ -11,6 +11,8 @@ from jaxtyping import Float, Int
 from mjx_fit.config.schema import Config
 from mjx_fit.scene.build import place_holes
 from mjx_fit.scene.detector import detect
+from mjx_fit.scene.randomization import draw_physics
+from mjx_fit.types.physics import AS_CONFIGURED, Physics
 from mjx_fit.utils.randomness import root_key
 
 
@@ -24,6 +26,7 @@ class Trials:
         hole_pos_world: True centres of the holes (T, n, 2), m.
         estimate_world: Detector estimates of the centres (T, n, 2), m.
         peg_type: Types of the pegs (T, n) in grasping order.
+        physics: Quantities that the world of each hole has of its own, (T, n).
     """
 
     trial: Int[np.ndarray, "T"]
@@ -31,6 +34,7 @@ class Trials:
     hole_pos_world: Float[np.ndarray, "T n 2"]
     estimate_world: Float[np.ndarray, "T n 2"]
     peg_type: Int[np.ndarray, "T n"]
+    physics: Physics = AS_CONFIGURED
 
 
 def draw_trials(config: Config, seed: int, trials: Int[np.ndarray, "T"]) -> Trials:
@@ -44,4 +48,9 @@ def draw_trials(config: Config, seed: int, trials: Int[np.ndarray, "T"]) -> Tria
     of_trial = fold(root_key(seed, "assembly: detector"), jnp.asarray(trials))
     keys = jax.vmap(fold, (0, None))(of_trial, jnp.arange(n))
     estimate = jax.vmap(jax.vmap(partial(detect, config=config.detector)))(keys, jnp.asarray(hole_pos))
-    return Trials(np.asarray(trials), hole_type, hole_pos, np.asarray(estimate), peg_type)
+    worlds = jax.vmap(fold, (0, None))(
+        fold(root_key(seed, "assembly: physics"), jnp.asarray(trials)), jnp.arange(n)
+    )
+    draw = jax.vmap(jax.vmap(partial(draw_physics, randomize=config.randomize)))
+    physics = jax.tree.map(np.asarray, draw(worlds))
+    return Trials(np.asarray(trials), hole_type, hole_pos, np.asarray(estimate), peg_type, physics)

@@ -51,8 +51,8 @@ class ContactSensor(nnx.Module):
         """
         self.from_final_position = config.reference == "final"
         self.wrench_scale = InputScale(jnp.stack([jnp.zeros(WRENCH_AXES), jnp.ones(WRENCH_AXES)]))
-        self.tells_contact, self.rotation = config.contact_features, config.rotation
-        n_rows = ROW_FEATURES - (self.rotation == "vector") + CONTACT_FEATURES * self.tells_contact
+        self.tells_contact, self.from_start = config.contact_features, config.pose == "start"
+        n_rows = ROW_FEATURES - self.from_start + CONTACT_FEATURES * self.tells_contact
         self.row_scale = InputScale(jnp.stack([jnp.zeros(n_rows), jnp.ones(n_rows)]))
         self.trace_encoder = TraceEncoder(config, n_rows, rngs)
         code_width = self.trace_encoder.out_features + config.width
@@ -103,12 +103,12 @@ class ContactSensor(nnx.Module):
             reading = seen_from(reading, final_position(reading))
         self.wrench_scale[...] = _moments(reading.wrench_sensor, reading.mask[..., None])
         scale = _moments(self._rows(reading), reading.mask)
-        if self.rotation == "vector":
+        if self.from_start:
             scale = jnp.stack([scale[0], jnp.maximum(scale[1], MEASURABLE[: scale.shape[1]])])
         self.row_scale[...] = scale
 
     def _rows(self, reading: Reading) -> Float[Array, "*batch L features"]:
-        rows = row_features(reading, self.rotation)
+        rows = row_features(reading, as_vector=self.from_start)
         return jnp.concatenate([rows, contact_features(reading)], axis=-1) if self.tells_contact else rows
 
 
@@ -124,20 +124,19 @@ def seen_from(reading: Reading, origin: Float[Array, "n 2"]) -> Reading:
     return replace(reading, tip_pos_estimate=reading.tip_pos_estimate - offset)
 
 
-def row_features(reading: Reading, rotation: str = "quaternion") -> Float[Array, "*batch L features"]:
+def row_features(reading: Reading, *, as_vector: bool = False) -> Float[Array, "*batch L features"]:
     """Concatenate the inputs of a token other than its wrench window, in SI units.
 
     Args:
         reading: Reading with any batch axes.
-        rotation: Representation of the orientation, see ``SensorConfig``.
+        as_vector: Represent the orientation by its rotation vector from straight down.
     """
+    quat = reading.tip_quat_world
     return jnp.concatenate(
         [
             reading.action_world,
             reading.tip_pos_estimate,
-            reading.tip_quat_world
-            if rotation == "quaternion"
-            else rotation_from_down(reading.tip_quat_world),
+            rotation_from_down(quat) if as_vector else quat,
             reading.tip_linvel_world,
             reading.tip_angvel_world,
             reading.contact[..., None],

@@ -10,6 +10,7 @@ from jaxtyping import Float, Int, Key
 
 from mjx_fit.config.sections.measurement import WristConfig
 from mjx_fit.types import Array
+from mjx_fit.utils.arrays import is_off
 from mjx_fit.utils.rates import STEP_S
 
 
@@ -70,7 +71,7 @@ def sampled(
 def is_undistorted(wrist: WristConfig) -> bool:
     """Return True if the F/T sensor has no errors but white noise, saturation and a rate."""
     sizes = ("force_bias_n", "torque_bias_nm", "force_drift_nps", "torque_drift_nmps", "gain_error")
-    return wrist.bandwidth_hz is None and not any(getattr(wrist, name) for name in (*sizes, "cross_talk"))
+    return wrist.bandwidth_hz is None and all(is_off(getattr(wrist, name)) for name in (*sizes, "cross_talk"))
 
 
 def _per_axis(force: Any, torque: Any) -> Float[Array, "6"]:
@@ -85,9 +86,9 @@ def _gains(key: Key[Array, ""], wrist: WristConfig) -> Float[Array, "6 6"]:
     return jnp.eye(6) + size * drawn
 
 
-def _low_pass(wrench: Float[Array, "n 6"], cutoff_hz: float) -> Float[Array, "n 6"]:
+def _low_pass(wrench: Float[Array, "n 6"], cutoff_hz: float | Array) -> Float[Array, "n 6"]:
     """Filter with y_k = y_{k-1} + a (x_k - y_{k-1}), a = 1 - exp(-2π f Δt), from the state y_0 = x_0."""
-    share = 1 - math.exp(-2 * math.pi * cutoff_hz * STEP_S)
+    share = -jnp.expm1(-2 * math.pi * cutoff_hz * STEP_S)
 
     def sample(last, now):
         filtered = last + share * (now - last)

@@ -15,8 +15,9 @@ from jaxtyping import Bool, Float
 
 from mjx_fit.config.sections.learning import SensorConfig
 from mjx_fit.sensors.attention import attend
-from mjx_fit.types import SUBSTEPS, Array
+from mjx_fit.types import Array
 from mjx_fit.utils.errors import RequestError
+from mjx_fit.utils.rates import SUBSTEPS
 
 WRENCH_AXES = 6
 PLACE_AXES = 4

@@ -14,8 +14,9 @@ from jaxtyping import Bool, Float, Int, Key
 from mjx_fit.config.schema import Config
 from mjx_fit.config.sections.measurement import WristConfig
 from mjx_fit.scene.parts import plate_top_m
+from mjx_fit.scene.randomization import draw_errors
 from mjx_fit.sensors.distortion import distorted, sampled
-from mjx_fit.sensors.pose import is_exact, measured_trace
+from mjx_fit.sensors.pose import from_start, is_exact, measured_trace, start_of
 from mjx_fit.sensors.traces import require_readable
 from mjx_fit.types import Array, Felt, Reading
 
@@ -134,13 +135,14 @@ def read_window(felt: Felt, key: Key[Array, ""], config: Config, window: Window)
     Args:
         felt: Measurements of one attempt, without batch axes.
         key: Random key of the noise.
-        config: Defines the errors of the F/T sensor and of the poses, and the scene.
+        config: Defines the errors of the F/T sensor and of the poses, the scene, and the origin of poses
+            (``sensor.pose``).
         window: Window of actions to read.
 
     Raises:
         RequestError: The attempt cannot be read (``mjx_fit.sensors.traces``).
     """
-    wrist, scene = config.wrist, config.scene
+    scene = config.scene
     require_readable(felt, scene.n_types, batch=0)
     offsets = jnp.arange(window.rows)
     mask = window.start + offsets < felt.length
@@ -152,14 +154,19 @@ def read_window(felt: Felt, key: Key[Array, ""], config: Config, window: Window)
     trace = jax.tree.map(
         lambda x: jnp.where(mask.reshape(-1, *[1] * (x.ndim - 1)), x, jnp.zeros_like(x)), trace
     )
-    sample_key, tare_key, wrist_key, pose_key = jax.random.split(key, 4)
+    sample_key, tare_key, wrist_key, pose_key, size_key = jax.random.split(key, 5)
+    wrist, pose = draw_errors(size_key, config)
     clean = distorted(trace.wrench_sensor, felt.tare_sensor, wrist_key, wrist, window.start)
-    if not is_exact(config.pose):
+    if not is_exact(pose):
         offset_key, noise_key = jax.random.split(pose_key)
-        trace = measured_trace(trace, offset_key, noise_key, config.pose)
+        trace = measured_trace(trace, offset_key, noise_key, pose)
+    if config.sensor.pose == "start":
+        trace, origin_m = from_start(trace, start_of(felt, scene)), start_of(felt, scene).pos_world[2]
+    else:
+        origin_m = jnp.asarray(plate_top_m(scene), clean.dtype)
     tare = measured_tare(felt.tare_sensor, tare_key, wrist)
     noisy = sampled(measured(clean, tare, sample_key, wrist), tare, wrist)
-    origin = jnp.append(felt.estimate_world, jnp.asarray(plate_top_m(scene), clean.dtype))
+    origin = jnp.append(felt.estimate_world, origin_m)
     wrench = jnp.where(mask[:, None, None], noisy, 0)
     return Reading(
         wrench_sensor=wrench,

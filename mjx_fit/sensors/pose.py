@@ -7,7 +7,10 @@ import jax.numpy as jnp
 from jaxtyping import Float, Key
 
 from mjx_fit.config.sections.measurement import PoseConfig
-from mjx_fit.types import Array, Trace
+from mjx_fit.config.sections.world import SceneConfig
+from mjx_fit.scene.parts import START_HEIGHT_M, plate_top_m
+from mjx_fit.types import Array, Felt, StartPose, Trace
+from mjx_fit.utils.arrays import is_off
 from mjx_fit.utils.rates import ACTION_S
 
 
@@ -25,12 +28,12 @@ def measured_trace(
         noise_key: Random key of the noise.
         pose: The errors.
     """
-    delayed = _delayed(trace, pose.delay_s) if pose.delay_s else trace
+    delayed = trace if is_off(pose.delay_s) else _delayed(trace, pose.delay_s)
     keys = jax.random.split(noise_key, 4)
     shape = trace.tip_pos_world.shape
 
-    def noise(i: int, std: float) -> Float[Array, "L 3"]:
-        return std * jax.random.normal(keys[i], shape) if std else jnp.zeros(shape)
+    def noise(i: int, std: float | Array) -> Float[Array, "L 3"]:
+        return jnp.zeros(shape) if is_off(std) else std * jax.random.normal(keys[i], shape)
 
     sizes = jnp.array([pose.position_offset_m, pose.position_offset_m, pose.height_offset_m])
     offset = sizes * jax.random.normal(offset_key, (3,))
@@ -45,9 +48,39 @@ def measured_trace(
     )
 
 
+def start_of(felt: Felt, scene: SceneConfig) -> StartPose:
+    """Return the pose before an attempt: as measured, or straight down at the height of simulated starts."""
+    if felt.start is not None:
+        return felt.start
+    estimate = jnp.asarray(felt.estimate_world)
+    height = jnp.full_like(estimate[..., :1], plate_top_m(scene) + START_HEIGHT_M)
+    position = jnp.concatenate([estimate, height], -1)
+    return StartPose(position, from_down(jnp.zeros_like(position)))
+
+
+def from_start(trace: Trace, start: StartPose) -> Trace:
+    """Express the orientations of a trace relative to those at its start: q q₀⁻¹ q_down.
+
+    A constant rotation of all orientations, such as an error of the tool's calibration, has no effect.
+    """
+    before = rotation_from_down(start.quat_world)
+    return replace(trace, tip_quat_world=from_down(_between_rotations(trace.tip_quat_world, before)))
+
+
+def _between_rotations(quat_world: Float[Array, "L 4"], start: Float[Array, "3"]) -> Float[Array, "L 3"]:
+    """Return the rotation vector log(q q₀⁻¹), with q₀ = exp(start) q_down, world frame, rad."""
+    # q q₀⁻¹ = (q q_down⁻¹) exp(-start): compose the two rotations as quaternions.
+    inverse = turned(jnp.array([1.0, 0.0, 0.0, 0.0]), -start)
+    w, v = inverse[0], inverse[1:]
+    scalar, vector = _times_down_inverse(canonical(quat_world))
+    product_w = scalar * w - (vector * v).sum(-1)
+    product_v = scalar[..., None] * v + w * vector + jnp.cross(vector, jnp.broadcast_to(v, vector.shape))
+    return _logarithm(product_w, product_v)
+
+
 def is_exact(pose: PoseConfig) -> bool:
     """Return True if poses are measured without any error."""
-    return pose == PoseConfig()
+    return all(map(is_off, vars(pose).values()))
 
 
 def canonical(quat: Float[Array, "*n 4"]) -> Float[Array, "*n 4"]:
@@ -71,11 +104,20 @@ def rotation_from_down(quat_world: Float[Array, "*n 4"]) -> Float[Array, "*n 3"]
 
     It is log(q q_down⁻¹), the same for q and -q, and small in an attempt.
     """
-    w, x, y, z = jnp.moveaxis(canonical(quat_world), -1, 0)
-    vector = jnp.stack([-w, -z, y], axis=-1)
+    return _logarithm(*_times_down_inverse(canonical(quat_world)))
+
+
+def _times_down_inverse(quat_world: Float[Array, "*n 4"]) -> tuple[Float[Array, "*n"], Float[Array, "*n 3"]]:
+    """Return the scalar and the vector part of q q_down⁻¹."""
+    w, x, y, z = jnp.moveaxis(quat_world, -1, 0)
+    return x, jnp.stack([-w, -z, y], axis=-1)
+
+
+def _logarithm(scalar: Float[Array, "*n"], vector: Float[Array, "*n 3"]) -> Float[Array, "*n 3"]:
+    """Return the rotation vector of a unit quaternion with a positive scalar part."""
     # Regularised under the root, so that the derivative at the identity is finite.
     sine = jnp.sqrt((vector**2).sum(-1) + 1e-20)
-    return vector * (2 * jnp.arctan2(sine, x) / sine)[..., None]
+    return vector * (2 * jnp.arctan2(sine, scalar) / sine)[..., None]
 
 
 def from_down(rotation_world: Float[Array, "*n 3"]) -> Float[Array, "*n 4"]:
@@ -84,7 +126,7 @@ def from_down(rotation_world: Float[Array, "*n 3"]) -> Float[Array, "*n 4"]:
     return turned(down, rotation_world)
 
 
-def _delayed(trace: Trace, delay_s: float) -> Trace:
+def _delayed(trace: Trace, delay_s: float | Array) -> Trace:
     """Return pose and twist of a moment before each row, by cubic Hermite interpolation between rows.
 
     Before the first row, the pose is extrapolated at constant velocity.
@@ -106,7 +148,7 @@ def _before(rows: Float[Array, "L 3"]) -> Float[Array, "L 3"]:
     return jnp.concatenate([rows[:1], rows[:-1]])
 
 
-def _between(value: Float[Array, "L 3"], slope: Float[Array, "L 3"], t: float) -> Float[Array, "L 3"]:
+def _between(value: Float[Array, "L 3"], slope: Float[Array, "L 3"], t: float | Array) -> Float[Array, "L 3"]:
     """Interpolate from the previous row (t = 0) to each row (t = 1)."""
     start, start_slope = _before(value), ACTION_S * _before(slope)
     inner = (

@@ -11,8 +11,9 @@ from jax.core import Tracer
 from jaxtyping import Bool
 
 from mjx_fit.sensors.sensor_log import MOST_OFF_UNIT
-from mjx_fit.types import SUBSTEPS, Felt, Reading
+from mjx_fit.types import Felt, Reading
 from mjx_fit.utils.errors import RequestError
+from mjx_fit.utils.rates import SUBSTEPS
 
 WRENCH_AXES = 6
 _ROWS = {
@@ -45,6 +46,9 @@ def require_readable(felt: Felt, n_types: int, batch: int = 1) -> None:
         _require_shape(f"trace.{name}", getattr(trace, name), (*rows, *rest), f"J {SUBSTEPS} {WRENCH_AXES}")
     for name, rest in _OTHERS.items():
         _require_shape(name, getattr(felt, name), (*rows[:-1], *rest))
+    if felt.start is not None:
+        for name, width in (("pos_world", 3), ("quat_world", 4)):
+            _require_shape(f"start.{name}", getattr(felt.start, name), (*rows[:-1], width))
     if _is_traced(felt):
         return
     one = jax.tree.map(np.asarray, felt)
@@ -57,6 +61,9 @@ def require_readable(felt: Felt, n_types: int, batch: int = 1) -> None:
         _require_finite(f"trace.{name}", getattr(one.trace, name), counts)
     for name in ("tare_sensor", "estimate_world"):
         _require_finite(name, getattr(one, name)[:, None], counts[:, :1])
+    if one.start is not None:
+        _require_finite("start.pos_world", one.start.pos_world[:, None], counts[:, :1])
+        _require_unit("start.quat_world", one.start.quat_world[:, None], counts[:, :1])
     _require_unit("trace.tip_quat_world", one.trace.tip_quat_world, counts)
 
 

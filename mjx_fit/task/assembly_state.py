@@ -125,7 +125,9 @@ class Table:
         wiggle_keys, noise_keys = self._keys(self._trial, self._peg_number(), self._attempt_number())
         hole_type, hole_pos = (self._world[name][rows, hole] for name in ("hole_type", "hole_pos_world"))
         beliefs = self._belief_about(hole)
-        attempts = spirals_at(self._peg(), hole_type, hole_pos, beliefs.pos_mean_world, wiggle_keys)
+        physics = jax.tree.map(lambda leaf: leaf[rows, hole], self._world["physics"])
+        start = beliefs.pos_mean_world
+        attempts = spirals_at(self._peg(), hole_type, hole_pos, start, wiggle_keys, physics)
         return Try(attempts, self.active, beliefs, noise_keys)
 
     def learn(self, tried: Tried) -> None:

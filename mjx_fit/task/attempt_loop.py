@@ -11,6 +11,7 @@ from mjx_fit.control.policies import SPIRAL
 from mjx_fit.engines.interface import Engine
 from mjx_fit.task.estimator import Update, after_failures
 from mjx_fit.types import Array, Attempt, Belief, Rollout
+from mjx_fit.types.physics import AS_CONFIGURED, Physics
 
 
 @dataclass(frozen=True)
@@ -71,6 +72,7 @@ def spirals_at(
     hole_pos_world: Float[Array, "R 2"],
     estimate_world: Float[Array, "R 2"],
     keys: Key[Array, "R"],
+    physics: Physics = AS_CONFIGURED,
 ) -> Attempt:
     """Make attempts (R,) with the paper's spiral search.
 
@@ -80,6 +82,7 @@ def spirals_at(
         hole_pos_world: True position of the hole, m.
         estimate_world: Start position of the attempt, m.
         keys: Seeds of the exploration noise.
+        physics: Quantities that each world has of its own.
     """
     return Attempt(
         peg_type=jnp.asarray(peg_type),
@@ -88,4 +91,5 @@ def spirals_at(
         estimate_world=jnp.asarray(estimate_world),
         policy=jnp.full(len(estimate_world), SPIRAL),
         key=keys,
+        physics=physics,
     )

@@ -63,7 +63,7 @@ def filter_update(
         if config.filter.match_temperature != 1:
             logits = observation.match_logits / config.filter.match_temperature
             observation = replace(observation, match_logits=logits)
-        moved = update_position(beliefs, observation, config.filter.gate)
+        moved = update_position(beliefs, observation, config.filter, config.detector.prior_std_m)
         typed = update_type(beliefs, observation, felt.peg_type, alpha, hard=hard)
         return Belief(
             pos_mean_world=where_rows(learns_position, moved.pos_mean_world, beliefs.pos_mean_world),

@@ -6,6 +6,7 @@ of a trial are identical for all methods.
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -21,6 +22,7 @@ from mjx_fit.task.attempt_loop import Tried, Try, attempt_rounds, spirals_at
 from mjx_fit.task.estimator import Update
 from mjx_fit.task.methods import KNOWN_VARIANCE_M2, HoleMethod, of_rows
 from mjx_fit.types import Array, Belief, Felt
+from mjx_fit.types.physics import AS_CONFIGURED, Physics
 
 
 @dataclass(frozen=True)
@@ -33,6 +35,7 @@ class Holes:
         hole_pos_world: True position of the hole, (T, 2), m.
         estimate_world: Detected position of the hole, (T, 2), m.
         key: Seeds of exploration noise, sensor noise and sampled estimates, (T,).
+        physics: Quantities that each world has of its own, (T,).
     """
 
     peg_type: Int[np.ndarray, "T"]
@@ -40,6 +43,7 @@ class Holes:
     hole_pos_world: Float[np.ndarray, "T 2"]
     estimate_world: Float[np.ndarray, "T 2"]
     key: Key[Array, "T"]
+    physics: Physics = AS_CONFIGURED
 
 
 @dataclass(frozen=True)
@@ -97,7 +101,8 @@ class HoleTable:
         wiggle, noise, sample = _keys(self._keys, number)
         belief, world = self._belief, self._world
         start = np.where(self._samples[:, None], _drawn(belief, sample), belief.pos_mean_world)
-        attempts = spirals_at(world["peg_type"], world["hole_type"], world["hole_pos_world"], start, wiggle)
+        kinds = world["peg_type"], world["hole_type"]
+        attempts = spirals_at(*kinds, world["hole_pos_world"], start, wiggle, world["physics"])
         return Try(attempts, active, belief, noise)
 
     def record(self, tried: Tried) -> None:
@@ -178,7 +183,7 @@ def update_of_rows(methods: tuple[HoleMethod, ...], updates: Mapping[str, Update
     return update
 
 
-def _plain(holes: Holes) -> dict[str, np.ndarray]:
+def _plain(holes: Holes) -> dict[str, Any]:
     return {name: leaf for name, leaf in vars(holes).items() if name != "key"}
 
 

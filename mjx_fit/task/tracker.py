@@ -15,6 +15,7 @@ from jaxtyping import Float
 
 from mjx_fit.config.schema import Config
 from mjx_fit.config.sections.measurement import PoseConfig, WristConfig
+from mjx_fit.config.sections.randomize import RandomizeConfig
 from mjx_fit.engines.requests import require_count
 from mjx_fit.filters.outcome_model import success_probability
 from mjx_fit.filters.updates import initial_belief
@@ -85,7 +86,7 @@ class BeliefTracker:
             torque_z_noise_nm=0.0,
             contact_force_n=self._config.wrist.contact_force_n,
         )
-        as_logged = replace(self._config, wrist=silent, pose=PoseConfig())
+        as_logged = replace(self._config, wrist=silent, pose=PoseConfig(), randomize=RandomizeConfig())
         self._update = filter_update(as_logged, sensor.network)
 
     def choose(self, peg: str) -> int:

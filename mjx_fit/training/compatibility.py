@@ -8,10 +8,13 @@ import numpy as np
 from pydantic import Field, TypeAdapter
 from typing_extensions import TypedDict
 
-from mjx_fit.config.schema import Config, config_differences, config_from_tree
+from mjx_fit.config.randomized import value_range
+from mjx_fit.config.schema import Config, config_differences, config_from_stored
 from mjx_fit.data.episode import Episode
+from mjx_fit.data.manifest_schema import MAX_EPISODES
 from mjx_fit.training import run_files
 from mjx_fit.training.run_files import RUN
+from mjx_fit.types.physics import QUANTITIES
 from mjx_fit.utils import bounded_json
 from mjx_fit.utils.errors import RequestError
 
@@ -29,23 +32,29 @@ class _Told(TypedDict):
     seed: NotRequired[int]
     data: NotRequired[str]
     first_hole: NotRequired[_Hole | None]
+    other_first_holes: NotRequired[Annotated[list[_Hole], Field(max_length=1000)]]
     init: NotRequired["_Told"]
 
 
 _TOLD = TypeAdapter(_Told)
 
-WORLD = ("scene", "control")
-"""Sections of the configuration that determine the measurements, for any policy."""
+WORLD = ("scene", "control", "arm")
+"""Sections of the configuration that determine the physics, for any policy."""
 
 
-def first_hole(data: Episode) -> dict[str, Any]:
-    """Return the hole of the first sequence.
+def first_holes(data: Episode) -> list[dict[str, Any]]:
+    """Return the hole of the first sequence of each data set that was joined (``reader.load_joined``).
 
     It identifies the seed, because draws depend on the seed and the number of the sequence alone.
     """
-    row = int(np.argmin(np.asarray(data.sequence)))
-    position = np.asarray(data.rollout.truth.hole_pos_world)[row]
-    return {"sequence": int(data.sequence[row]), "pos_world": [round(float(x), 7) for x in position]}
+    found, sequence = [], np.asarray(data.sequence)
+    for part in np.unique(sequence // MAX_EPISODES):
+        rows = np.flatnonzero(sequence // MAX_EPISODES == part)
+        row = rows[np.argmin(sequence[rows])]
+        position = np.asarray(data.rollout.truth.hole_pos_world)[row]
+        number = int(sequence[row] % MAX_EPISODES)
+        found.append({"sequence": number, "pos_world": [round(float(x), 7) for x in position]})
+    return found
 
 
 def told_by(run: Path) -> dict[str, Any]:
@@ -61,7 +70,7 @@ def told_by(run: Path) -> dict[str, Any]:
         bounded_json.check(_TOLD, told)
     except ValueError as error:
         raise run_files.damaged(run / RUN, error, "--run") from None
-    return {key: told[key] for key in ("seed", "data", "first_hole", "init") if key in told}
+    return {key: told[key] for key in _Told.__annotations__ if key in told}
 
 
 def lineage(told: dict[str, Any]) -> Iterator[dict[str, Any]]:
@@ -81,12 +90,13 @@ def shares_holes(told: dict[str, Any], data: Episode, fingerprint: str) -> bool:
     """
     if told.get("data") == fingerprint:
         return True
-    hole = told.get("first_hole")
-    if hole is None:
-        return False
-    same = np.asarray(data.sequence) == hole["sequence"]
-    places = np.asarray(data.rollout.truth.hole_pos_world)[same]
-    return bool(np.isclose(places, hole["pos_world"], rtol=0, atol=1e-6).all(axis=-1).any())
+    holes = [hole for hole in (told.get("first_hole"), *told.get("other_first_holes", ())) if hole]
+    number = np.asarray(data.sequence) % MAX_EPISODES
+    places = np.asarray(data.rollout.truth.hole_pos_world)
+    return any(
+        np.isclose(places[number == hole["sequence"]], hole["pos_world"], rtol=0, atol=1e-6).all(-1).any()
+        for hole in holes
+    )
 
 
 def require_new(run: Path, data: Episode, fingerprint: str) -> None:
@@ -111,19 +121,38 @@ def require_new(run: Path, data: Episode, fingerprint: str) -> None:
 
 
 def require_world(request: dict[str, Any], config: Config) -> None:
-    """Check that the data come from the scene and controller of the configuration.
+    """Check that the data come from the world of the configuration.
 
     Args:
         request: Request that the data set was collected with.
-        config: Configuration, with its sections ``scene`` and ``control`` in use.
+        config: Configuration, with its sections in ``WORLD`` and ``randomize`` in use.
 
     Raises:
-        RequestError: The scene or the controller differs.
+        RequestError: The scene, the controller or the arm differs, or a quantity that differs between worlds
+            has values there that it never has here.
     """
-    there = config_from_tree(request["config"])
-    differences = [words for words in config_differences(there, config) if words.split(".")[0] in WORLD]
+    there = config_from_stored(request["config"])
+    differences = [words for words in config_differences(there, config) if _matters(words)]
+    differences += [words for name in QUANTITIES if (words := _beyond(name, there, config))]
     if differences:
         raise RequestError(
             f"--data: not usable with this configuration: {differences[0]}; use the --config and --set "
             "of the data collection"
         )
+
+
+def _matters(words: str) -> bool:
+    """Return True for a difference in a world's constants; quantities have ranges."""
+    section, _, rest = words.partition(".")
+    return section in WORLD and rest.partition(" ")[0] not in QUANTITIES
+
+
+def _beyond(name: str, there: Config, here: Config) -> str:
+    """Describe a quantity whose values in the data are outside its range here; empty if there are none."""
+    (low, high), (least, most) = value_range(there, name), value_range(here, name)
+    if least <= low and high <= most:
+        return ""
+    key = f"{QUANTITIES[name].section or 'randomize'}.{name}"
+    if low == high and least == most:
+        return f"{key} is {low} there and {least} here"
+    return f"{key} is {low:g} to {high:g} there and {least:g} to {most:g} here"

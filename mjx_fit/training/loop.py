@@ -24,7 +24,7 @@ from mjx_fit.data.episode import Episode
 from mjx_fit.data.windows import Sample, chains, windows_of
 from mjx_fit.sensors.contact_sensor import ContactSensor, InputScale
 from mjx_fit.training import checkpoint, run_files, run_folder, start
-from mjx_fit.training.compatibility import first_hole
+from mjx_fit.training.compatibility import first_holes
 from mjx_fit.training.epoch import run_epoch
 from mjx_fit.training.loss import Loss
 from mjx_fit.training.run import Lineage, Run, held
@@ -85,7 +85,7 @@ def train(
     recipe, state = _begin(data, sides[0], config, init_keys, begun.starts)
     placed_data = _placed(data, run.members)
     for folder, lineage in zip(folders, begun.lineages, strict=True):
-        run_folder.write(folder, config, lineage, first_hole(data), np.asarray(data.sequence), split)
+        run_folder.write(folder, config, lineage, first_holes(data), np.asarray(data.sequence), split)
         run_files.keep_metrics(folder, begun.epochs_done)
     if begun.arrays is not None:
         state = checkpoint.from_arrays(state, begun.arrays)

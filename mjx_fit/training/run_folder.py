@@ -95,7 +95,7 @@ def write(
     out: Path,
     config: Config,
     lineage: Lineage,
-    first_hole: dict[str, Any],
+    first_holes: list[dict[str, Any]],
     sequences: Int[np.ndarray, "episodes"],
     sides: tuple[Int[np.ndarray, "n"], Int[np.ndarray, "m"]],
 ) -> None:
@@ -105,7 +105,7 @@ def write(
         out: Folder of the run.
         config: Configuration of the run.
         lineage: Origin of the sensor.
-        first_hole: First hole of the data, which identifies other data at the same holes.
+        first_holes: First hole of each data set, which identifies other data at the same holes.
         sequences: Sequence, and thus the hole, of each episode.
         sides: Train/validation split: indices of the episodes.
     """
@@ -114,7 +114,8 @@ def write(
         run = {
             "seed": lineage.seed,
             "data": lineage.data,
-            "first_hole": first_hole,
+            "first_hole": first_holes[0],
+            **({"other_first_holes": first_holes[1:]} if first_holes[1:] else {}),
             **{
                 side: {"interactions": len(ids), "holes": len(np.unique(np.asarray(sequences)[ids]))}
                 for side, ids in zip(("training", "validation"), sides, strict=True)

@@ -11,8 +11,8 @@ from mjx_fit.data.episode import Episode
 from mjx_fit.data.split import split_sequences
 from mjx_fit.data.windows import usable
 from mjx_fit.sensors.encoder import WRENCH_AXES
-from mjx_fit.types import SUBSTEPS
 from mjx_fit.utils.errors import RequestError
+from mjx_fit.utils.rates import SUBSTEPS
 
 
 def usable_sides(

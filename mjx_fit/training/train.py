@@ -1,6 +1,7 @@
 """Train the sensor, then the frame-by-frame baseline of the paper, in one run."""
 
 import sys
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,15 +16,15 @@ from mjx_fit.training.compatibility import require_world
 from mjx_fit.training.loop import train
 from mjx_fit.training.run import Run, held
 from mjx_fit.training.split import require_chains, require_symmetric
-from mjx_fit.types import ACTION_BYTES
 from mjx_fit.utils import memory
+from mjx_fit.utils.rates import ACTION_BYTES
 
 
-def train_from(folder: Path, config: Config, run: Run) -> bool:
-    """Train both sensors on a stored data set, or resume their training.
+def train_from(folders: Sequence[Path], config: Config, run: Run) -> bool:
+    """Train both sensors on stored data sets, or resume their training.
 
     Args:
-        folder: Folder of the data set.
+        folders: Folders of the data sets.
         config: Full configuration.
         run: Output folder, seed, number of sensors and initial weights.
 
@@ -34,13 +35,14 @@ def train_from(folder: Path, config: Config, run: Run) -> bool:
         RequestError: The data come from another scene or controller, ``train.sequence`` does not suit the
             data, or ``train.mirror`` does not suit the shapes; see also ``mjx_fit.training.loop.train``.
     """
-    there = read_manifest(folder)
-    request = there.request
-    require_world(request, config)
-    require_chains(request, config)
+    manifests = [read_manifest(folder) for folder in folders]
+    for there in manifests:
+        require_world(there.request, config)
+        require_chains(there.request, config)
     require_symmetric(config)
-    _require_memory(sum(shard.episodes for shard in there.shards), request["steps"], config)
-    return train_with_baseline(reader.load(folder), config, run)
+    episodes = sum(shard.episodes for there in manifests for shard in there.shards)
+    _require_memory(episodes, max(there.request["steps"] for there in manifests), config)
+    return train_with_baseline(reader.load_joined(folders), config, run)
 
 
 @held

@@ -7,7 +7,7 @@ from jaxtyping import Float, UInt8
 from PIL import Image, ImageDraw, ImageFont
 
 from mjx_fit.evaluation.recording import Recording, Step
-from mjx_fit.types import SUBSTEPS
+from mjx_fit.utils.rates import SUBSTEPS
 from mjx_fit.utils.type_colours import TYPE_RGB
 from mjx_fit.viz.timeline import ACTIONS_PER_S, Moment
 

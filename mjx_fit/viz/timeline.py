@@ -8,9 +8,8 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from mjx_fit.engines.attempt_rules import START_HEIGHT_M
 from mjx_fit.evaluation.recording import Recording, Step
-from mjx_fit.scene.parts import plate_top_m
+from mjx_fit.scene.parts import START_HEIGHT_M, plate_top_m
 from mjx_fit.scene.robot import ROBOTS
 from mjx_fit.task.assembly_state import EMPTY
 from mjx_fit.types import Belief

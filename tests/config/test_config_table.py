@@ -13,9 +13,16 @@ from mjx_fit.config.table import WIDTH, Key, as_text, keys
 from mjx_fit.utils import resources
 
 PURE = {
-    *("wrist.gain_error", "wrist.cross_talk", "filter.gate", "filter.match_temperature"),
+    *(
+        "wrist.gain_error",
+        "wrist.cross_talk",
+        "filter.gate",
+        "filter.match_temperature",
+        "filter.correlation",
+    ),
     *(
         "scene.friction",
+        "scene.contact_damping",
         "scene.contact_impedance",
         "scene.deep_impedance",
         "control.damping_ratio",
@@ -46,7 +53,7 @@ def test_every_key_is_there_with_unit_and_description(table):
         assert key.default == key.value == tree[key.section][key.name]
         assert len(key.description) > 5, name
         words = isinstance(key.default, bool | str) or name == "scene.shapes"
-        assert (key.unit == "-") == words, name
+        assert (key.unit == "-") == words or key.section == "randomize", name
     assert {name for name, key in table.items() if key.unit == "1"} == PURE
     assert table["scene.clearance_m"].unit == table["task.error_knots_m"].unit == "m"
     assert table["wrist.torque_z_noise_nm"].unit == "N·m"

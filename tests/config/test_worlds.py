@@ -25,7 +25,9 @@ def test_the_world_before_the_mended_contact_jumps_and_has_one_time_for_both_for
 
 
 def test_an_unknown_world_is_one_line():
-    with pytest.raises(RequestError, match=r"^--world: 'moon' is invalid: expected home, as-2026-11, paper$"):
+    with pytest.raises(
+        RequestError, match=r"^--world: 'moon' is invalid: expected home, as-2026-11, paper, forge, wide$"
+    ):
         world_file("moon")
 
 

@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 
 from benchmarks import python_loop
-from mjx_fit.config.sections.world import ControlConfig
+from mjx_fit.config.schema import Config
 from mjx_fit.control import operational_space
 from mjx_fit.control.kinematics import STRAIGHT_DOWN, chain_of, inverse, rotation_error
 from mjx_fit.scene.robot import PANDA
 
-GAINS = ControlConfig()
+GAINS = operational_space.gains_of(Config())
 LIMIT_NM = np.array(PANDA.torque_limit_nm, np.float32)
 
 
@@ -65,7 +65,9 @@ def test_torque_is_the_textbooks(scene):
         got = np.asarray(operational_space.torque(arm, jnp.asarray(goal, jnp.float32), GAINS))
         want = textbook_torque(model, data, goal)
         assert np.abs(got - want).max() < 2e-3 * np.abs(want).max()
-        assert python_loop.torque(model, data, goal, GAINS) == pytest.approx(want, rel=1e-6, abs=1e-6)
+        assert python_loop.torque(model, data, goal, Config().control) == pytest.approx(
+            want, rel=1e-6, abs=1e-6
+        )
 
 
 def test_torques_stay_within_limits(scene):

@@ -130,5 +130,5 @@ def test_missing_or_damaged_data_is_one_line(folder, tmp_path):
     assert "damaged" in reader.damages(tmp_path)["manifest.json"]
     (tmp_path / "manifest.json").write_text('{"format": 1}')
     for read in (reader.load, reader.damages):
-        with pytest.raises(RequestError, match="its format is 1, not 2"):
+        with pytest.raises(RequestError, match="its format is 1, not one of 2, 3"):
             read(tmp_path)

@@ -49,6 +49,9 @@ CHANGES = {
     "no policy": {"policy": -1},
     "another key": {"key": np.zeros(4, np.uint32)},
     "one more": {"more": 1},
+    "no such physics": {"physics_colour": np.float32(1)},
+    "absurd physics": {"physics_friction": np.float32(9)},
+    "physics of many": {"physics_friction": np.ones(3, np.float32)},
 }
 
 
@@ -56,6 +59,11 @@ def test_what_is_right_is_read(tmp_path):
     np.savez(tmp_path / "b.npz", **RIGHT)
     kept = failure_file.read(tmp_path / "b.npz")
     assert all(np.array_equal(kept[name], value) for name, value in RIGHT.items())
+
+
+def test_physics_are_read(tmp_path):
+    np.savez(tmp_path / "b.npz", **RIGHT, physics_friction=np.float32(0.5))
+    assert failure_file.read(tmp_path / "b.npz")["physics_friction"] == 0.5
 
 
 @pytest.mark.parametrize("name", CHANGES)

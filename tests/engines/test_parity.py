@@ -12,7 +12,7 @@ from mujoco import mjx
 from mjx_fit.control.kinematics import chain_of, inverse
 from mjx_fit.engines.mjx import contact
 from mjx_fit.engines.mjx.compiler import compiler_options
-from mjx_fit.engines.mjx.step import accelerate, models_of, observe, stacked_models
+from mjx_fit.engines.mjx.step import Models, accelerate, observe
 from mjx_fit.scene.build import Scene
 
 N_FREE = N_CONTACT = 54
@@ -44,7 +44,7 @@ def states(scene):
 def one_step(scene, states):
     """One step of MJX and of C from each state: (qacc_smooth, qacc, sensordata, next qvel) of both."""
     pair, *fields = states
-    stacked, axes = stacked_models(scene)
+    models, axes = Models.of(scene).of_worlds(pair)
 
     def step(model, qpos, qvel, push, mocap):
         data = mjx.make_data(model).replace(qpos=qpos, qvel=qvel, mocap_pos=mocap[None])
@@ -53,7 +53,7 @@ def one_step(scene, states):
         return data.qacc_smooth, data.qacc, data.sensordata, contact.integrate(model, data).qvel
 
     batched = jax.vmap(step, (axes, 0, 0, 0, 0))
-    compiled = jax.jit(lambda *a: batched(models_of(stacked, pair), *a), compiler_options=compiler_options())
+    compiled = jax.jit(lambda *a: batched(models, *a), compiler_options=compiler_options())
     in_mjx = [np.asarray(x) for x in compiled(*fields)]
     in_c = [_step_in_c(scene.models[p], *state) for p, *state in zip(pair, *fields, strict=True)]
     return in_mjx, [np.stack(x) for x in zip(*in_c, strict=True)]
@@ -139,4 +139,4 @@ def test_a_model_that_would_be_misread_is_refused(scene, change, needed):
     model = copy.copy(scene.models[0])
     change(model)
     with pytest.raises(ValueError, match=needed):
-        stacked_models(Scene((model,), scene.config, scene.robot))
+        Models.of(Scene((model,), scene.config, scene.robot))

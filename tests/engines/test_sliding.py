@@ -15,7 +15,8 @@ from mjx_fit.engines.mjx.compiler import compiler_options
 from mjx_fit.engines.mjx.step import observe
 from mjx_fit.engines.native.engine import NativeEngine
 from mjx_fit.scene.build import simulation_scene
-from mjx_fit.types import SUBSTEPS, Attempt
+from mjx_fit.types import Attempt
+from mjx_fit.utils.rates import SUBSTEPS
 
 PUSH_M, BESIDE_M = 0.004, 0.055
 DIRECTIONS = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]], float)

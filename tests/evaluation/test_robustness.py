@@ -29,7 +29,7 @@ def felt(n: int = 3, actions: int = 12) -> Felt:
 def changed(name: str, given: Felt) -> Felt:
     change = PERTURBATIONS[name].felt
     assert change is not None
-    return change(given)
+    return change(given, Config().scene)
 
 
 def test_the_reference_changes_nothing_and_comes_first():

@@ -53,7 +53,7 @@ def observed(innovation) -> Observation:
 def test_an_improbable_reading_widens_the_belief():
     belief = replace(initial_belief(jnp.zeros(2), 0.01, 3), pos_cov=jnp.asarray(1e-2 * SIGMA))
     reading = observed([0.05, 0.0])
-    plain, cautious = (update_position(belief, reading, gate) for gate in (0.0, GATE))
+    plain, cautious = (update_position(belief, reading, FilterConfig(gate)) for gate in (0.0, GATE))
     np.testing.assert_allclose(plain.pos_mean_world, cautious.pos_mean_world, rtol=1e-4)
     assert np.linalg.det(plain.pos_cov) < np.linalg.det(belief.pos_cov)
     assert np.linalg.det(cautious.pos_cov) > np.linalg.det(belief.pos_cov)
@@ -63,7 +63,8 @@ def test_an_improbable_reading_widens_the_belief():
 
 def test_a_probable_reading_is_kalmans():
     belief = replace(initial_belief(jnp.zeros(2), 0.01, 3), pos_cov=jnp.asarray(SIGMA))
-    plain, gated = (update_position(belief, observed([0.005, 0.002]), gate) for gate in (0.0, GATE))
+    reading = observed([0.005, 0.002])
+    plain, gated = (update_position(belief, reading, FilterConfig(gate)) for gate in (0.0, GATE))
     np.testing.assert_allclose(plain.pos_cov, gated.pos_cov, rtol=1e-5)
 
 

@@ -178,7 +178,7 @@ def test_inputs_are_scaled_by_the_real_rows_only():
 
 
 def test_a_rotation_vector_does_not_depend_on_the_sign_of_a_quaternion():
-    sensor, reading = make_sensor(replace(SMALL, rotation="vector")), make_reading()
+    sensor, reading = make_sensor(replace(SMALL, pose="start")), make_reading()
     sensor.fit_input_scale(reading)
     negated = replace(reading, tip_quat_world=-reading.tip_quat_world)
     both = (jax.tree.leaves(observe(sensor, one)) for one in (reading, negated))
@@ -188,7 +188,7 @@ def test_a_rotation_vector_does_not_depend_on_the_sign_of_a_quaternion():
 
 def test_nothing_is_scaled_up_beyond_what_a_robot_measures():
     """A tilt of hundredths of a degree is a perfect torque sensor in a simulator, and noise on a robot."""
-    sensor, reading = make_sensor(replace(SMALL, rotation="vector")), make_reading(32)
+    sensor, reading = make_sensor(replace(SMALL, pose="start")), make_reading(32)
     quat = reading.tip_quat_world * 1e-5 + jnp.array([0.0, 1.0, 0.0, 0.0])
     flat = replace(reading, tip_quat_world=quat, tip_pos_estimate=reading.tip_pos_estimate * 1e-6)
     sensor.fit_input_scale(flat)

@@ -95,7 +95,8 @@ def test_methods_share_their_draws_and_differ_in_where_they_start():
 def test_a_trials_outcome_does_not_depend_on_its_batch():
     holes = make_holes()
     some = np.array([3, 7, 30])
-    few = single_hole.Holes(**{name: leaf[some] for name, leaf in vars(holes).items()})
+    arrays = {name: leaf for name, leaf in vars(holes).items() if name != "physics"}
+    few = single_hole.Holes(**{name: leaf[some] for name, leaf in arrays.items()})
     whole, part = (play(methods.INSERTION, world, FakeEngine())["sample"] for world in (holes, few))
     assert np.array_equal(whole.inserted_at[some], part.inserted_at)
 

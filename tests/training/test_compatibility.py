@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from mjx_fit.config.files import read_config
@@ -28,7 +29,7 @@ def folder(collect, tmp_path_factory):
 def run(folder, tmp_path):
     """A run folder that says what it was trained on."""
     data = reader.load(folder)
-    told = {"data": provenance.fingerprint(data), "first_hole": compatibility.first_hole(data)}
+    told = {"data": provenance.fingerprint(data), "first_hole": compatibility.first_holes(data)[0]}
     (tmp_path / "run.json").write_text(json.dumps(told))
     return tmp_path
 
@@ -56,7 +57,7 @@ def test_data_of_another_world_are_refused(folder, tmp_path):
     for key, value in (("scene.clearance_m", 0.002), ("control.kp_position", 500.0)):
         config = read_config(None, [f"{key}={value}"])
         with pytest.raises(RequestError, match=rf"--data: .*{key} is .* there and {value} here"):
-            train_from(folder, config, Run(tmp_path / "run", seed=0))
+            train_from([folder], config, Run(tmp_path / "run", seed=0))
     assert not (tmp_path / "run").exists()
     compatibility.require_world(read_manifest(folder).request, read_config(None, ["wrist.force_noise_n=0.2"]))
 
@@ -66,7 +67,7 @@ def test_data_of_other_shapes_are_refused(collect, tmp_path):
     bar = Shape("bar", SHAPES[0].rectangles)
     config = replace(Config(), scene=replace(Config().scene, shapes=(bar, *SHAPES[1:])))
     with pytest.raises(RequestError, match=r"--data: .*scene.shapes is .*cross.* there and .*bar.* here"):
-        train_from(folder, config, Run(tmp_path / "run", seed=0))
+        train_from([folder], config, Run(tmp_path / "run", seed=0))
     assert not (tmp_path / "run").exists()
 
 
@@ -78,3 +79,43 @@ def test_a_sensor_of_other_shapes_is_refused_wherever_it_is_used():
         RequestError, match=r"--run: .*\(bar, rectangle, square\).*\(cross, rectangle, square\)"
     ):
         TrainedSensor(network, Config(), "f").adapt(config)
+
+
+def test_a_quantity_of_the_data_is_in_the_range_of_the_configuration(folder):
+    request = read_manifest(folder).request
+    wider = read_config(None, ["randomize.friction={uniform: [0.2, 0.6]}"])
+    compatibility.require_world(request, wider)
+    away = read_config(None, ["randomize.friction={uniform: [0.4, 0.6]}"])
+    with pytest.raises(RequestError, match=r"scene\.friction is 0\.3 to 0\.3 there and 0\.4 to 0\.6 here"):
+        compatibility.require_world(request, away)
+    scaled = read_config(None, ["randomize.part_scale={choice: [0.9, 1.1]}"])
+    compatibility.require_world(request, scaled)
+
+
+def test_several_data_sets_are_joined_and_all_their_holes_are_known(folder, collect, tmp_path):
+    second = collect(tmp_path / "second", seed=6)
+    joined = reader.load_joined([folder, second])
+    parts = [reader.load(one) for one in (folder, second)]
+    assert len(joined.episode) == sum(len(part.episode) for part in parts)
+    assert len(np.unique(joined.episode)) == len(joined.episode)
+    assert len(np.unique(joined.sequence)) == sum(len(np.unique(part.sequence)) for part in parts)
+    rows = len(parts[0].episode)
+    np.testing.assert_array_equal(
+        joined.rollout.felt.trace.wrench_sensor[rows:], parts[1].rollout.felt.trace.wrench_sensor
+    )
+    first, *others = compatibility.first_holes(joined)
+    told = {"data": "f", "first_hole": first, "other_first_holes": others}
+    assert len(others) == 1
+    assert all(compatibility.shares_holes(told, part, "g") for part in parts)
+    assert not compatibility.shares_holes(told, reader.load(collect(tmp_path / "third", seed=8)), "g")
+    with pytest.raises(RequestError, match="a folder is given twice"):
+        reader.load_joined([folder, folder])
+
+
+def test_longer_and_shorter_attempts_are_joined(folder, collect, tmp_path):
+    short = reader.load(folder).rollout.felt.trace.action_world.shape[1]
+    longer = collect(tmp_path / "longer", seed=6, actions=short + 2)
+    joined = reader.load_joined([folder, longer])
+    trace = joined.rollout.felt.trace.action_world
+    assert trace.shape[1] == short + 2
+    assert not trace[: len(reader.load(folder).episode), short:].any()

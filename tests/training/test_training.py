@@ -288,7 +288,7 @@ def test_a_cosine_schedule_ends_with_its_epochs(tmp_path):
     out = tmp_path / "run"
     waved = replace(CONFIG, train=replace(CONFIG.train, schedule="cosine", epochs=2))
     lineage, sides = Lineage(0, "data"), (np.arange(180), np.arange(180, 240))
-    run_folder.write(out, waved, lineage, {}, np.arange(EPISODES), sides)
+    run_folder.write(out, waved, lineage, [{}], np.arange(EPISODES), sides)
     run_folder.check(out, waved, lineage)
     with pytest.raises(RequestError, match=r"train\.epochs is 2 there and 3 here"):
         run_folder.check(out, replace(waved, train=replace(waved.train, epochs=3)), lineage)

@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from mjx_fit.cli import main
 from mjx_fit.config.schema import Config
 from mjx_fit.data.schedule import draw_attempts
-from mjx_fit.types import ACTION_BYTES
 from mjx_fit.utils import memory
 from mjx_fit.utils.errors import RequestError
+from mjx_fit.utils.rates import ACTION_BYTES
 
 CONFIG = Config()
 GB, MB = 10**9, 10**6

@@ -21,14 +21,15 @@ from mjx_fit.data.schedule import draw_attempts
 from mjx_fit.engines.attempt_rules import start_qpos
 from mjx_fit.engines.mjx.compiler import compiler_options
 from mjx_fit.engines.mjx.engine import MOST_ROWS
-from mjx_fit.engines.mjx.step import advance, models_of, placed, stacked_models
+from mjx_fit.engines.mjx.step import Models, advance, placed
 from mjx_fit.engines.native.engine import NativeEngine
 from mjx_fit.engines.select import make_engine
 from mjx_fit.engines.threads import on_threads, parts_of
 from mjx_fit.scene.build import pair_index
 from mjx_fit.scene.robot import PANDA
-from mjx_fit.types import SUBSTEPS, Attempt
+from mjx_fit.types import Attempt
 from mjx_fit.utils import granted_cpus, numerics
+from mjx_fit.utils.rates import SUBSTEPS
 
 THREADS = granted_cpus.cpus()
 
@@ -94,7 +95,7 @@ def _recorded(
 def _mjx_step(config: Config, attempts: Attempt, actions: int) -> Run:
     """Prepare the JAX step alone, replaying the torques of ``native``."""
     torque, engine = _recorded(config, attempts, actions)
-    stacked, axes = stacked_models(engine.scene)
+    stacked = Models.of(engine.scene)
     chain = chain_of(engine.scene.models[0])
     n = len(attempts.peg_type)
     cpu = jax.default_backend() == "cpu"
@@ -107,8 +108,9 @@ def _mjx_step(config: Config, attempts: Attempt, actions: int) -> Run:
 
     @partial(jax.jit, compiler_options=compiler_options())
     def rollout(part: Attempt, torque):
-        models = models_of(stacked, pair_index(part.peg_type, part.hole_type, engine.scene.n_types))
-        qpos = start_qpos(chain, part, engine.scene.config)
+        pair = pair_index(part.peg_type, part.hole_type, engine.scene.n_types)
+        models, axes = stacked.of_worlds(pair, part.physics)
+        qpos = start_qpos(chain, part, engine.config)
         with jax.default_matmul_precision("highest"):
             return jax.vmap(world, (axes, 0, 0, 0))(models, qpos, part.hole_pos_world, torque)
 

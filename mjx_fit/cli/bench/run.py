@@ -20,8 +20,8 @@ from mjx_fit.cli.bench import training
 from mjx_fit.cli.bench.engines import CONTENDERS, attempts_of
 from mjx_fit.cli.bench.peers import absence
 from mjx_fit.config.schema import Config
-from mjx_fit.types import SUBSTEPS
 from mjx_fit.utils import children, process_setup, provenance
+from mjx_fit.utils.rates import SUBSTEPS
 
 WORLDS = {"cpu": 256, "gpu": 4096, "tpu": 4096}
 ACCELERATOR_ACTIONS = 100

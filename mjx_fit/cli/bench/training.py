@@ -14,8 +14,9 @@ from mjx_fit.config.schema import Config
 from mjx_fit.data.windows import Sample
 from mjx_fit.sensors.contact_sensor import ContactSensor, InputScale
 from mjx_fit.training.step import Recipe, TrainState, optimizer, train_step_jit
-from mjx_fit.types import SUBSTEPS, Belief, Reading
+from mjx_fit.types import Belief, Reading
 from mjx_fit.utils import children, numerics, process_setup
+from mjx_fit.utils.rates import SUBSTEPS
 
 TIMES = 10
 """Number of timed steps per process; the median over all processes counts."""

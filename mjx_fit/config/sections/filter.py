@@ -16,8 +16,11 @@ class FilterConfig:
         gate: Probability of acceptance. 0: any reading is accepted. A reading outside the region of this
             probability, under the belief and its own R, widens the belief instead of moving it for certain
             (``mjx_fit.filters.kalman.gated``).
+        correlation: Correlation of readings. That of their errors at one hole, ρ; later readings then count
+            less (``mjx_fit.filters.kalman.correlated``); 0: independent, as in the paper.
         match_temperature: Divisor of the logits of h_match. Above 1, the match classification counts less.
     """
 
     gate: Annotated[float, Field(ge=0, le=0.99999)] = 0.0
+    correlation: Annotated[float, Field(ge=0, le=0.95)] = 0.0
     match_temperature: Annotated[float, Field(ge=0.1, le=100)] = 1.0

@@ -30,9 +30,10 @@ class SensorConfig:
             effector, which gives the frame-by-frame baseline. ``mjx-fit train`` trains both.
         contact_features: Add contact features to tokens. These are mean and standard deviation of the wrench,
             and the centre of pressure; the paper's tokens contain the wrench alone.
-        rotation: Representation of orientations. Either the ``quaternion``, or the rotation ``vector`` from
-            straight down, the same for a quaternion and its negative; with it, no input is scaled up beyond
-            what a robot can measure.
+        pose: Origin of heights and turns. Either the ``world``: the socket's top, and a
+            quaternion; or the ``start`` of the attempt in free space, as a robot can measure them: a rotation
+            vector, the same for a quaternion and its negative, and no input is scaled up beyond what a robot
+            can tell apart.
         places: Weighted mean positions; 0: none. Each is an attention-weighted mean, over the attempt, of the
             TCP position and the centre of pressure; they are appended to the maximum over time. The paper has
             none.
@@ -49,7 +50,7 @@ class SensorConfig:
     noise: Literal["peg", "trace"] = "trace"
     reference: Literal["estimate", "final"] = "estimate"
     contact_features: bool = True
-    rotation: Literal["quaternion", "vector"] = "quaternion"
+    pose: Literal["world", "start"] = "world"
     places: Annotated[int, Field(ge=0, le=64)] = 8
 
 

@@ -15,6 +15,7 @@ MOST_TYPES = 12
 """Maximum number of shapes in a scene, limited by the number of distinguishable colours."""
 Push = Annotated[float, Field(ge=0.0005, le=0.02)]
 Wiggle = Annotated[float, Field(ge=0, le=0.01)]
+Tilt = Annotated[float, Field(ge=-0.05, le=0.05)]
 Spread = Annotated[float, Field(ge=0.0001, le=0.02)]
 
 
@@ -36,6 +37,7 @@ class SceneConfig:
             sliding peg is mostly smooth; with three it is a train of single-step spikes.
         contact_width_m: MuJoCo's solimp width. The impedance changes over this depth; keep it below a quarter
             of the clearance.
+        contact_damping: MuJoCo's solref damping ratio. 1: critical.
         contact_impedance: MuJoCo's solimp dmin. The impedance d of a touching contact; its weight D in the
             solver grows as d / (1 - d).
         deep_impedance: MuJoCo's solimp dmax. The impedance beyond the depth ``contact_width_m``; a high one
@@ -56,6 +58,7 @@ class SceneConfig:
     friction: Annotated[float, Field(ge=0, le=2)] = 0.3
     contact_time_s: Annotated[float, Field(ge=0.004, le=0.05)] = 0.01
     contact_width_m: Annotated[float, Field(ge=0.00001, le=0.001)] = 0.00025
+    contact_damping: Annotated[float, Field(ge=0.5, le=5)] = 1.0
     contact_impedance: Annotated[float, Field(ge=0.1, le=0.99)] = 0.95
     deep_impedance: Annotated[float, Field(ge=0.1, le=0.99)] = 0.99
     slip_time_s: Annotated[float, Field(ge=0.004, le=0.5)] | None = None
@@ -101,6 +104,8 @@ class ControlConfig:
         kp_posture: Posture stiffness over inertia. It acts in the null space of the task, critically damped.
         goal: Motion during an action. ``step``: the goal jumps at its start; ``ramp``: it moves from the
             previous goal to the next at constant speed.
+        smoothing_s: Time constant of a low pass. It smooths the goal; 0: none.
+        goal_delay_s: Delay of the goal. At most one action.
     """
 
     kp_position: Annotated[float, Field(ge=50, le=1400, json_schema_extra=PER_S2_UNIT)] = 600.0
@@ -108,6 +113,32 @@ class ControlConfig:
     damping_ratio: Annotated[float, Field(ge=0.5, le=5)] = 1.2
     kp_posture: Annotated[float, Field(ge=0, le=400, json_schema_extra=PER_S2_UNIT)] = 10.0
     goal: Literal["step", "ramp"] = "step"
+    smoothing_s: Annotated[float, Field(ge=0, le=0.5)] = 0.0
+    goal_delay_s: Annotated[float, Field(ge=0, le=0.1)] = 0.0
+
+
+@dataclass(frozen=True, config=STRICT)
+class ArmConfig:
+    """Imperfections of the arm, unknown to its controller; all off by default.
+
+    Attributes:
+        dead_zone_n: Largest force without effect. Per axis of the commanded force, which is reduced by it: a
+            simple model of friction in the drives, as in FORGE (Noseworthy et al., 2024).
+        dead_zone_nm: Largest torque without effect. Likewise, about each axis of the world.
+        joint_friction_nm: Coulomb friction of every joint.
+        joint_damping_nms: Viscous joint friction. It adds to the model's, in every joint.
+        payload_kg: Unknown mass at the tool. Gravity compensation omits it; its weight acts, not its inertia.
+        tilt_x_rad: Tool's rotation about x. About the world's axis; the robot takes it for straight down.
+        tilt_y_rad: Tool's rotation about y. Likewise.
+    """
+
+    dead_zone_n: Annotated[float, Field(ge=0, le=20)] = 0.0
+    dead_zone_nm: Annotated[float, Field(ge=0, le=5)] = 0.0
+    joint_friction_nm: Annotated[float, Field(ge=0, le=2)] = 0.0
+    joint_damping_nms: Annotated[float, Field(ge=0, le=5, json_schema_extra={"unit": "N·m·s"})] = 0.0
+    payload_kg: Annotated[float, Field(ge=-0.5, le=1, json_schema_extra={"unit": "kg"})] = 0.0
+    tilt_x_rad: Tilt = 0.0
+    tilt_y_rad: Tilt = 0.0
 
 
 @dataclass(frozen=True, config=STRICT)

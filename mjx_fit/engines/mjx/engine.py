@@ -14,19 +14,21 @@ from mujoco import mjx
 
 from mjx_fit.config.schema import Config
 from mjx_fit.control import operational_space, policies
-from mjx_fit.control.goals import goal_during
+from mjx_fit.control.goals import Goal, after, goal_during
 from mjx_fit.control.kinematics import chain_of
 from mjx_fit.control.policies import Policy
 from mjx_fit.engines import attempt_rules, policy_runner
 from mjx_fit.engines.mjx.compiler import compiler_options
-from mjx_fit.engines.mjx.step import accelerate, advance, models_of, placed, stacked_models
+from mjx_fit.engines.mjx.step import Models, accelerate, advance, placed
 from mjx_fit.engines.plausible import at_limit
 from mjx_fit.engines.requests import ANY_POLICY, MOST_THREADS, require_attempts, require_count
 from mjx_fit.engines.threads import on_threads, silence_mujoco
 from mjx_fit.scene.build import Scene, pair_index, simulation_scene
-from mjx_fit.types import SUBSTEPS, Array, Attempt, Felt, Rollout, Truth
+from mjx_fit.types import Array, Attempt, Felt, Rollout, Truth
+from mjx_fit.types.physics import Physics
 from mjx_fit.utils import interrupts, numerics
 from mjx_fit.utils.linalg import worlds_last
+from mjx_fit.utils.rates import SUBSTEPS
 
 MOST_ROWS = 128
 """Maximum number of worlds in one computation on a CPU, to keep its working set small.
@@ -61,7 +63,7 @@ class MjxEngine:
         threads = require_count("threads", threads, 1, MOST_THREADS)
         silence_mujoco()
         self.scene = simulation_scene(config.scene)
-        self._models, self._axes = stacked_models(self.scene)
+        self._models = Models.of(self.scene)
         self._chain = chain_of(self.scene.models[0], self.scene.robot)
         self.config = config
         self._world = World(config, self.scene, policy or policies.shipped(config))
@@ -120,12 +122,12 @@ class MjxEngine:
 
     def _rollout(self, attempts: Attempt, active: Bool[Array, "n"], actions: int, horizon: int) -> Rollout:
         pair = pair_index(attempts.peg_type, attempts.hole_type, self.scene.n_types)
-        models = models_of(self._models, pair)
-        qpos = attempt_rules.start_qpos(self._chain, attempts, self.scene.config)
+        models, axes = self._models.of_worlds(pair, attempts.physics)
+        qpos = attempt_rules.start_qpos(self._chain, attempts, self.config)
         world = partial(self._world.rollout, actions=actions, horizon=horizon)
         # Matrix products in lower precision (TF32 on some accelerators) break the constraint solver.
         with jax.default_matmul_precision("highest"):
-            return jax.vmap(world, (self._axes, 0, 0, 0))(models, qpos, attempts, active)
+            return jax.vmap(world, (axes, 0, 0, 0))(models, qpos, attempts, active)
 
 
 @dataclass(frozen=True)
@@ -158,20 +160,21 @@ class World:
         def act(carry, step):
             data, running, limited, memory = carry
             arm = arm_state(model, data, self.scene)
-            tip = attempt_rules.tip_of(arm)
+            tip = attempt_rules.tip_of(arm, memory.physics, self.config)
             state, command = policy_runner.act(self.policy, self.config, horizon, memory, tip, step)
-            goal = arm.tip_pos_world + command
-            after, wrench = self.drive(model, data, memory.goal_pos_world, goal)
-            tip = attempt_rules.tip_of(arm_state(model, after, self.scene))
+            wanted = arm.tip_pos_world + command
+            driven, goal, wrench = self.drive(model, data, memory.goal, wanted, memory.physics)
+            arm = arm_state(model, driven, self.scene)
+            tip = attempt_rules.tip_of(arm, memory.physics, self.config)
             row = attempt_rules.trace_row(tip, wrench, command)
-            finite = jnp.isfinite(after.qpos).all() & jnp.isfinite(after.qvel).all()
+            finite = jnp.isfinite(driven.qpos).all() & jnp.isfinite(driven.qvel).all()
             # Evaluated after the action: one more output of a step would change the rounding of all
             # outputs in XLA.
-            limit = at_limit(after.ctrl, self.scene.robot)
+            limit = at_limit(driven.ctrl, self.scene.robot)
             verdict = attempt_rules.judge(tip, attempt.hole_pos_world, finite, limit, limited, self.config)
-            data = jax.tree.map(partial(jnp.where, running & verdict.valid), after, data)
+            data = jax.tree.map(partial(jnp.where, running & verdict.valid), driven, data)
             row = jax.tree.map(lambda leaf: jnp.where(running, leaf, jnp.zeros_like(leaf)), row)
-            memory = replace(memory, state=state, wrench_sensor=wrench, goal_pos_world=goal)
+            memory = replace(memory, state=state, wrench_sensor=wrench, goal=goal)
             carry = data, running & ~verdict.over, verdict.limited, memory
             return carry, (row, running, running & verdict.inserted, running & ~verdict.valid)
 
@@ -193,26 +196,33 @@ class World:
             valid=~broke.any(),
             end_qpos=jnp.where(active, end.qpos, 0),
             end_qvel=jnp.where(active, end.qvel, 0),
+            physics=attempt.physics,
         )
         return Rollout(felt, truth)
 
     def drive(
-        self, model: mjx.Model, data: mjx.Data, before: Float[Array, "3"], goal_pos_world: Float[Array, "3"]
-    ) -> tuple[mjx.Data, Float[Array, "50 6"]]:
-        """Drive the TCP from the previous goal to the next for one action: 50 steps of control and physics.
+        self, model: mjx.Model, data: mjx.Data, goal: Goal, next_world: Float[Array, "3"], physics: Physics
+    ) -> tuple[mjx.Data, Goal, Float[Array, "50 6"]]:
+        """Drive the TCP to the next commanded goal for one action: 50 steps of control and physics.
 
         The position and velocity stages of the data must be current, and are again on return. The function
-        returns the wrench (N, N·m) of every step.
+        returns the goal at the end, and the wrench (N, N·m) of every step.
         """
-        torque = worlds_last(
-            partial(operational_space.torque, gains=self.config.control, robot=self.scene.robot)
-        )
+        robot = self.scene.robot
 
-        def substep(data, number):
-            goal = goal_during(before, goal_pos_world, number, self.config.control)
-            return advance(model, data, torque(arm_state(model, data, self.scene), goal))
+        @worlds_last
+        def torque(arm, goal, physics):
+            gains = operational_space.gains_of(self.config, physics)
+            return operational_space.torque(arm, goal, gains, robot)
 
-        return jax.lax.scan(substep, data, jnp.arange(SUBSTEPS))
+        def substep(carry, number):
+            data, goal = carry
+            goal, now = goal_during(goal, next_world, number, self.config.control, physics)
+            data, wrench = advance(model, data, torque(arm_state(model, data, self.scene), now, physics))
+            return (data, goal), wrench
+
+        (data, goal), wrench = jax.lax.scan(substep, (data, goal), jnp.arange(SUBSTEPS))
+        return data, after(goal, next_world), wrench
 
 
 def arm_state(model: mjx.Model, data: mjx.Data, scene: Scene) -> operational_space.ArmState:

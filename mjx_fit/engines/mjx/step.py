@@ -7,6 +7,8 @@ step is split in two: ``observe`` ends one step, ``accelerate`` begins the next.
 # MuJoCo's extension module has no stubs.
 # pyright: reportAttributeAccessIssue=false
 
+from dataclasses import dataclass
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -15,7 +17,9 @@ from mujoco import mjx
 
 from mjx_fit.engines.mjx import contact
 from mjx_fit.scene.build import Scene
+from mjx_fit.scene.variation import Slope, offsets, slopes
 from mjx_fit.types import Array
+from mjx_fit.types.physics import AS_CONFIGURED, Physics
 
 
 def placed(
@@ -56,18 +60,58 @@ _GEOMETRY = ("geom_pos", "geom_size")
 """Fields of the model that differ between pairs."""
 
 
-def stacked_models(scene: Scene) -> tuple[mjx.Model, mjx.Model]:
-    """Stack the nine models along a leading axis of the geometry; return them with their vmap axes."""
-    contact.require_supported(scene.models[0])
-    model = mjx.put_model(scene.models[0])
-    stacked = {
-        name: jnp.asarray(np.stack([getattr(pair, name) for pair in scene.models]), jnp.float32)
-        for name in _GEOMETRY
-    }
-    axes = jax.tree.map(lambda _: None, model).replace(**dict.fromkeys(_GEOMETRY, 0))
-    return model.replace(**stacked), axes
+@dataclass(frozen=True)
+class Models:
+    """Models of all pairs, and how they depend on the physics of a world.
 
+    Attributes:
+        stacked: One model, with a leading axis of pairs in its geometry.
+        scene: Scene of the models.
+        slopes: Derivatives of the geometry, by name of the quantity.
+    """
 
-def models_of(stacked: mjx.Model, pair: Int[Array, "n"]) -> mjx.Model:
-    """Select the models of a batch of worlds: the geometry of each world's pair."""
-    return stacked.replace(**{name: getattr(stacked, name)[pair] for name in _GEOMETRY})
+    stacked: mjx.Model
+    scene: Scene
+    slopes: dict[str, Slope]
+
+    @classmethod
+    def of(cls, scene: Scene) -> "Models":
+        """Stack the models of a scene."""
+        contact.require_supported(scene.models[0])
+        model = mjx.put_model(scene.models[0])
+        stacked = {
+            name: jnp.asarray(np.stack([getattr(pair, name) for pair in scene.models]), jnp.float32)
+            for name in _GEOMETRY
+        }
+        return cls(model.replace(**stacked), scene, slopes(scene))
+
+    def of_worlds(
+        self, pair: Int[Array, "n"], physics: Physics = AS_CONFIGURED
+    ) -> tuple[mjx.Model, mjx.Model]:
+        """Select the models of a batch of worlds; return them with their vmap axes.
+
+        Args:
+            pair: Index of each world's pair of peg and hole.
+            physics: Quantities of the worlds, (n,).
+        """
+        own = {name: getattr(self.stacked, name)[pair] for name in _GEOMETRY}
+        for name, by in offsets(self.scene, physics).items():
+            slope = self.slopes[name]
+            for field, change in (("geom_pos", slope.pos), ("geom_size", slope.size)):
+                own[field] += by[:, None, None] * jnp.asarray(change, jnp.float32)[pair]
+        own |= self._contact(physics, len(pair))
+        axes = jax.tree.map(lambda _: None, self.stacked).replace(**dict.fromkeys(own, 0))
+        return self.stacked.replace(**own), axes
+
+    def _contact(self, physics: Physics, n: int) -> dict[str, Array]:
+        """Return friction and stiffness of all geoms, where worlds have their own."""
+        fields = {"geom_friction": ("friction",), "geom_solref": ("contact_time_s", "contact_damping")}
+        changed = {}
+        for field, names in fields.items():
+            values = jnp.broadcast_to(getattr(self.stacked, field), (n, *getattr(self.stacked, field).shape))
+            drawn = {i: getattr(physics, name) for i, name in enumerate(names)}
+            for column, value in drawn.items():
+                if value is not None:
+                    values = values.at[..., column].set(value[:, None])
+                    changed[field] = values
+        return changed

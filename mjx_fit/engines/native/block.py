@@ -10,8 +10,10 @@ from mujoco.batch import Batch
 
 from mjx_fit.control import operational_space
 from mjx_fit.engines import plausible
+from mjx_fit.engines.native.models import Models
 from mjx_fit.scene.build import Scene, pair_index
-from mjx_fit.types import SUBSTEPS, Array, Attempt
+from mjx_fit.types import Array, Attempt
+from mjx_fit.utils.rates import SUBSTEPS
 
 # Each step updates the position- and velocity-dependent fields. A persistent batch continues from them, so
 # each is computed only once.
@@ -67,12 +69,13 @@ class Layout:
 
 
 def batch_at_rest(
-    scene: Scene, attempts: Attempt, qpos: Float[np.ndarray, "n joints"], threads: int
+    models: Models, attempts: Attempt, qpos: Float[np.ndarray, "n joints"], threads: int
 ) -> Batch:
     """Create a persistent batch of C simulations at the start of these attempts, at rest against gravity."""
+    scene = models.scene
     pair = np.asarray(pair_index(attempts.peg_type, attempts.hole_type, scene.n_types))
     batch = Batch(scene.models[0], len(pair), threads, persistent=True)
-    batch.set_models([scene.models[i] for i in pair])
+    batch.set_models(models.of(pair, attempts.physics))
     batch.bind("qpos")[:] = qpos
     hole = np.asarray(attempts.hole_pos_world)
     batch.bind("mocap_pos")[:, 0] = np.column_stack([hole, np.full(len(pair), scene.plate_top_m)])
@@ -93,19 +96,24 @@ class Block:
     """
 
     def __init__(
-        self, scene: Scene, layout: Layout, attempts: Attempt, qpos: Float[np.ndarray, "m joints"], rows: int
+        self,
+        models: Models,
+        layout: Layout,
+        attempts: Attempt,
+        qpos: Float[np.ndarray, "m joints"],
+        rows: int,
     ):
         """Create the simulations.
 
         Args:
-            scene: Scene of the simulations.
+            models: Models of the scene.
             layout: Layout of the controller's inputs.
             attempts: Attempts to simulate (m,).
             qpos: Joint angles at the start, rad.
             rows: Maximum number of rows for the controller; rows beyond m are meaningless.
         """
-        self._robot = scene.robot
-        self.batch = batch = batch_at_rest(scene, attempts, qpos, threads=1)
+        self._robot = models.scene.robot
+        self.batch = batch = batch_at_rest(models, attempts, qpos, threads=1)
         self.qpos, self.qvel, self._ctrl = (batch.bind(name) for name in ("qpos", "qvel", "ctrl"))
         self._sensordata = batch.bind("sensordata")
         self.tip_pos_world = batch.bind("site_xpos")[:, layout.tip]

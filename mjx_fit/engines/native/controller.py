@@ -21,6 +21,7 @@ from mjx_fit.engines.native.block import Layout
 from mjx_fit.engines.policy_runner import Memory
 from mjx_fit.scene.build import Scene
 from mjx_fit.types import Array
+from mjx_fit.types.physics import Physics
 
 T = TypeVar("T")
 
@@ -50,39 +51,41 @@ class Brain:
         begin: Function of attempts and F/T sensor readings in free space (rows, 6): the policy's memory.
         act: Function of that memory, packed inputs, index of the action and horizon: the policy's state, its
             command and the resulting goal of the TCP, (rows, 3) each, m.
-        torque: Function of packed inputs and goals: joint torques (rows, joints), N·m.
-        tip: Function of packed inputs: the TCP states.
+        torque: Function of packed inputs, goals and physics: joint torques (rows, joints), N·m.
+        tip: Function of packed inputs and physics: the TCP states.
     """
 
     def __init__(self, scene: Scene, config: Config, policy: Policy):
         self.config, self.layout = config, Layout(scene)
         self._policy, self._robot = policy, scene.robot
         chain = chain_of(scene.models[0], scene.robot)
-        self.start = jax.jit(partial(attempt_rules.start_qpos, chain, scene=config.scene))
+        self.start = jax.jit(partial(attempt_rules.start_qpos, chain, config=config))
         self.begin = jax.jit(jax.vmap(partial(policy_runner.begin, policy)))
         self.act = jax.jit(jax.vmap(self._act, (0, 0, None, None)), static_argnums=3)
         self.torque = jax.jit(self._torque)
         self.tip = jax.jit(jax.vmap(self._tip))
 
     def _torque(
-        self, packed: Float[Array, "rows k"], goal_pos_world: Float[Array, "rows 3"]
+        self, packed: Float[Array, "rows k"], goal_pos_world: Float[Array, "rows 3"], physics: Physics
     ) -> Float[Array, "rows joints"]:
         def chunk(part):
-            rows, goal = part
-            return operational_space.torque(
-                self.layout.unpack(rows.T), goal.T, self.config.control, self._robot
-            ).T
+            rows, goal, own = part
+            gains = operational_space.gains_of(self.config, own)
+            return operational_space.torque(self.layout.unpack(rows.T), goal.T, gains, self._robot).T
 
-        chunks = (x.reshape(-1, CHUNK, x.shape[1]) for x in (packed, goal_pos_world))
-        return jax.lax.map(chunk, tuple(chunks)).reshape(len(packed), -1)
+        def chunks(x):
+            return x.reshape(-1, CHUNK, *x.shape[1:])
+
+        parts = jax.tree.map(chunks, (packed, goal_pos_world, physics))
+        return jax.lax.map(chunk, parts).reshape(len(packed), -1)
 
     def _act(self, memory: Memory, packed: Float[Array, "k"], step, horizon: int):
-        tip = self._tip(packed)
+        tip = self._tip(packed, memory.physics)
         state, command = policy_runner.act(self._policy, self.config, horizon, memory, tip, step)
         return state, command, tip.pos_world + command
 
-    def _tip(self, packed: Float[Array, "k"]) -> Tip:
-        return attempt_rules.tip_of(self.layout.unpack(packed))
+    def _tip(self, packed: Float[Array, "k"], physics: Physics) -> Tip:
+        return attempt_rules.tip_of(self.layout.unpack(packed), physics, self.config)
 
 
 def rows_for(n: int) -> int:

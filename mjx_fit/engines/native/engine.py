@@ -15,18 +15,20 @@ from mujoco.batch import Batch
 
 from mjx_fit.config.schema import Config
 from mjx_fit.control import policies
-from mjx_fit.control.goals import goal_during
+from mjx_fit.control.goals import after, at_rest, goal_during
 from mjx_fit.control.policies import Policy
 from mjx_fit.engines import attempt_rules
 from mjx_fit.engines.attempt_rules import Verdict
 from mjx_fit.engines.native.block import Block, batch_at_rest
 from mjx_fit.engines.native.controller import ROWS, Brain, padded, rows_for
+from mjx_fit.engines.native.models import Models
 from mjx_fit.engines.policy_runner import Memory
 from mjx_fit.engines.requests import ANY_POLICY, MOST_THREADS, require_attempts, require_count
 from mjx_fit.engines.threads import on_threads, parts_of, silence_mujoco
 from mjx_fit.scene.build import simulation_scene
-from mjx_fit.types import SUBSTEPS, Attempt, Rollout
+from mjx_fit.types import Attempt, Rollout
 from mjx_fit.utils import interrupts, numerics
+from mjx_fit.utils.rates import SUBSTEPS
 
 OnStep = Callable[[Int[np.ndarray, "m"], Batch], None]
 
@@ -63,6 +65,7 @@ class NativeEngine:
         self._policies = len(policies.NAMES) if policy is None else ANY_POLICY
         self.policy_name = None if policy is None else policy.name
         self._brain = Brain(self.scene, config, policy or policies.shipped(config))
+        self._models = Models(self.scene)
 
     def run(
         self,
@@ -122,14 +125,14 @@ class NativeEngine:
         parts = parts_of(len(ids), 1, ROWS[-1])
         starts = [np.asarray(self._brain.start(attempts=padded(attempts, part))) for part in parts]
         qpos = np.concatenate([start[: len(part)] for start, part in zip(starts, parts, strict=True)])
-        return batch_at_rest(self.scene, attempts, qpos, self._threads)
+        return batch_at_rest(self._models, attempts, qpos, self._threads)
 
     def _part(self, attempts: Attempt, ids: Int[np.ndarray, "m"], done: Rollout) -> "_Part":
         """Initialise the attempts with these ids; their results are written into ``done``."""
         rows = padded(attempts, ids)
         start = np.asarray(self._brain.start(attempts=rows))[: len(ids)]
         own = jax.tree.map(lambda leaf: leaf[: len(ids)], rows)
-        block = Block(self.scene, self._brain.layout, own, start, len(rows.peg_type))
+        block = Block(self._models, self._brain.layout, own, start, len(rows.peg_type))
         done.felt.tare_sensor[ids] = block.tare_sensor
         at_rest = (block.tare_sensor, np.asarray(block.tip_pos_world, np.float32))
         memory = self._brain.begin(rows, *(padded(one, np.arange(len(ids))) for one in at_rest))
@@ -166,7 +169,8 @@ class _Part:
     def move(self, qpos: Float[np.ndarray, "m joints"], qvel: Float[np.ndarray, "m joints"]) -> None:
         """Set the state of the simulations before their first action."""
         self.block.move(qpos, qvel)
-        self.memory = replace(self.memory, goal_pos_world=self.brain.tip(self.block.packed()).pos_world)
+        tip = self.brain.tip(self.block.packed(), self.memory.physics)
+        self.memory = replace(self.memory, goal=at_rest(tip.pos_world))
 
     def act(self, step: int, horizon: int) -> bool:
         """Simulate and record one action of the running attempts; return True if any attempt is unfinished.
@@ -176,15 +180,16 @@ class _Part:
             horizon: Number of actions that the policy plans for.
         """
         before = self.block.qpos.copy(), self.block.qvel.copy()
-        state, command, goal = self.brain.act(self.memory, self.block.packed(), step, horizon)
-        goal = np.asarray(goal)
+        state, command, wanted = self.brain.act(self.memory, self.block.packed(), step, horizon)
+        wanted = np.asarray(wanted)
+        goal, physics = jax.tree.map(np.asarray, (self.memory.goal, self.memory.physics))
         for substep in range(SUBSTEPS):
-            now = goal_during(self.memory.goal_pos_world, goal, substep, self.brain.config.control)
-            self.block.step(np.asarray(self.brain.torque(self.block.packed(), now)), substep)
+            goal, now = goal_during(goal, wanted, substep, self.brain.config.control, physics)
+            self.block.step(np.asarray(self.brain.torque(self.block.packed(), now, physics)), substep)
             if self.on_step is not None:
                 self.on_step(self.ids, self.block.batch)
         felt = padded(self.block.wrench.swapaxes(0, 1), self._shown)
-        self.memory = replace(self.memory, state=state, wrench_sensor=felt, goal_pos_world=goal)
+        self.memory = replace(self.memory, state=state, wrench_sensor=felt, goal=after(goal, wanted))
         over = np.asarray(self._recorded(step, np.asarray(command), before).over)
         self._leave_out(over)
         return not bool(over.all())
@@ -193,7 +198,8 @@ class _Part:
         """Record the action of the running attempts and return the verdict."""
         block, done, running = self.block, self.done, self._running
         place, ids = np.searchsorted(self._shown, running), self.ids[running]
-        tip = jax.tree.map(lambda leaf: np.asarray(leaf)[place], self.brain.tip(block.packed()))
+        tip = self.brain.tip(block.packed(), self.memory.physics)
+        tip = jax.tree.map(lambda leaf: np.asarray(leaf)[place], tip)
         row = attempt_rules.trace_row(tip, block.wrench.swapaxes(0, 1)[running], command[place])
         for stored, now in zip(jax.tree.leaves(done.felt.trace), jax.tree.leaves(row), strict=True):
             stored[ids, step] = now

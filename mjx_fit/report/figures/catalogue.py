@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from matplotlib.figure import Figure
 
-from mjx_fit.config.schema import config_from_tree
+from mjx_fit.config.schema import config_from_stored
 from mjx_fit.evaluation.results import Result
 from mjx_fit.report import paper_values
 from mjx_fit.report.figures import assembly, calibration, robustness, single_hole
@@ -106,7 +106,7 @@ def _calibration(result: Result) -> list[Drawing]:
     # Several attempts are comparable only if they start from this sensor's own posterior.
     own = result.request.get("beliefs_of") == result.request.get("sensor", {}).get("full", "-")
     several = _by_attempt(result) if own else []
-    names = config_from_tree(result.config).scene.names
+    names = config_from_stored(result.config).scene.names
     return [
         *several,
         (

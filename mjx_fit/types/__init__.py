@@ -1,35 +1,19 @@
 """Core data types of the library, as pytree dataclasses.
 
 All quantities are in SI units; quaternions are in w x y z order. ``*batch`` stands for any number of leading
-axes. Time is the first axis within an episode: ``J`` actions of ``SUBSTEPS`` simulation steps each. Shape and
-type indices follow ``scene.shapes``.
+axes. Time is the first axis within an episode: ``J`` actions of 50 simulation steps each. Type indices follow
+``scene.shapes``.
 """
 
-from dataclasses import dataclass, field
-from typing import Any, TypeVar, dataclass_transform
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Bool, Float, Int, Key
 
+from mjx_fit.types.physics import AS_CONFIGURED, Physics
 from mjx_fit.utils.arrays import Array
-from mjx_fit.utils.rates import SUBSTEPS
-
-T = TypeVar("T")
-
-ACTION_BYTES = 4 * (SUBSTEPS * 6 + 3 + 4 + 3 + 3 + 3)
-"""Memory per action in a ``Trace``, bytes."""
-
-
-def static() -> Any:
-    """Declare a static ``pytree`` field: a Python value known at trace time, not a child."""
-    return field(metadata={"static": True})
-
-
-@dataclass_transform(frozen_default=True, field_specifiers=(static,))
-def pytree(cls: type[T]) -> type[T]:
-    """Make a class a frozen dataclass and a JAX pytree whose children are all fields but ``static`` ones."""
-    return jax.tree_util.register_dataclass(dataclass(frozen=True)(cls))
+from mjx_fit.utils.pytrees import pytree
 
 
 @pytree
@@ -48,6 +32,7 @@ class Attempt:
         estimate_world: Estimate of that centre, above which the attempt starts, m.
         policy: Index into ``mjx_fit.control.policies.NAMES``.
         key: Random key of the policy, independent of the batch.
+        physics: Quantities that this world has of its own.
     """
 
     peg_type: Int[Array, "*batch"]
@@ -56,6 +41,7 @@ class Attempt:
     estimate_world: Float[Array, "*batch 2"]
     policy: Int[Array, "*batch"]
     key: Key[Array, "*batch"]
+    physics: Physics = AS_CONFIGURED
 
 
 @pytree
@@ -83,6 +69,19 @@ class Trace:
 
 
 @pytree
+class StartPose:
+    """Measured pose of the TCP at rest in free space, before an attempt.
+
+    Attributes:
+        pos_world: Position, m.
+        quat_world: Orientation, quaternion w x y z.
+    """
+
+    pos_world: Float[Array, "*batch 3"]
+    quat_world: Float[Array, "*batch 4"]
+
+
+@pytree
 class Felt:
     """Measurements of one attempt that a robot has access to; the only input of sensors, filters and tracker.
 
@@ -99,6 +98,7 @@ class Felt:
             in simulation.
         estimate_world: Estimate μ0 of the hole's centre, above which the attempt started, m.
         peg_type: Index of the shape of the peg in hand.
+        start: Pose before the attempt; None: that of simulated attempts (``sensors.pose.start_of``).
     """
 
     trace: Trace
@@ -106,6 +106,7 @@ class Felt:
     tare_sensor: Float[Array, "*batch 6"]
     estimate_world: Float[Array, "*batch 2"]
     peg_type: Int[Array, "*batch"]
+    start: StartPose | None = None
 
     def __getitem__(self, rows: Any) -> "Felt":
         """Select one or several attempts of a batch."""
@@ -126,6 +127,7 @@ class Truth:
             last action counted by ``Felt.length``.
         end_qpos: Final joint angles, rad; for invalid attempts, those before the invalid action.
         end_qvel: Joint velocities at the same time, rad/s.
+        physics: Quantities that the world had of its own.
     """
 
     hole_type: Int[Array, "*batch"]
@@ -134,6 +136,7 @@ class Truth:
     valid: Bool[Array, "*batch"]
     end_qpos: Float[Array, "*batch joints"]
     end_qvel: Float[Array, "*batch joints"]
+    physics: Physics = AS_CONFIGURED
 
     @property
     def failed(self) -> Bool[Array, "*batch"]:
@@ -180,8 +183,9 @@ class Reading:
         wrench_sensor: Tared wrench with sensor noise, N and N·m.
         pressure_tip: Centre of pressure on the peg's lower face over the action, relative to the face's
             centre, world x and y, m; computed from the wrench.
-        tip_pos_estimate: TCP position relative to the estimate (x, y) and to the top of the socket (z), m.
-        tip_quat_world: Orientation of the TCP.
+        tip_pos_estimate: TCP position relative to the estimate (x, y), and to the top of the socket or to the
+            start of the attempt (z), m (``SensorConfig.pose``).
+        tip_quat_world: Orientation of the TCP; relative to the start, that is straight down.
         tip_linvel_world: Linear velocity of the TCP, m/s.
         tip_angvel_world: Angular velocity of the TCP, rad/s.
         contact: Contact flag, 0 or 1, from the measured force (``sensors.force_torque.in_contact``).

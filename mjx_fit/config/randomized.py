@@ -1,0 +1,83 @@
+"""Checks of ``randomize``: every drawn value must be valid, alone and in combination."""
+
+import dataclasses
+from collections.abc import Iterable, Iterator
+from itertools import product
+from typing import TYPE_CHECKING, Any
+
+from mjx_fit.config.schema_errors import members, plain_and_limits
+from mjx_fit.config.sections.randomize import Distribution, RandomizeConfig
+from mjx_fit.types.physics import MEASURED, QUANTITIES
+from mjx_fit.utils.errors import RequestError
+
+if TYPE_CHECKING:
+    from mjx_fit.config.schema import Config
+
+Distributions = dict[str, Distribution]
+
+PART_SCALE = (0.8, 1.2)
+"""Range of the factor of all cross-sections."""
+_COMBINED = ("friction", "contact_time_s", "kp_position", "kp_orientation", "damping_ratio")
+"""Quantities that rules across sections restrict in combination."""
+
+
+def distributions(randomize: RandomizeConfig, names: Iterable[str] = tuple(QUANTITIES)) -> Distributions:
+    """Return the distributions of quantities that are not constant, by name.
+
+    Args:
+        randomize: The section.
+        names: Quantities to consider: ``QUANTITIES``, those of worlds, or ``MEASURED``.
+    """
+    named = {name: getattr(randomize, name) for name in names}
+    return {name: one for name, one in named.items() if one is not None}
+
+
+def require_valid(config: "Config") -> None:
+    """Check that every value that ``randomize`` may draw is in the range of the key that it replaces.
+
+    Raises:
+        RequestError: A distribution reaches beyond the range.
+    """
+    for name, distribution in distributions(config.randomize, (*QUANTITIES, *MEASURED)).items():
+        (low, high), (least, most) = distribution.support, allowed_range(config, name)
+        if low < least or high > most:
+            raise RequestError(
+                f"config: randomize.{name}: values from {low:g} to {high:g} are invalid: expected "
+                f"{least:g} to {most:g}"
+            )
+
+
+def extremes(config: "Config") -> Iterator["Config"]:
+    """Yield the configuration, and those at the extremes of the quantities that rules combine."""
+    yield config
+    supports = {
+        name: one.support for name, one in distributions(config.randomize).items() if name in _COMBINED
+    }
+    for values in product(*supports.values()) if supports else ():
+        corner = config
+        for name, value in zip(supports, values, strict=True):
+            section = QUANTITIES[name].section
+            changed = dataclasses.replace(getattr(corner, section), **{name: value})
+            corner = dataclasses.replace(corner, **{section: changed})
+        yield corner
+
+
+def value_range(config: "Config", name: str) -> tuple[float, float]:
+    """Return the smallest and largest value that a quantity of worlds has under a configuration."""
+    distribution = getattr(config.randomize, name)
+    if distribution is not None:
+        return distribution.support
+    section = QUANTITIES[name].section
+    value = getattr(getattr(config, section), name) if section else 1.0
+    return value, value
+
+
+def allowed_range(config: "Config", name: str) -> tuple[float, float]:
+    """Return the smallest and largest allowed value of a quantity."""
+    section = QUANTITIES[name].section if name in QUANTITIES else MEASURED[name]
+    if not section:
+        return PART_SCALE
+    schema: Any = type(getattr(config, section))
+    annotation = {field.name: field.type for field in dataclasses.fields(schema)}[name]
+    limits = plain_and_limits(members(annotation)[0])[1]
+    return limits["ge"], limits["le"]

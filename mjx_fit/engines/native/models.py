@@ -1,0 +1,69 @@
+"""Models of worlds with physics of their own, for MuJoCo's C engine."""
+
+# MuJoCo's extension module has no stubs.
+# pyright: reportAttributeAccessIssue=false
+
+import copy
+
+import mujoco
+import numpy as np
+from jaxtyping import Int
+
+from mjx_fit.scene.build import Scene
+from mjx_fit.scene.variation import CONTACT, offsets, slopes
+from mjx_fit.types.physics import Physics
+
+
+class Models:
+    """Models of any batch of worlds.
+
+    Attributes:
+        scene: Scene of the worlds.
+    """
+
+    def __init__(self, scene: Scene):
+        self.scene = scene
+        self._slopes = slopes(scene)
+
+    def of(self, pair: Int[np.ndarray, "n"], physics: Physics) -> list[mujoco.MjModel]:
+        """Return one model per world; worlds without contact or geometry of their own share the scene's.
+
+        Args:
+            pair: Index of each world's pair of peg and hole.
+            physics: Quantities of the worlds, (n,).
+        """
+        contact = {name: getattr(physics, name) for name in CONTACT}
+        contact = {name: np.asarray(value, float) for name, value in contact.items() if value is not None}
+        moved = {name: np.asarray(by, float) for name, by in offsets(self.scene, physics).items()}
+        if not contact and not moved:
+            return [self.scene.models[i] for i in pair]
+        models = []
+        for row, i in enumerate(pair):
+            model = copy.copy(self.scene.models[i])
+            _touch(model, {name: float(value[row]) for name, value in contact.items()})
+            for name, by in moved.items():
+                slope = self._slopes[name]
+                model.geom_pos[:] += by[row] * slope.pos[i]
+                model.geom_size[:] += by[row] * slope.size[i]
+            if moved:
+                _bound(model)
+            models.append(model)
+        return models
+
+
+def _touch(model: mujoco.MjModel, own: dict[str, float]) -> None:
+    """Set friction and stiffness of all geoms and pairs."""
+    if "friction" in own:
+        model.geom_friction[:, 0] = own["friction"]
+        model.pair_friction[:, :2] = max(own["friction"], mujoco.mjMINMU)
+    for column, name in enumerate(("contact_time_s", "contact_damping")):
+        if name in own:
+            model.geom_solref[:, column] = own[name]
+            model.pair_solref[:, column] = own[name]
+
+
+def _bound(model: mujoco.MjModel) -> None:
+    """Update the bounds of all boxes, and leave out the tree of bounds, which is not updated."""
+    model.geom_rbound[:] = np.linalg.norm(model.geom_size, axis=1)
+    model.geom_aabb[:, 3:] = model.geom_size
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_MIDPHASE

@@ -1,0 +1,119 @@
+"""Physical quantities of one world, where they differ from the configuration."""
+
+from dataclasses import fields
+from typing import Any, NamedTuple
+
+from jaxtyping import Float
+
+from mjx_fit.utils.arrays import Array
+from mjx_fit.utils.pytrees import pytree
+
+Drawn = Float[Array, "*batch"] | None
+
+
+@pytree
+class Physics:
+    """Values drawn for one world; None: the value of the configuration, which costs no computation.
+
+    Attributes:
+        friction: ``scene.friction``.
+        contact_time_s: ``scene.contact_time_s``.
+        contact_damping: ``scene.contact_damping``.
+        clearance_m: ``scene.clearance_m``.
+        part_scale: Factor of all cross-sections, of pegs and holes alike.
+        kp_position: ``control.kp_position``.
+        kp_orientation: ``control.kp_orientation``.
+        damping_ratio: ``control.damping_ratio``.
+        smoothing_s: ``control.smoothing_s``.
+        goal_delay_s: ``control.goal_delay_s``.
+        dead_zone_n: ``arm.dead_zone_n``.
+        dead_zone_nm: ``arm.dead_zone_nm``.
+        joint_friction_nm: ``arm.joint_friction_nm``.
+        joint_damping_nms: ``arm.joint_damping_nms``.
+        payload_kg: ``arm.payload_kg``.
+        tilt_x_rad: ``arm.tilt_x_rad``.
+        tilt_y_rad: ``arm.tilt_y_rad``.
+    """
+
+    friction: Drawn = None
+    contact_time_s: Drawn = None
+    contact_damping: Drawn = None
+    clearance_m: Drawn = None
+    part_scale: Drawn = None
+    kp_position: Drawn = None
+    kp_orientation: Drawn = None
+    damping_ratio: Drawn = None
+    smoothing_s: Drawn = None
+    goal_delay_s: Drawn = None
+    dead_zone_n: Drawn = None
+    dead_zone_nm: Drawn = None
+    joint_friction_nm: Drawn = None
+    joint_damping_nms: Drawn = None
+    payload_kg: Drawn = None
+    tilt_x_rad: Drawn = None
+    tilt_y_rad: Drawn = None
+
+
+AS_CONFIGURED = Physics()
+"""Physics of a world without values of its own."""
+
+
+class Quantity(NamedTuple):
+    """Origin and unit of a quantity.
+
+    Attributes:
+        section: Section of the configuration that holds its constant value; empty: 1.
+        unit: Its unit.
+    """
+
+    section: str
+    unit: str
+
+
+QUANTITIES = {
+    "friction": Quantity("scene", "1"),
+    "contact_time_s": Quantity("scene", "s"),
+    "contact_damping": Quantity("scene", "1"),
+    "clearance_m": Quantity("scene", "m"),
+    "part_scale": Quantity("", "1"),
+    "kp_position": Quantity("control", "1/s²"),
+    "kp_orientation": Quantity("control", "1/s²"),
+    "damping_ratio": Quantity("control", "1"),
+    "smoothing_s": Quantity("control", "s"),
+    "goal_delay_s": Quantity("control", "s"),
+    "dead_zone_n": Quantity("arm", "N"),
+    "dead_zone_nm": Quantity("arm", "N·m"),
+    "joint_friction_nm": Quantity("arm", "N·m"),
+    "joint_damping_nms": Quantity("arm", "N·m·s"),
+    "payload_kg": Quantity("arm", "kg"),
+    "tilt_x_rad": Quantity("arm", "rad"),
+    "tilt_y_rad": Quantity("arm", "rad"),
+}
+"""Quantities that a world can have of its own, in the order of ``Physics``."""
+
+MEASURED = {
+    "force_noise_n": "wrist",
+    "torque_xy_noise_nm": "wrist",
+    "torque_z_noise_nm": "wrist",
+    "force_bias_n": "wrist",
+    "torque_bias_nm": "wrist",
+    "force_drift_nps": "wrist",
+    "torque_drift_nmps": "wrist",
+    "gain_error": "wrist",
+    "cross_talk": "wrist",
+    "bandwidth_hz": "wrist",
+    "position_noise_m": "pose",
+    "orientation_noise_rad": "pose",
+    "linear_noise_mps": "pose",
+    "angular_noise_radps": "pose",
+    "position_offset_m": "pose",
+    "height_offset_m": "pose",
+    "delay_s": "pose",
+}
+"""Sizes of measurement errors that each reading can draw, and their sections."""
+
+
+def drawn(physics: Physics) -> dict[str, Any]:
+    """Return the quantities that were drawn, by name."""
+    values = {field.name: getattr(physics, field.name) for field in fields(Physics)}
+    return {name: value for name, value in values.items() if value is not None}
