@@ -5,9 +5,9 @@ from collections.abc import Iterable, Iterator
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
+from mjx_fit.config.quantities import MEASURED, QUANTITIES
 from mjx_fit.config.schema_errors import members, plain_and_limits
 from mjx_fit.config.sections.randomize import Distribution, RandomizeConfig
-from mjx_fit.types.physics import MEASURED, QUANTITIES
 from mjx_fit.utils.errors import RequestError
 
 if TYPE_CHECKING:

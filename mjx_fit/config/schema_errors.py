@@ -1,12 +1,16 @@
 """One-line messages for pydantic's validation errors: key, value, and allowed values."""
 
 import dataclasses
+import difflib
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from pydantic import Tag, ValidationError
 
 from mjx_fit.utils.errors import shortened, shown
+
+MOST_LISTED = 30
+"""Maximum number of keys that a message lists in full."""
 
 
 def in_words(error: ValidationError, schema: type) -> str:
@@ -21,7 +25,7 @@ def in_words(error: ValidationError, schema: type) -> str:
     field = _dotted(place)
     if kind == "unexpected_keyword_argument":
         known = _keys(members(_annotation(place[:-1], schema))[0])
-        return f"{field}: unknown key; allowed here: {', '.join(known)}"
+        return f"{field}: unknown key; allowed here: {_listed(known, str(place[-1]))}"
     if kind == "value_error":  # raised by a section's own check, which names its key
         said = str(first.get("ctx", {}).get("error"))
         return f"{field}.{said}" if field else said
@@ -110,6 +114,14 @@ def _plain(annotation: Any) -> Any:
     while get_origin(annotation) is Annotated:
         annotation = get_args(annotation)[0]
     return annotation
+
+
+def _listed(known: list[str], given: str) -> str:
+    """List the known keys; of many, those most like the given one."""
+    if len(known) <= MOST_LISTED:
+        return ", ".join(known)
+    similar = difflib.get_close_matches(given, known, cutoff=0.0)
+    return f"{', '.join(similar)} and {len(known) - len(similar)} more; mjx-fit config lists them"
 
 
 def _keys(node: Any) -> list[str]:

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import h5py
 import numpy as np
 
+from mjx_fit.config.quantities import QUANTITIES
 from mjx_fit.config.randomized import distributions
 from mjx_fit.config.schema import Config, config_from_stored
 from mjx_fit.data import hdf5_check_layout, hdf5_check_values
@@ -21,7 +22,7 @@ from mjx_fit.data.schedule import stored_policies
 from mjx_fit.scene.robot import ROBOTS
 from mjx_fit.sensors.force_torque import touched
 from mjx_fit.types import Felt, Rollout, Trace, Truth
-from mjx_fit.types.physics import QUANTITIES, Physics
+from mjx_fit.types.physics import Physics
 from mjx_fit.utils.rates import ACTION_S
 
 

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 
+from mjx_fit.config.quantities import QUANTITIES
 from mjx_fit.config.randomized import allowed_range
 from mjx_fit.config.schema import config_from_yaml
 from mjx_fit.control.policies import OWN
-from mjx_fit.types.physics import QUANTITIES
 from mjx_fit.utils.errors import RequestError
 
 LARGEST = 1 << 20

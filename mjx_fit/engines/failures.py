@@ -12,6 +12,7 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Int
 
+from mjx_fit.config.quantities import QUANTITIES
 from mjx_fit.config.schema import Config, config_from_yaml, config_to_yaml
 from mjx_fit.control.policies import OWN, Policy
 from mjx_fit.engines import failure_file
@@ -19,7 +20,7 @@ from mjx_fit.engines.interface import Engine
 from mjx_fit.engines.native.engine import NativeEngine
 from mjx_fit.engines.plausible import reason
 from mjx_fit.types import Attempt, Rollout
-from mjx_fit.types.physics import QUANTITIES, Physics, drawn
+from mjx_fit.types.physics import Physics, drawn
 from mjx_fit.utils import files
 from mjx_fit.utils.errors import RequestError
 from mjx_fit.utils.filesystem import path_inside

@@ -105,7 +105,7 @@ def act(
 def _measured(tip: Tip, key: Key[Array, ""], pose: PoseConfig) -> Tip:
     """Return pose and twist as the robot measures them, without calibration errors (``PoseConfig``)."""
     calibrated = copy.copy(pose)
-    for name in ("position_offset_m", "height_offset_m"):
+    for name in ("position_offset_m", "height_offset_m", "rotation_offset_rad"):
         object.__setattr__(calibrated, name, 0.0)
     row = Trace(
         wrench_sensor=jnp.zeros((1, SUBSTEPS, 6)),

@@ -6,12 +6,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Float, Key
 
+from mjx_fit.config.quantities import MEASURED, QUANTITIES
 from mjx_fit.config.randomized import Distributions, distributions
 from mjx_fit.config.schema import Config
 from mjx_fit.config.sections.measurement import PoseConfig, WristConfig
 from mjx_fit.config.sections.randomize import MOST_SIGMA, Distribution, RandomizeConfig
 from mjx_fit.types import Array
-from mjx_fit.types.physics import MEASURED, QUANTITIES, Physics
+from mjx_fit.types.physics import Physics
 
 
 def draw_physics(key: Key[Array, ""], randomize: RandomizeConfig) -> Physics:

@@ -4,6 +4,7 @@ The simulator stores noise-free wrenches; noise is drawn when a trace is read, s
 time and evaluation draws it once per attempt.
 """
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import jax
@@ -16,7 +17,14 @@ from mjx_fit.config.sections.measurement import WristConfig
 from mjx_fit.scene.parts import plate_top_m
 from mjx_fit.scene.randomization import draw_errors
 from mjx_fit.sensors.distortion import distorted, sampled
-from mjx_fit.sensors.pose import from_start, is_exact, measured_trace, start_of
+from mjx_fit.sensors.pose import (
+    from_start,
+    is_exact,
+    measured_trace,
+    orientation_offset,
+    start_of,
+    turned,
+)
 from mjx_fit.sensors.traces import require_readable
 from mjx_fit.types import Array, Felt, Reading
 
@@ -157,13 +165,14 @@ def read_window(felt: Felt, key: Key[Array, ""], config: Config, window: Window)
     sample_key, tare_key, wrist_key, pose_key, size_key = jax.random.split(key, 5)
     wrist, pose = draw_errors(size_key, config)
     clean = distorted(trace.wrench_sensor, felt.tare_sensor, wrist_key, wrist, window.start)
+    start = start_of(felt, scene)
     if not is_exact(pose):
         offset_key, noise_key = jax.random.split(pose_key)
         trace = measured_trace(trace, offset_key, noise_key, pose)
+        start = replace(start, quat_world=turned(start.quat_world, orientation_offset(offset_key, pose)))
+    origin_m = jnp.asarray(plate_top_m(scene), clean.dtype)
     if config.sensor.pose == "start":
-        trace, origin_m = from_start(trace, start_of(felt, scene)), start_of(felt, scene).pos_world[2]
-    else:
-        origin_m = jnp.asarray(plate_top_m(scene), clean.dtype)
+        trace, origin_m = from_start(trace, start), start.pos_world[2]
     tare = measured_tare(felt.tare_sensor, tare_key, wrist)
     noisy = sampled(measured(clean, tare, sample_key, wrist), tare, wrist)
     origin = jnp.append(felt.estimate_world, origin_m)

@@ -38,7 +38,8 @@ def measured_trace(
     sizes = jnp.array([pose.position_offset_m, pose.position_offset_m, pose.height_offset_m])
     offset = sizes * jax.random.normal(offset_key, (3,))
     position = delayed.tip_pos_world + offset + noise(0, pose.position_noise_m)
-    rotation = rotation_from_down(turned(delayed.tip_quat_world, noise(1, pose.orientation_noise_rad)))
+    error = noise(1, pose.orientation_noise_rad) + orientation_offset(offset_key, pose)
+    rotation = rotation_from_down(turned(delayed.tip_quat_world, error))
     return replace(
         trace,
         tip_pos_world=_rounded(position, pose.position_step_m),
@@ -46,6 +47,11 @@ def measured_trace(
         tip_linvel_world=delayed.tip_linvel_world + noise(2, pose.linear_noise_mps),
         tip_angvel_world=delayed.tip_angvel_world + noise(3, pose.angular_noise_radps),
     )
+
+
+def orientation_offset(offset_key: Key[Array, ""], pose: PoseConfig) -> Float[Array, "3"]:
+    """Draw the calibration error of all orientations of an attempt, a rotation vector in the world, rad."""
+    return pose.rotation_offset_rad * jax.random.normal(jax.random.fold_in(offset_key, 1), (3,))
 
 
 def start_of(felt: Felt, scene: SceneConfig) -> StartPose:

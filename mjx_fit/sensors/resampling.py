@@ -10,7 +10,9 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation, Slerp
 
+from mjx_fit.config.sections.world import SceneConfig
 from mjx_fit.scene.robot import PANDA, Robot
+from mjx_fit.sensors.pose import start_of
 from mjx_fit.sensors.sensor_log import (
     SLACK,
     SensorLog,
@@ -19,11 +21,12 @@ from mjx_fit.sensors.sensor_log import (
     require_log,
     require_poses,
 )
-from mjx_fit.types import Felt, Trace
+from mjx_fit.types import Felt, StartPose, Trace
 from mjx_fit.utils.errors import RequestError
 from mjx_fit.utils.rates import ACTION_S, STEP_S, SUBSTEPS
 
 LEAST_TARE_SAMPLES = 10
+_SCENE = SceneConfig()
 
 
 def felt_from_log(
@@ -34,7 +37,8 @@ def felt_from_log(
     Action j starts at ``command_time_s[j]`` and lasts 0.1 s. Its 50 wrenches are sampled at 0, 2, ..., 98 ms
     after its start: by linear interpolation for logs up to 500 Hz, and for faster ones as the mean of the
     samples within 2 ms, with weights that decrease linearly to 0. Its pose and twist are taken at its end, by
-    linear interpolation, and by spherical interpolation (slerp) for the orientation. No noise is added.
+    linear interpolation, and by spherical interpolation (slerp) for the orientation. If the poses begin
+    before the first action, the one at its start is the start of the attempt. No noise is added.
 
     Args:
         log: Log of one attempt.
@@ -71,9 +75,7 @@ def felt_from_log(
     wrench = _resampled(log.wrench_time_s, log.wrench_sensor, samples)
     position = _interpolated(log.pose_time_s, log.tip_pos_world, ends)
     turns = Rotation.from_quat(log.tip_quat_world, scalar_first=True)
-    inside = np.clip(ends, log.pose_time_s[0], log.pose_time_s[-1])
-    quaternion = Slerp(log.pose_time_s, turns)(inside).as_quat(scalar_first=True)
-    quaternion *= np.where(quaternion[:, 1:2] < 0, -1, 1)  # q and -q are the same orientation: choose x >= 0
+    quaternion = _orientations(log.pose_time_s, turns, ends)
     linvel, angvel = _twist(log, turns)
     trace = Trace(
         wrench_sensor=_single(wrench.reshape(-1, SUBSTEPS, 6)),
@@ -84,15 +86,20 @@ def felt_from_log(
         action_world=_single(log.command_world),
     )
     length, peg = (np.array(number, np.int32) for number in (len(begins), peg_type))
-    return Felt(trace, length, _tare(log), _single(estimate_world), peg)
+    start = None
+    if log.pose_time_s[0] <= begins[0] + SLACK * STEP_S:
+        first = _interpolated(log.pose_time_s, log.tip_pos_world, begins[:1])[0]
+        start = StartPose(_single(first), _single(_orientations(log.pose_time_s, turns, begins[:1])[0]))
+    return Felt(trace, length, _tare(log), _single(estimate_world), peg, start)
 
 
-def log_from_felt(felt: Felt, start_s: float = 0.0) -> SensorLog:
+def log_from_felt(felt: Felt, start_s: float = 0.0, scene: SceneConfig = _SCENE) -> SensorLog:
     """Convert a simulated attempt to a robot's log: 500 Hz wrenches, 10 Hz poses, no noise.
 
     Args:
         felt: Measurements of one attempt, without batch axes.
         start_s: Start time of the attempt, s.
+        scene: Defines the height of the start.
 
     Example:
         >>> import jax, mjx_fit as mf
@@ -100,19 +107,24 @@ def log_from_felt(felt: Felt, start_s: float = 0.0) -> SensorLog:
         >>> mf.log_from_felt(rollouts.felt[0]).wrench_sensor.shape
         (150, 6)
     """
-    length, trace = int(felt.length), felt.trace
+    length, trace, start = int(felt.length), felt.trace, start_of(felt, scene)
     begins = start_s + ACTION_S * np.arange(length)
+
+    def from_rest(first: Any, rows: Any) -> Any:
+        return np.concatenate([np.asarray(first)[None], np.asarray(rows)[:length]])
+
+    still = np.zeros(3, np.float32)
     return SensorLog(
         wrench_time_s=(begins[:, None] + STEP_S * np.arange(SUBSTEPS)).ravel(),
         wrench_sensor=np.asarray(trace.wrench_sensor)[:length].reshape(-1, 6),
-        pose_time_s=begins + ACTION_S,
-        tip_pos_world=np.asarray(trace.tip_pos_world)[:length],
-        tip_quat_world=np.asarray(trace.tip_quat_world)[:length],
+        pose_time_s=start_s + ACTION_S * np.arange(length + 1),
+        tip_pos_world=from_rest(start.pos_world, trace.tip_pos_world),
+        tip_quat_world=from_rest(start.quat_world, trace.tip_quat_world),
         command_time_s=begins,
         command_world=np.asarray(trace.action_world)[:length],
         tare_sensor=np.asarray(felt.tare_sensor),
-        tip_linvel_world=np.asarray(trace.tip_linvel_world)[:length],
-        tip_angvel_world=np.asarray(trace.tip_angvel_world)[:length],
+        tip_linvel_world=from_rest(still, trace.tip_linvel_world),
+        tip_angvel_world=from_rest(still, trace.tip_angvel_world),
     )
 
 
@@ -141,6 +153,14 @@ def _interpolated(
     time: Float[np.ndarray, "n"], values: Float[np.ndarray, "n k"], at: Float[np.ndarray, "m"]
 ) -> Float[np.ndarray, "m k"]:
     return np.stack([np.interp(at, time, column) for column in values.T], axis=1)
+
+
+def _orientations(
+    time: Float[np.ndarray, "n"], turns: Rotation, at: Float[np.ndarray, "m"]
+) -> Float[np.ndarray, "m 4"]:
+    """Interpolate on the sphere; of q and -q, the same orientation, return the one with x >= 0."""
+    quaternion = Slerp(time, turns)(np.clip(at, time[0], time[-1])).as_quat(scalar_first=True)
+    return quaternion * np.where(quaternion[:, 1:2] < 0, -1, 1)
 
 
 def _twist(log: SensorLog, turns: Rotation) -> tuple[Float[np.ndarray, "M 3"], Float[np.ndarray, "M 3"]]:

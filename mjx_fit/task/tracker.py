@@ -136,6 +136,11 @@ class BeliefTracker:
             if self._peg is None:
                 raise RequestError("update: no peg is in hand: call choose(peg=...) before the attempt")
             felt = felt_from_log(felt, self._peg, self.estimate(hole), self._robot)
+            if felt.start is None and self._config.sensor.pose == "start":
+                raise RequestError(
+                    "log: pose_time_s: the poses cannot be used: expected one at rest in free space, before "
+                    "the first command; this sensor reads poses relative to it"
+                )
         self._require_own(hole, felt)
         before = jax.tree.map(lambda leaf: leaf[hole : hole + 1], self.belief)
         rows = max(self._config.task.attempt_actions, len(felt.trace.action_world))

@@ -8,13 +8,13 @@ import numpy as np
 from pydantic import Field, TypeAdapter
 from typing_extensions import TypedDict
 
+from mjx_fit.config.quantities import QUANTITIES
 from mjx_fit.config.randomized import value_range
 from mjx_fit.config.schema import Config, config_differences, config_from_stored
 from mjx_fit.data.episode import Episode
 from mjx_fit.data.manifest_schema import MAX_EPISODES
 from mjx_fit.training import run_files
 from mjx_fit.training.run_files import RUN
-from mjx_fit.types.physics import QUANTITIES
 from mjx_fit.utils import bounded_json
 from mjx_fit.utils.errors import RequestError
 

@@ -1,7 +1,7 @@
 """Physical quantities of one world, where they differ from the configuration."""
 
 from dataclasses import fields
-from typing import Any, NamedTuple
+from typing import Any
 
 from jaxtyping import Float
 
@@ -56,61 +56,6 @@ class Physics:
 
 AS_CONFIGURED = Physics()
 """Physics of a world without values of its own."""
-
-
-class Quantity(NamedTuple):
-    """Origin and unit of a quantity.
-
-    Attributes:
-        section: Section of the configuration that holds its constant value; empty: 1.
-        unit: Its unit.
-    """
-
-    section: str
-    unit: str
-
-
-QUANTITIES = {
-    "friction": Quantity("scene", "1"),
-    "contact_time_s": Quantity("scene", "s"),
-    "contact_damping": Quantity("scene", "1"),
-    "clearance_m": Quantity("scene", "m"),
-    "part_scale": Quantity("", "1"),
-    "kp_position": Quantity("control", "1/s²"),
-    "kp_orientation": Quantity("control", "1/s²"),
-    "damping_ratio": Quantity("control", "1"),
-    "smoothing_s": Quantity("control", "s"),
-    "goal_delay_s": Quantity("control", "s"),
-    "dead_zone_n": Quantity("arm", "N"),
-    "dead_zone_nm": Quantity("arm", "N·m"),
-    "joint_friction_nm": Quantity("arm", "N·m"),
-    "joint_damping_nms": Quantity("arm", "N·m·s"),
-    "payload_kg": Quantity("arm", "kg"),
-    "tilt_x_rad": Quantity("arm", "rad"),
-    "tilt_y_rad": Quantity("arm", "rad"),
-}
-"""Quantities that a world can have of its own, in the order of ``Physics``."""
-
-MEASURED = {
-    "force_noise_n": "wrist",
-    "torque_xy_noise_nm": "wrist",
-    "torque_z_noise_nm": "wrist",
-    "force_bias_n": "wrist",
-    "torque_bias_nm": "wrist",
-    "force_drift_nps": "wrist",
-    "torque_drift_nmps": "wrist",
-    "gain_error": "wrist",
-    "cross_talk": "wrist",
-    "bandwidth_hz": "wrist",
-    "position_noise_m": "pose",
-    "orientation_noise_rad": "pose",
-    "linear_noise_mps": "pose",
-    "angular_noise_radps": "pose",
-    "position_offset_m": "pose",
-    "height_offset_m": "pose",
-    "delay_s": "pose",
-}
-"""Sizes of measurement errors that each reading can draw, and their sections."""
 
 
 def drawn(physics: Physics) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from mjx_fit.training.checkpoint import load_sensor
 from mjx_fit.utils import resources
 from mjx_fit.utils.errors import RequestError
 
-REQUESTS = "e9c2fe861cd9de0eb69bcac18cfc166f"
+REQUESTS = "96cdfe8fb487884bb1cb73cb864bcddf"
 """Digest of two requests as they were stored when the paper's sensor and training were the defaults."""
 
 

@@ -68,7 +68,7 @@ def test_what_each_stage_is_asked(tmp_path, asked):
     train, test, own = (stage for name, stage in asked if name == "collect")
     assert len({stage.plan.seed for stage in (train, test, own)}) == 3  # or there would be holes it has seen
     assert (own.plan.sequence, own.plan.sensor, own.update) == (5, "the sensor's", "its update")
-    assert stages[2].folder == train.out
+    assert stages[2].folders == [train.out]
     assert [stage.data for name, stage in asked if name == "calibrate"] == [test.out, own.out]
     measuring = [stage for name, stage in asked if name not in ("collect", "train_from", "build")]
     wanted = [getattr(stage, "request", stage) for stage in measuring]  # calibrate's are loose

@@ -66,3 +66,10 @@ def test_the_plate_must_be_wider_than_where_a_peg_may_come():
         with pytest.raises(RequestError, match="is invalid: expected at least"):
             read_config(None, wide)
         read_config(None, [*wide, "scene.plate_half_width_m=0.1"])
+
+
+def test_of_many_known_keys_the_most_similar_are_listed():
+    with pytest.raises(RequestError) as error:
+        read_config(None, ["randomize.frction=null"])
+    assert "unknown key; allowed here: friction, " in str(error.value)
+    assert str(error.value).endswith("more; mjx-fit config lists them")

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from mjx_fit.config.files import read_config
+from mjx_fit.config.quantities import QUANTITIES
 from mjx_fit.config.randomized import PART_SCALE
 from mjx_fit.config.schema import Config, config_from_tree, config_to_tree
 from mjx_fit.config.worlds import world_file
@@ -20,7 +21,7 @@ from mjx_fit.scene.build import padded_boxes, simulation_scene
 from mjx_fit.scene.parts import hole_boxes, peg_boxes
 from mjx_fit.scene.variation import box_ids, slopes
 from mjx_fit.types import Attempt
-from mjx_fit.types.physics import QUANTITIES, Physics, drawn
+from mjx_fit.types.physics import Physics, drawn
 from mjx_fit.utils.errors import RequestError
 
 PAPER = read_config(world_file("paper")[0], ())

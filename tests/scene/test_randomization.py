@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from mjx_fit.config.files import read_config
+from mjx_fit.config.quantities import MEASURED, QUANTITIES
 from mjx_fit.config.randomized import distributions
 from mjx_fit.config.schema import Config
 from mjx_fit.config.sections.randomize import RandomizeConfig
@@ -20,7 +21,7 @@ from mjx_fit.scene.randomization import draw_errors, draw_physics
 from mjx_fit.scene.scenarios import draw_trials
 from mjx_fit.sensors.distortion import is_undistorted
 from mjx_fit.sensors.pose import is_exact
-from mjx_fit.types.physics import AS_CONFIGURED, MEASURED, QUANTITIES, Physics, drawn
+from mjx_fit.types.physics import AS_CONFIGURED, Physics, drawn
 
 FORGE = read_config(world_file("forge")[0], ())
 N = 2000

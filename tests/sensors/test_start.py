@@ -120,3 +120,13 @@ def test_a_start_that_is_none_is_refused():
         read(replace(here, start=replace(here.start, pos_world=np.nan * here.start.pos_world)))
     with pytest.raises(RequestError, match=r"start\.pos_world: shape"):
         read(replace(here, start=replace(here.start, pos_world=here.start.pos_world[:, :2])))
+
+
+def test_a_calibration_error_of_the_orientation_is_drawn_and_has_no_effect_from_the_start():
+    here = felt()
+    wrong = replace(WORLD.pose, rotation_offset_rad=0.02)
+    absolute, off = read(here, WORLD), read(here, replace(WORLD, pose=wrong))
+    real = np.asarray(off.mask)
+    turned_by = rotation_from_down(off.tip_quat_world) - rotation_from_down(absolute.tip_quat_world)
+    assert 0.005 < np.std(np.asarray(turned_by)[real]) < 0.06
+    same(read(here), read(here, replace(START, pose=wrong)), atol=3e-3)

@@ -9,18 +9,23 @@ from typing import Any
 import jax
 import numpy as np
 import pytest
+from flax import nnx
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from places import EXPERIMENTS
 
 import mjx_fit as mf
+from mjx_fit.config.schema import Config
+from mjx_fit.config.sections.learning import SensorConfig
 from mjx_fit.config.sections.measurement import PoseConfig, WristConfig
 from mjx_fit.filters.updates import initial_belief
+from mjx_fit.sensors.contact_sensor import ContactSensor
 from mjx_fit.task.estimator import filter_update
 
 OWN = EXPERIMENTS / "own"
 SILENT = WristConfig(force_noise_n=0.0, torque_xy_noise_nm=0.0, torque_z_noise_nm=0.0)
 ARRAYS = ("wrench_time_s", "wrench_sensor")
+POSES = ("pose_time_s", "tip_pos_world", "tip_quat_world", "tip_linvel_world", "tip_angvel_world")
 
 
 @pytest.fixture(scope="module")
@@ -121,8 +126,26 @@ def test_what_is_measured_alike_is_read_alike(failed):
     for name in ("wrench_sensor", "tip_pos_world", "tip_quat_world", "action_world"):
         np.testing.assert_allclose(getattr(got.trace, name), getattr(want.trace, name), atol=1e-6)
     length = int(felt.length)
-    way = np.asarray(felt.trace.tip_pos_world)[:length]
-    np.testing.assert_allclose(got.trace.tip_linvel_world, np.gradient(way, 0.1, axis=0), atol=1e-5)
+    way = np.asarray(log.tip_pos_world)[: length + 1]
+    np.testing.assert_allclose(got.trace.tip_linvel_world, np.gradient(way, 0.1, axis=0)[1:], atol=1e-5)
+
+
+def test_the_pose_before_the_first_command_is_the_start(tracker, failed):
+    felt = failed[0]
+    log = mf.log_from_felt(felt, start_s=2.0)
+    start = mf.felt_from_log(log, int(felt.peg_type), felt.estimate_world).start
+    assert start is not None
+    np.testing.assert_allclose(start.pos_world[:2], felt.estimate_world, atol=1e-6)
+    np.testing.assert_allclose(start.quat_world, [0, 1, 0, 0], atol=1e-6)
+    late = _without(log, 0.0, 2.05, *POSES)
+    assert mf.felt_from_log(late, int(felt.peg_type), felt.estimate_world).start is None
+    changed = Config(sensor=SensorConfig(pose="start"))
+    network: Any = ContactSensor(changed.sensor, nnx.Rngs(0))
+    of_start = mf.BeliefTracker(mf.TrainedSensor(network, changed, "s"), np.array([felt.estimate_world]))
+    of_start.choose("cross")
+    with pytest.raises(mf.RequestError, match="expected one at rest in free space, before the first command"):
+        of_start.update(0, late)
+    assert np.isfinite(of_start.update(0, log).pos_mean_world).all()
 
 
 @settings(max_examples=30, deadline=None)
@@ -163,8 +186,7 @@ REFUSED = {
         _without(log, 2.9971, 3.1, *ARRAYS)
     ),
     r"pose_time_s: no sample for 0.200 s after 1.000 s": lambda log: _without(
-        log, 1.05, 1.15, "pose_time_s", "tip_pos_world", "tip_quat_world", "tip_linvel_world",
-        "tip_angvel_world",
+        log, 1.05, 1.15, *POSES
     ),
     r"wrench_time_s: no sample for 2.000 s after 7.998 s": lambda log: _without(log, 8.0, 20.0, *ARRAYS),
     "wrench_sensor: row 7 is invalid: expected finite": lambda log: _at(log, "wrench_sensor", 7, np.nan),
@@ -172,8 +194,8 @@ REFUSED = {
     r"wrench_time_s: 0.500000 s after 0.998000 s is invalid: times must increase": lambda log: _at(
         log, "wrench_time_s", 500, 0.5
     ),
-    r"a quaternion of norm 0 at 0.300 s is invalid": lambda log: _at(log, "tip_quat_world", 2, 0.0),
-    r"tip_pos_world: \(372.6, .*\) at 0.100 s is outside the workspace: expected metres": (
+    r"a quaternion of norm 0 at 0.300 s is invalid": lambda log: _at(log, "tip_quat_world", 3, 0.0),
+    r"tip_pos_world: \(372.5, .*\) at 0.000 s is outside the workspace: expected metres": (
         lambda log: replace(log, tip_pos_world=1000 * np.asarray(log.tip_pos_world))
     ),
     r"command_time_s: .* of action 5 is invalid: expected .* actions start every 0.1 s": lambda log: _at(

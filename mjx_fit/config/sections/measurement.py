@@ -80,6 +80,8 @@ class PoseConfig:
         position_offset_m: Calibration error of the position. σ per horizontal axis and attempt; it moves the
             whole trace against the estimate of the hole.
         height_offset_m: Calibration error of the height. σ per attempt, that of the table included.
+        rotation_offset_rad: Calibration error of rotations. σ about each axis and attempt; a reading
+            relative to the start (``sensor.pose``) is free of it.
         position_step_m: Resolution of the position. 0: exact.
         orientation_step_rad: Resolution of the orientation. 0: exact.
         delay_s: Delay behind the wrench.
@@ -91,6 +93,7 @@ class PoseConfig:
     angular_noise_radps: Annotated[float, Field(ge=0, le=1, json_schema_extra={"unit": "rad/s"})] = 0.0
     position_offset_m: Annotated[float, Field(ge=0, le=0.01)] = 0.0
     height_offset_m: Annotated[float, Field(ge=0, le=0.01)] = 0.0
+    rotation_offset_rad: Annotated[float, Field(ge=0, le=0.1)] = 0.0
     position_step_m: Annotated[float, Field(ge=0, le=0.001)] = 0.0
     orientation_step_rad: Annotated[float, Field(ge=0, le=0.01)] = 0.0
     delay_s: Annotated[float, Field(ge=0, le=0.1)] = 0.0

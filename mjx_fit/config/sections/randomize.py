@@ -96,6 +96,7 @@ class RandomizeConfig:
         angular_noise_radps: Of ``pose.angular_noise_radps``.
         position_offset_m: Of ``pose.position_offset_m``.
         height_offset_m: Of ``pose.height_offset_m``.
+        rotation_offset_rad: Of ``pose.rotation_offset_rad``.
         delay_s: Of ``pose.delay_s``.
     """
 
@@ -132,4 +133,5 @@ class RandomizeConfig:
     angular_noise_radps: Distribution | None = None
     position_offset_m: Distribution | None = None
     height_offset_m: Distribution | None = None
+    rotation_offset_rad: Distribution | None = None
     delay_s: Distribution | None = None
