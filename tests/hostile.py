@@ -72,7 +72,7 @@ def _sane(rng: random.Random) -> tuple[str, str, str]:
     if kind is bool:
         return section, key, rng.choice(("true", "false"))
     if kind is Distribution:
-        low, high = allowed_range(Config(), key)
+        low, high = allowed_range(key)
         ends = sorted(float(f"{_between(rng, low, high):.4g}") for _ in range(2))
         return section, key, f"{{uniform: [{ends[0]!r}, {ends[1]!r}]}}"
     if get_origin(kind) is Literal:

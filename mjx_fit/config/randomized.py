@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 from mjx_fit.config.quantities import MEASURED, QUANTITIES
 from mjx_fit.config.schema_errors import members, plain_and_limits
+from mjx_fit.config.sections.measurement import PoseConfig, WristConfig
 from mjx_fit.config.sections.randomize import Distribution, RandomizeConfig
+from mjx_fit.config.sections.world import ArmConfig, ControlConfig, SceneConfig
 from mjx_fit.utils.errors import RequestError
 
 if TYPE_CHECKING:
@@ -17,6 +19,13 @@ Distributions = dict[str, Distribution]
 
 PART_SCALE = (0.8, 1.2)
 """Range of the factor of all cross-sections."""
+_SCHEMAS: dict[str, Any] = {
+    "scene": SceneConfig,
+    "control": ControlConfig,
+    "arm": ArmConfig,
+    "wrist": WristConfig,
+    "pose": PoseConfig,
+}
 _COMBINED = ("friction", "contact_time_s", "kp_position", "kp_orientation", "damping_ratio")
 """Quantities that rules across sections restrict in combination."""
 
@@ -39,7 +48,7 @@ def require_valid(config: "Config") -> None:
         RequestError: A distribution reaches beyond the range.
     """
     for name, distribution in distributions(config.randomize, (*QUANTITIES, *MEASURED)).items():
-        (low, high), (least, most) = distribution.support, allowed_range(config, name)
+        (low, high), (least, most) = distribution.support, allowed_range(name)
         if low < least or high > most:
             raise RequestError(
                 f"config: randomize.{name}: values from {low:g} to {high:g} are invalid: expected "
@@ -72,12 +81,11 @@ def value_range(config: "Config", name: str) -> tuple[float, float]:
     return value, value
 
 
-def allowed_range(config: "Config", name: str) -> tuple[float, float]:
+def allowed_range(name: str) -> tuple[float, float]:
     """Return the smallest and largest allowed value of a quantity."""
     section = QUANTITIES[name].section if name in QUANTITIES else MEASURED[name]
     if not section:
         return PART_SCALE
-    schema: Any = type(getattr(config, section))
-    annotation = {field.name: field.type for field in dataclasses.fields(schema)}[name]
+    annotation = {field.name: field.type for field in dataclasses.fields(_SCHEMAS[section])}[name]
     limits = plain_and_limits(members(annotation)[0])[1]
     return limits["ge"], limits["le"]

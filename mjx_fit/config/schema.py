@@ -118,7 +118,8 @@ def require_room(config: Config, key: str, radius_m: float) -> None:
     """
     detector, scene = config.detector, config.scene
     error = detector.half_width_m * (math.sqrt(2) if detector.kind == "square" else 1)
-    reach = error + radius_m + max(shape.half_width_m for shape in scene.shapes)
+    largest = randomized.value_range(config, "part_scale")[1]
+    reach = error + radius_m + largest * max(shape.half_width_m for shape in scene.shapes)
     if reach > scene.plate_half_width_m:
         raise RequestError(
             f"config: scene.plate_half_width_m: {scene.plate_half_width_m} is invalid: expected at "

@@ -8,6 +8,7 @@ from jaxtyping import Float, Int
 from mjx_fit.config.sections.world import ControlConfig
 from mjx_fit.types import Array, pytree
 from mjx_fit.types.physics import AS_CONFIGURED, Physics
+from mjx_fit.utils.arrays import is_off
 from mjx_fit.utils.rates import ACTION_S, STEP_S, SUBSTEPS
 
 
@@ -59,7 +60,7 @@ def goal_during(
     delay = _own(physics.goal_delay_s, control.goal_delay_s)
     time = _own(physics.smoothing_s, control.smoothing_s)
     wanted = _commanded(goal, next_world, substep, control.goal, delay)
-    if isinstance(time, float) and time == 0:
+    if is_off(time):
         return goal, wanted
     smooth = goal.smooth_world + STEP_S / (time + STEP_S) * (wanted - goal.smooth_world)
     return replace(goal, smooth_world=smooth), smooth
@@ -72,7 +73,7 @@ def _own(drawn: Any, constant: float) -> Any:
 
 def _commanded(goal: Goal, next_world, substep, mode: str, delay_s: Any) -> Float[Array, "*n 3"]:
     """Return the commanded goal as it was ``delay_s`` ago, at most one action."""
-    if isinstance(delay_s, float) and delay_s == 0:
+    if is_off(delay_s):
         if mode == "step":
             return next_world
         return goal.now_world + (substep + 1) / SUBSTEPS * (next_world - goal.now_world)

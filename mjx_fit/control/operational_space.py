@@ -133,7 +133,8 @@ def torque(
     jac = jacobian(arm.joint_anchor_world, arm.joint_axis_world, arm.tip_pos_world)
     turn = rotation_error(arm.tip_frame_world, STRAIGHT_DOWN)
     if not (is_off(gains.tilt_x_rad) and is_off(gains.tilt_y_rad)):
-        turn += jnp.stack([0 * turn[0] + gains.tilt_x_rad, 0 * turn[1] + gains.tilt_y_rad, 0 * turn[2]])
+        tilt = (gains.tilt_x_rad, gains.tilt_y_rad, 0.0)
+        turn += jnp.stack([jnp.broadcast_to(angle, turn.shape[1:]) for angle in tilt])
     error = jnp.concatenate([goal_pos_world - arm.tip_pos_world, turn])
     stiffness = _six(gains.kp_position, gains.kp_orientation, error)
     damping = 2 * gains.damping_ratio * jnp.sqrt(stiffness)

@@ -1,5 +1,9 @@
 """Episodes: the rows of a data set, each an interaction and the information available before it."""
 
+from dataclasses import replace
+
+import jax
+import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from mjx_fit.types import Array, Rollout, pytree
@@ -29,3 +33,13 @@ class Episode:
 def happened(data: Episode) -> Bool[Array, "*batch"]:
     """True for episodes that were performed and did not diverge."""
     return data.rollout.truth.valid & (data.rollout.felt.length > 0)
+
+
+def padded(rollouts: Rollout, actions: int) -> Rollout:
+    """Pad the traces of n rollouts with zeros to this number of actions."""
+
+    def pad(leaf):
+        return np.pad(leaf, [(0, 0), (0, actions - leaf.shape[1]), *[(0, 0)] * (leaf.ndim - 2)])
+
+    felt = rollouts.felt
+    return replace(rollouts, felt=replace(felt, trace=jax.tree.map(pad, felt.trace)))

@@ -12,7 +12,7 @@ import numpy as np
 
 from mjx_fit.config.schema import config_from_stored
 from mjx_fit.data import hdf5
-from mjx_fit.data.episode import Episode, happened
+from mjx_fit.data.episode import Episode, happened, padded
 from mjx_fit.data.manifest import (
     MANIFEST_NAME,
     FormatError,
@@ -84,13 +84,8 @@ def load_joined(folders: Sequence[Path]) -> Episode:
 
 def _shifted(k: int, data: Episode, actions: int) -> Episode:
     """Return data set k of several, with unique ids and traces of this length."""
-
-    def pad(leaf):
-        return np.pad(leaf, [(0, 0), (0, actions - leaf.shape[1]), *[(0, 0)] * (leaf.ndim - 2)])
-
-    felt = replace(data.rollout.felt, trace=jax.tree.map(pad, data.rollout.felt.trace))
     ids = {name: getattr(data, name) + k * MAX_EPISODES for name in ("episode", "sequence")}
-    return replace(data, **ids, rollout=replace(data.rollout, felt=felt))
+    return replace(data, **ids, rollout=padded(data.rollout, actions))
 
 
 def _without_physics(data: Episode) -> Episode:

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Int, Key
 
 from mjx_fit.config.schema import Config
 from mjx_fit.control import policies
-from mjx_fit.data.episode import Episode
+from mjx_fit.data.episode import Episode, padded
 from mjx_fit.data.plan import Plan
 from mjx_fit.data.schedule import draw_attempts, draw_later_attempts
 from mjx_fit.engines.failures import report
@@ -150,7 +150,7 @@ class _EachPolicy:
             plans = self._config.task.attempt_actions if policy == policies.SPIRAL else horizon or actions
             part = self._engine.run(attempts, min(actions, plans), active & mine, plans)
             self.broken += report(part, attempts, ids, plans, self._config, self._dumps)
-            part = _padded(part, actions)
+            part = padded(part, actions)
             done = part if done is None else jax.tree.map(partial(_chosen, mine), part, done)
         assert done is not None
         return done
@@ -158,14 +158,6 @@ class _EachPolicy:
 
 def _with_axis(n: int, leaf: np.ndarray) -> np.ndarray:
     return np.zeros((len(leaf), n, *leaf.shape[1:]), leaf.dtype)
-
-
-def _padded(rollouts: Rollout, steps: int) -> Rollout:
-    def pad(leaf):
-        return np.pad(leaf, [(0, 0), (0, steps - leaf.shape[1]), *[(0, 0)] * (leaf.ndim - 2)])
-
-    felt = rollouts.felt
-    return replace(rollouts, felt=replace(felt, trace=jax.tree.map(pad, felt.trace)))
 
 
 def _chosen(chosen: Bool[np.ndarray, "n"], a: np.ndarray, b: np.ndarray) -> np.ndarray:

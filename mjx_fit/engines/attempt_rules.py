@@ -17,10 +17,10 @@ from mjx_fit.engines import plausible
 from mjx_fit.scene.parts import START_HEIGHT_M, plate_top_m
 from mjx_fit.sensors.pose import turned
 from mjx_fit.types import Array, Attempt, Felt, Rollout, Trace, Truth, pytree
-from mjx_fit.types.physics import Physics, drawn
+from mjx_fit.types.physics import Physics
+from mjx_fit.utils.arrays import is_off
 from mjx_fit.utils.rates import SUBSTEPS
 
-_TILTS = {"tilt_x_rad", "tilt_y_rad"}
 BESIDE_M, BELOW_M = 0.02, 0.002
 """Horizontal distance from the hole's centre, m, and distance below the hole's floor, m.
 
@@ -79,14 +79,8 @@ def start_qpos(chain: Chain, attempts: Attempt, config: Config) -> Float[Array, 
 
 def tilt_world(physics: Physics, config: Config) -> Float[Array, "*n 3"]:
     """Return the rotation vector from straight down to where the robot takes the tool to point down, rad."""
-    tilts = [
-        jnp.asarray(constant if own is None else own, jnp.float32)
-        for constant, own in (
-            (config.arm.tilt_x_rad, physics.tilt_x_rad),
-            (config.arm.tilt_y_rad, physics.tilt_y_rad),
-        )
-    ]
-    x, y = jnp.broadcast_arrays(*tilts)
+    gains = operational_space.gains_of(config, physics)
+    x, y = jnp.broadcast_arrays(*(jnp.asarray(tilt) for tilt in (gains.tilt_x_rad, gains.tilt_y_rad)))
     return jnp.stack([x, y, jnp.zeros_like(x)], -1)
 
 
@@ -94,7 +88,8 @@ def tip_of(arm: ArmState, physics: Physics, config: Config) -> Tip:
     """Return the pose and twist of one arm's TCP, as its kinematics report them: without the tool's tilt."""
     velocity = operational_space.tip_velocity(arm)
     quat = operational_space.tip_quaternion(arm)
-    if (config.arm.tilt_x_rad, config.arm.tilt_y_rad) != (0, 0) or drawn(physics).keys() & _TILTS:
+    gains = operational_space.gains_of(config, physics)
+    if not (is_off(gains.tilt_x_rad) and is_off(gains.tilt_y_rad)):
         quat = turned(quat, -tilt_world(physics, config))
     return Tip(arm.tip_pos_world, quat, velocity[:3], velocity[3:])
 

@@ -84,12 +84,11 @@ def _require_values(arrays: dict[str, np.ndarray]) -> None:
     for name, value in arrays.items():
         if value.dtype.kind == "f" and not np.isfinite(value).all():
             raise ValueError(f"{name}: expected finite numbers")
-    config = config_from_yaml(str(arrays["config"]))
     for name in QUANTITIES:
-        least, most = allowed_range(config, name)
+        least, most = allowed_range(name)
         if not least <= (value := float(arrays.get(f"physics_{name}", least))) <= most:
             raise ValueError(f"physics_{name}: {value:g} is invalid: expected {least} to {most}")
-    n_types = config.scene.n_types
+    n_types = config_from_yaml(str(arrays["config"])).scene.n_types
     ends = {"peg_type": n_types, "hole_type": n_types, "policy": OWN + 1, "horizon": MAX_HORIZON + 1}
     for name, end in (*ends.items(), ("step", int(arrays["horizon"]))):
         if not 0 <= int(arrays[name]) < end:

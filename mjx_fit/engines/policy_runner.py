@@ -1,7 +1,5 @@
 """Run a policy inside a rollout: its input before each action, and its memory between actions."""
 
-import copy
-
 import jax
 import jax.numpy as jnp
 from jaxtyping import Float, Int, Key
@@ -12,7 +10,7 @@ from mjx_fit.control import goals
 from mjx_fit.control.goals import Goal
 from mjx_fit.control.policies import Policy, PolicyInput, PolicyStart, State, start_of
 from mjx_fit.engines.attempt_rules import Tip
-from mjx_fit.scene.randomization import draw_errors
+from mjx_fit.scene.randomization import draw_errors, with_arrays
 from mjx_fit.sensors import distortion, force_torque
 from mjx_fit.sensors.pose import is_exact, measured_trace
 from mjx_fit.types import Array, Attempt, Trace, pytree
@@ -104,9 +102,7 @@ def act(
 
 def _measured(tip: Tip, key: Key[Array, ""], pose: PoseConfig) -> Tip:
     """Return pose and twist as the robot measures them, without calibration errors (``PoseConfig``)."""
-    calibrated = copy.copy(pose)
-    for name in ("position_offset_m", "height_offset_m", "rotation_offset_rad"):
-        object.__setattr__(calibrated, name, 0.0)
+    calibrated = with_arrays(pose, position_offset_m=0.0, height_offset_m=0.0, rotation_offset_rad=0.0)
     row = Trace(
         wrench_sensor=jnp.zeros((1, SUBSTEPS, 6)),
         tip_pos_world=tip.pos_world[None],

@@ -10,10 +10,10 @@ import numpy as np
 from jaxtyping import Bool
 
 from mjx_fit.config.randomized import allowed_range
-from mjx_fit.config.schema import Config
 from mjx_fit.config.sections.world import SceneConfig
 from mjx_fit.control.policies import NAMES
 from mjx_fit.scene.robot import ROBOTS
+from mjx_fit.scene.variation import GEOMETRY, require_linear
 from mjx_fit.types import Attempt
 from mjx_fit.types.physics import Physics, drawn
 from mjx_fit.utils import memory
@@ -69,7 +69,7 @@ def require_attempts(
     for name, reach in places.items():
         _require_places(name, _leaf(attempts, name, n, (2,), jnp.floating, "floats"), active, reach)
     _require_keys(attempts.key, n)
-    _require_physics(attempts.physics, n, active)
+    _require_physics(attempts.physics, n, active, scene)
     return actions, horizon, active
 
 
@@ -132,17 +132,22 @@ def _require_places(name: str, leaf: np.ndarray, active: np.ndarray, reach: tupl
         )
 
 
-def _require_physics(physics: Physics, n: int, active: np.ndarray) -> None:
+def _require_physics(physics: Physics, n: int, active: np.ndarray, scene: SceneConfig) -> None:
+    ranges = {}
     for name, leaf in drawn(physics).items():
         if leaf.shape != (n,) or not jnp.issubdtype(leaf.dtype, jnp.floating):
             _refuse(f"attempts: physics.{name}", f"{leaf.dtype} {leaf.shape}", f"expected floats ({n},)")
-        least, most = allowed_range(Config(), name)
+        least, most = allowed_range(name)
         wrong = active & ~((np.float32(least) <= np.asarray(leaf)) & (np.asarray(leaf) <= np.float32(most)))
         if wrong.any():
             row = int(wrong.argmax())
             _refuse(
                 f"attempts: physics.{name} of row {row}", f"{leaf[row]:.6g}", f"expected {least} to {most}"
             )
+        if name in GEOMETRY and active.any():
+            own = np.asarray(leaf, float)[active]
+            ranges[name] = (own.min(), own.max())
+    require_linear(scene, ranges, "attempts: physics")
 
 
 def _require_keys(key: Any, n: int) -> None:

@@ -2,6 +2,7 @@
 
 import jax
 
+from mjx_fit.config.randomized import distributions
 from mjx_fit.config.schema import Config
 from mjx_fit.control.policies import Policy
 from mjx_fit.control.policy_file import require_policy
@@ -34,7 +35,8 @@ def make_engine(name: str = "auto", config: Config | None = None, policy: Policy
         policy: Custom policy; None: the policy that each attempt names.
 
     Raises:
-        RequestError: The engine does not exist, or the policy cannot be used.
+        RequestError: The engine does not exist, the policy cannot be used, or ``randomize`` draws clearances
+            or scales that change a shape's gaps.
 
     Example:
         >>> import jax, mjx_fit as mf
@@ -48,7 +50,10 @@ def make_engine(name: str = "auto", config: Config | None = None, policy: Policy
     # Imported here, because ``resolve`` needs neither engine.
     from mjx_fit.engines.mjx.engine import MjxEngine
     from mjx_fit.engines.native.engine import NativeEngine
+    from mjx_fit.scene.variation import GEOMETRY, require_linear
 
-    return (MjxEngine if resolve(name) == "mjx" else NativeEngine)(
-        config or Config(), granted_cpus.cpus(), policy
-    )
+    config = config or Config()
+    drawn = distributions(config.randomize, GEOMETRY)
+    ranges = {name: distribution.support for name, distribution in drawn.items()}
+    require_linear(config.scene, ranges, "config: randomize")
+    return (MjxEngine if resolve(name) == "mjx" else NativeEngine)(config, granted_cpus.cpus(), policy)

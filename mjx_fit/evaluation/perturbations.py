@@ -46,14 +46,12 @@ class Perturbation:
             RequestError: The perturbed configuration is invalid.
         """
         tree = config_to_tree(config)
-        for name, value in self.values.items():
+        for name in (*self.values, *self.factors):
             section, key = name.split(".")
-            tree[section][key] = value
-            tree["randomize"] |= {key: None} if key in tree["randomize"] else {}
-        for name, factor in self.factors.items():
-            section, key = name.split(".")
-            tree[section][key] *= factor
-            tree["randomize"] |= {key: None} if key in tree["randomize"] else {}
+            given = name in self.values
+            tree[section][key] = self.values[name] if given else self.factors[name] * tree[section][key]
+            if key in tree["randomize"]:  # constant, at the perturbed value
+                tree["randomize"][key] = None
         return config_from_tree(tree)
 
 

@@ -1,6 +1,7 @@
 """Draw the physics of randomised worlds, and the sizes of measurement errors."""
 
 import copy
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -13,6 +14,8 @@ from mjx_fit.config.sections.measurement import PoseConfig, WristConfig
 from mjx_fit.config.sections.randomize import MOST_SIGMA, Distribution, RandomizeConfig
 from mjx_fit.types import Array
 from mjx_fit.types.physics import Physics
+
+S = TypeVar("S")
 
 
 def draw_physics(key: Key[Array, ""], randomize: RandomizeConfig) -> Physics:
@@ -37,11 +40,19 @@ def draw_errors(key: Key[Array, ""], config: Config) -> tuple[WristConfig, PoseC
         config: The configuration.
     """
     drawn = _values(key, distributions(config.randomize, MEASURED), tuple(MEASURED))
-    sections = {"wrist": copy.copy(config.wrist), "pose": copy.copy(config.pose)}
-    for name, value in drawn.items():
-        # The sections' own checks accept numbers only, not arrays.
-        object.__setattr__(sections[MEASURED[name]], name, value)
-    return sections["wrist"], sections["pose"]
+    wrist, pose = (
+        {name: value for name, value in drawn.items() if MEASURED[name] == section}
+        for section in ("wrist", "pose")
+    )
+    return with_arrays(config.wrist, **wrist), with_arrays(config.pose, **pose)
+
+
+def with_arrays(section: S, **values: Any) -> S:
+    """Return a section with other values, which may be traced: its own checks accept numbers only."""
+    changed = copy.copy(section)
+    for name, value in values.items():
+        object.__setattr__(changed, name, value)
+    return changed
 
 
 def _values(key, named: Distributions, order: tuple[str, ...]) -> dict[str, Float[Array, ""]]:

@@ -2,7 +2,7 @@
 
 The boxes of pegs and sockets are linear in clearance and scale as long as the order of their edges stays, so
 the geometry of any world is that of the configured scene plus two multiples of fixed arrays. A test compares
-it with compiled models.
+it with compiled models, and ``require_linear`` refuses ranges over which the order changes.
 """
 
 # MuJoCo's extension module has no stubs.
@@ -14,16 +14,23 @@ from itertools import product
 import numpy as np
 from jaxtyping import Float, Int
 
+from mjx_fit.config.sections.world import SceneConfig
 from mjx_fit.scene.build import MakeBoxes, Scene, padded_boxes
 from mjx_fit.scene.parts import hole_boxes, peg_boxes
 from mjx_fit.types import Array
 from mjx_fit.types.physics import Physics
+from mjx_fit.utils.errors import RequestError
 
-_STEP_M, _STEP_SCALE = 1e-4, 0.01
 CONTACT = ("friction", "contact_time_s", "contact_damping")
 """Quantities of all contacts of a world."""
-GEOMETRY = ("clearance_m", "part_scale")
+_STEPS = {"clearance_m": 1e-6, "part_scale": 1e-4}
+GEOMETRY = tuple(_STEPS)
 """Quantities that change positions and sizes of boxes."""
+_MAKERS: tuple[MakeBoxes, MakeBoxes] = (peg_boxes, hole_boxes)
+_TOLERANCE_M = 1e-7
+
+Boxes = Float[np.ndarray, "shapes boxes 6"]
+"""Centre and half size of the boxes of all pegs, or of all sockets, m."""
 
 
 @dataclass(frozen=True)
@@ -40,37 +47,78 @@ class Slope:
 
 
 def slopes(scene: Scene) -> dict[str, Slope]:
-    """Compute the derivatives with respect to each quantity in ``GEOMETRY``."""
-    config = scene.config
-    down = config.clearance_m > 2 * _STEP_M  # stay in the allowed range
-    step = -_STEP_M if down else _STEP_M
-    other = replace(config, clearance_m=config.clearance_m + step)
-    changed = {"clearance_m": ((other, 1.0), step), "part_scale": ((config, 1 + _STEP_SCALE), _STEP_SCALE)}
+    """Compute the derivatives with respect to each quantity in ``GEOMETRY``.
+
+    Raises:
+        RequestError: A gap of a shape opens or closes at the configured clearance.
+    """
     found = {}
-    for name, ((there, scale), step) in changed.items():
-        parts = [
-            [
-                ((a.centre - b.centre) / step, (a.half - b.half) / step)
-                for a, b in zip(padded_boxes(make, there, scale), padded_boxes(make, config), strict=True)
-            ]
-            for make in _MAKERS
-        ]
-        both = [_arrays(scene, peg, hole) for peg, hole in product(*parts)]
-        found[name] = Slope(*(np.stack(arrays) for arrays in zip(*both, strict=True)))
+    for name in GEOMETRY:
+        rates = (_rate(make, scene.config, name) for make in _MAKERS)
+        both = [_by_geom(scene, peg, hole) for peg, hole in product(*rates)]
+        pos, size = np.split(np.stack(both), 2, axis=-1)
+        found[name] = Slope(pos, size)
     return found
 
 
-_MAKERS: tuple[MakeBoxes, MakeBoxes] = (peg_boxes, hole_boxes)
+def require_linear(scene: SceneConfig, ranges: dict[str, tuple[float, float]], field: str) -> None:
+    """Check that the boxes keep the order of their edges over ranges of quantities in ``GEOMETRY``.
+
+    Args:
+        scene: Configuration of the scene.
+        ranges: Smallest and largest value of each quantity that is drawn, by name.
+        field: Section of the quantities in messages.
+
+    Raises:
+        RequestError: A gap of a shape opens or closes in between.
+    """
+    at = _values_at(scene)
+    for make, ends in product(_MAKERS if ranges else (), product(*ranges.values())):
+        changes = dict(zip(ranges, ends, strict=True))
+        there = _boxes(make, scene, at | changes)
+        base = _boxes(make, scene, at)
+        for name, value in changes.items():
+            base = base + (value - at[name]) * _rate(make, scene, name)
+        if there.shape != base.shape or abs(there - base).max() > _TOLERANCE_M:
+            values = ", ".join(f"{value:.6g}" for value in ends)
+            raise _changes_order(f"{field}.{' and '.join(ranges)}: {values}", scene)
 
 
-def _arrays(scene: Scene, peg, hole) -> tuple[Float[np.ndarray, "geoms 3"], Float[np.ndarray, "geoms 3"]]:
-    """Arrange the derivatives of one peg and one socket by geom; those of all other geoms are zero."""
-    model = scene.models[0]
-    pos, size = np.zeros((model.ngeom, 3)), np.zeros((model.ngeom, 3))
-    for prefix, (centre, half) in (("peg_box", peg), ("hole_box", hole)):
-        ids = box_ids(scene, prefix, len(centre))
-        pos[ids], size[ids] = centre, half
-    return pos, size
+def _values_at(scene: SceneConfig) -> dict[str, float]:
+    """Return the configured value of each quantity in ``GEOMETRY``."""
+    return {"clearance_m": scene.clearance_m, "part_scale": 1.0}
+
+
+def _boxes(make: MakeBoxes, scene: SceneConfig, values: dict[str, float]) -> Boxes:
+    other = replace(scene, clearance_m=float(values["clearance_m"]))
+    boxes = padded_boxes(make, other, float(values["part_scale"]))
+    return np.stack([np.concatenate([one.centre, one.half], axis=1) for one in boxes])
+
+
+def _rate(make: MakeBoxes, scene: SceneConfig, name: str) -> Boxes:
+    """Return the derivative of the boxes with respect to a quantity, by a finite difference."""
+    at, step = _values_at(scene), _STEPS[name]
+    if name == "clearance_m" and at[name] > 0.001:
+        step = -step  # stay in the allowed range
+    before, after = (_boxes(make, scene, values) for values in (at, at | {name: at[name] + step}))
+    if before.shape != after.shape:
+        raise _changes_order(f"config: randomize.{name}", scene)
+    return (after - before) / step
+
+
+def _changes_order(what: str, scene: SceneConfig) -> RequestError:
+    return RequestError(
+        f"{what} cannot be used: a gap of a shape opens or closes on the way from scene.clearance_m "
+        f"{scene.clearance_m} and scale 1"
+    )
+
+
+def _by_geom(scene: Scene, peg: Float[np.ndarray, "n 6"], hole: Float[np.ndarray, "m 6"]) -> np.ndarray:
+    """Arrange the derivatives of one peg and one socket by geom (geoms, 6); those of others are zero."""
+    rates = np.zeros((scene.models[0].ngeom, 6))
+    for prefix, own in (("peg_box", peg), ("hole_box", hole)):
+        rates[box_ids(scene, prefix, len(own))] = own
+    return rates
 
 
 def box_ids(scene: Scene, prefix: str, count: int) -> Int[np.ndarray, "n"]:
@@ -80,6 +128,6 @@ def box_ids(scene: Scene, prefix: str, count: int) -> Int[np.ndarray, "n"]:
 
 def offsets(scene: Scene, physics: Physics) -> dict[str, Array]:
     """Return how far the drawn geometric quantities are from the scene's, by name, (n,)."""
-    at = {"clearance_m": scene.config.clearance_m, "part_scale": 1.0}
     drawn = {name: getattr(physics, name) for name in GEOMETRY}
+    at = _values_at(scene.config)
     return {name: value - at[name] for name, value in drawn.items() if value is not None}

@@ -21,7 +21,7 @@ from mjx_fit.sensors.pose import (
     from_start,
     is_exact,
     measured_trace,
-    orientation_offset,
+    rotation_offset,
     start_of,
     turned,
 )
@@ -169,7 +169,7 @@ def read_window(felt: Felt, key: Key[Array, ""], config: Config, window: Window)
     if not is_exact(pose):
         offset_key, noise_key = jax.random.split(pose_key)
         trace = measured_trace(trace, offset_key, noise_key, pose)
-        start = replace(start, quat_world=turned(start.quat_world, orientation_offset(offset_key, pose)))
+        start = replace(start, quat_world=turned(start.quat_world, rotation_offset(offset_key, pose)))
     origin_m = jnp.asarray(plate_top_m(scene), clean.dtype)
     if config.sensor.pose == "start":
         trace, origin_m = from_start(trace, start), start.pos_world[2]

@@ -36,9 +36,9 @@ def measured_trace(
         return jnp.zeros(shape) if is_off(std) else std * jax.random.normal(keys[i], shape)
 
     sizes = jnp.array([pose.position_offset_m, pose.position_offset_m, pose.height_offset_m])
-    offset = sizes * jax.random.normal(offset_key, (3,))
+    offset = sizes * jax.random.normal(jax.random.split(offset_key)[0], (3,))
     position = delayed.tip_pos_world + offset + noise(0, pose.position_noise_m)
-    error = noise(1, pose.orientation_noise_rad) + orientation_offset(offset_key, pose)
+    error = noise(1, pose.orientation_noise_rad) + rotation_offset(offset_key, pose)
     rotation = rotation_from_down(turned(delayed.tip_quat_world, error))
     return replace(
         trace,
@@ -49,9 +49,9 @@ def measured_trace(
     )
 
 
-def orientation_offset(offset_key: Key[Array, ""], pose: PoseConfig) -> Float[Array, "3"]:
+def rotation_offset(offset_key: Key[Array, ""], pose: PoseConfig) -> Float[Array, "3"]:
     """Draw the calibration error of all orientations of an attempt, a rotation vector in the world, rad."""
-    return pose.rotation_offset_rad * jax.random.normal(jax.random.fold_in(offset_key, 1), (3,))
+    return pose.rotation_offset_rad * jax.random.normal(jax.random.split(offset_key)[1], (3,))
 
 
 def start_of(felt: Felt, scene: SceneConfig) -> StartPose:

@@ -17,6 +17,7 @@ from mjx_fit.engines.mjx.engine import MjxEngine
 from mjx_fit.engines.mjx.step import Models as MjxModels
 from mjx_fit.engines.native.engine import NativeEngine
 from mjx_fit.engines.native.models import Models
+from mjx_fit.engines.select import make_engine
 from mjx_fit.scene.build import padded_boxes, simulation_scene
 from mjx_fit.scene.parts import hole_boxes, peg_boxes
 from mjx_fit.scene.variation import box_ids, slopes
@@ -177,3 +178,47 @@ def test_both_engines_store_the_same_draws_and_simulate_alike():
 def test_bad_physics_are_refused(physics, words):
     with pytest.raises(RequestError, match=words):
         NativeEngine(PAPER, 1).run(dataclasses.replace(attempts(), physics=physics), 1)
+
+
+PRONGS = (
+    "scene.shapes=[{name: plug, rectangles: [[-0.011, -0.01, -0.001, 0.01], [0.001, -0.01, 0.011, 0.01]]}]"
+)
+"""Two prongs 2 mm apart: their holes merge at the default clearance of 1 mm."""
+
+
+def with_prongs(*overrides: str) -> Config:
+    return read_config(world_file("paper")[0], (PRONGS, *overrides))
+
+
+def test_shapes_whose_holes_touch_are_simulated():
+    config = with_prongs()
+    asked = draw_attempts(jax.random.key(0), jnp.arange(2), "spiral", config)
+    assert NativeEngine(config, 1).run(asked, 2).truth.valid.all()
+    MjxModels.of(simulation_scene(config.scene)).of_worlds(jnp.arange(1))
+
+
+@pytest.mark.parametrize("ends", ["[0.0005, 0.0009]", "[0.0009, 0.0015]"])
+def test_a_range_over_which_a_gap_closes_is_refused(ends):
+    config = with_prongs(f"randomize.clearance_m={{uniform: {ends}}}")
+    with pytest.raises(RequestError, match=r"randomize\.clearance_m.* cannot be used: a gap of a shape"):
+        make_engine("native", config)
+
+
+def test_given_clearances_over_which_a_gap_closes_are_refused():
+    config = with_prongs()
+    asked = draw_attempts(jax.random.key(0), jnp.arange(2), "spiral", config)
+    asked = dataclasses.replace(asked, physics=Physics(clearance_m=np.array([0.0012, 0.0008], np.float32)))
+    with pytest.raises(RequestError, match=r"attempts: physics\.clearance_m: 0\.0008 cannot be used: a gap"):
+        NativeEngine(config, 1).run(asked, 2)
+
+
+def test_a_range_without_such_a_gap_is_simulated():
+    config = with_prongs("scene.clearance_m=0.0005", "randomize.clearance_m={uniform: [0.0003, 0.0009]}")
+    asked = draw_attempts(jax.random.key(0), jnp.arange(2), "spiral", config)
+    assert make_engine("native", config).run(asked, 2).truth.valid.all()
+
+
+def test_scaled_parts_need_room():
+    with pytest.raises(RequestError, match=r"scene\.plate_half_width_m: 0\.08 is invalid"):
+        read_config(None, ["randomize.part_scale={uniform: [1, 1.2]}", "spiral.radius_m=0.03"])
+    read_config(None, ["randomize.part_scale={uniform: [0.8, 1]}", "spiral.radius_m=0.03"])

@@ -9,7 +9,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 from synthetic import make_rollouts
 
+from mjx_fit.config.files import read_config
 from mjx_fit.config.schema import Config, config_differences
+from mjx_fit.config.worlds import world_file
 from mjx_fit.evaluation.perturbations import PERTURBATIONS, chosen_perturbations
 from mjx_fit.evaluation.robustness import summarise
 from mjx_fit.report.figures.robustness import by_perturbation
@@ -177,3 +179,15 @@ def test_a_perturbed_attempt_reaches_the_sensor(monkeypatch, tmp_path):
     )
     assert [t["error_cm"][0] for t in home] == [t["error_cm"][0] for t in raised]
     assert robustness.robustness(request, "home,height_+0.5mm") == result
+
+
+@pytest.mark.parametrize("name", list(PERTURBATIONS))
+def test_what_is_perturbed_is_not_drawn(name):
+    """In a randomised world the perturbed quantity has the perturbation's value everywhere."""
+    forge = read_config(world_file("forge")[0], ())
+    perturbation = PERTURBATIONS[name]
+    changed_ = perturbation.applied_to(forge)
+    for name_ in (*perturbation.values, *perturbation.factors):
+        section, key = name_.split(".")
+        assert getattr(changed_.randomize, key, None) is None
+        assert getattr(getattr(changed_, section), key) != getattr(getattr(forge, section), key)

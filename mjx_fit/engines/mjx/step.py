@@ -8,6 +8,7 @@ step is split in two: ``observe`` ends one step, ``accelerate`` begins the next.
 # pyright: reportAttributeAccessIssue=false
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import jax
 import jax.numpy as jnp
@@ -67,12 +68,15 @@ class Models:
     Attributes:
         stacked: One model, with a leading axis of pairs in its geometry.
         scene: Scene of the models.
-        slopes: Derivatives of the geometry, by name of the quantity.
     """
 
     stacked: mjx.Model
     scene: Scene
-    slopes: dict[str, Slope]
+
+    @cached_property
+    def _slopes(self) -> dict[str, Slope]:
+        """Derivatives of the geometry, by name of the quantity."""
+        return slopes(self.scene)
 
     @classmethod
     def of(cls, scene: Scene) -> "Models":
@@ -83,7 +87,7 @@ class Models:
             name: jnp.asarray(np.stack([getattr(pair, name) for pair in scene.models]), jnp.float32)
             for name in _GEOMETRY
         }
-        return cls(model.replace(**stacked), scene, slopes(scene))
+        return cls(model.replace(**stacked), scene)
 
     def of_worlds(
         self, pair: Int[Array, "n"], physics: Physics = AS_CONFIGURED
@@ -96,7 +100,7 @@ class Models:
         """
         own = {name: getattr(self.stacked, name)[pair] for name in _GEOMETRY}
         for name, by in offsets(self.scene, physics).items():
-            slope = self.slopes[name]
+            slope = self._slopes[name]
             for field, change in (("geom_pos", slope.pos), ("geom_size", slope.size)):
                 own[field] += by[:, None, None] * jnp.asarray(change, jnp.float32)[pair]
         own |= self._contact(physics, len(pair))

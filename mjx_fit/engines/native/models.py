@@ -4,13 +4,14 @@
 # pyright: reportAttributeAccessIssue=false
 
 import copy
+from functools import cached_property
 
 import mujoco
 import numpy as np
 from jaxtyping import Int
 
 from mjx_fit.scene.build import Scene
-from mjx_fit.scene.variation import CONTACT, offsets, slopes
+from mjx_fit.scene.variation import CONTACT, Slope, offsets, slopes
 from mjx_fit.types.physics import Physics
 
 
@@ -23,7 +24,10 @@ class Models:
 
     def __init__(self, scene: Scene):
         self.scene = scene
-        self._slopes = slopes(scene)
+
+    @cached_property
+    def _slopes(self) -> dict[str, Slope]:
+        return slopes(self.scene)
 
     def of(self, pair: Int[np.ndarray, "n"], physics: Physics) -> list[mujoco.MjModel]:
         """Return one model per world; worlds without contact or geometry of their own share the scene's.
