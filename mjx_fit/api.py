@@ -53,7 +53,8 @@ def load_sensor(run: Path | str | None = None) -> TrainedSensor:
     """Load the trained sensor of a training run.
 
     Args:
-        run: Folder of the run; None: the weights shipped with the package.
+        run: Folder of the run, or ``as-2026-11`` for the weights until November 2026; None: the weights
+            shipped with the package.
 
     Raises:
         RequestError: The folder contains no training run, or a damaged one.
@@ -63,7 +64,7 @@ def load_sensor(run: Path | str | None = None) -> TrainedSensor:
         >>> mf.load_sensor().config.scene.names
         ('cross', 'rectangle', 'square')
     """
-    return load_trained_sensor(resources.folder("weights") if run is None else Path(run))
+    return load_trained_sensor(resources.run_folder(run))
 
 
 def draw_attempts(

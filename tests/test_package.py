@@ -10,7 +10,7 @@ from places import ROOT
 
 from mjx_fit.utils import resources
 
-SHIPPED = ("models/panda.xml", "models/table.xml", "configs/quick.yaml")
+SHIPPED = ("models/panda.xml", "models/table.xml", "configs/quick.yaml", "configs/worlds/paper.yaml")
 
 
 @pytest.fixture(scope="module")

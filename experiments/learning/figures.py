@@ -15,7 +15,7 @@ HERE = Path(__file__).parent
 def main() -> None:
     first = results.read(HERE / "calibration.json")
     several = results.read(HERE / "sequences.json")
-    metrics = training_run.read_metrics(resources.folder("weights") / "metrics.jsonl")
+    metrics = training_run.read_metrics(resources.folder("weights-as-2026-11") / "metrics.jsonl")
     script.draw(HERE / "curve.png", lambda: training_run.training_curve(metrics))
     script.draw(HERE / "error_by_actions.png", lambda: figures.error_by_actions(first.summary))
     script.draw(HERE / "coverage.png", lambda: figures.coverage(first.trials))

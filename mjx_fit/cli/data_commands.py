@@ -5,7 +5,7 @@ from dataclasses import fields, replace
 
 from mjx_fit.cli.options import add_command, config_of, configurable, policy_of, simulating, with_policy
 from mjx_fit.cli.output import show
-from mjx_fit.cli.path_argument import path
+from mjx_fit.cli.path_argument import path, run_path
 from mjx_fit.utils.errors import WorkError
 
 # Each command imports its own dependencies, so that `mjx-fit --help` answers immediately.
@@ -33,7 +33,7 @@ def add_collect(parsers: argparse._SubParsersAction) -> None:
     )
     parser.add_argument(
         "--run",
-        type=path,
+        type=run_path,
         metavar="RUN",
         help="start later attempts from the posterior of this run's sensor (default: from drawn beliefs)",
     )

@@ -15,7 +15,7 @@ from mjx_fit.cli.options import (
     simulating,
     with_policy,
 )
-from mjx_fit.cli.path_argument import path
+from mjx_fit.cli.path_argument import path, run_path
 from mjx_fit.utils.errors import RequestError, shown
 
 if TYPE_CHECKING:
@@ -88,7 +88,7 @@ def _add_robustness(commands: Commands) -> None:
         "measure error and calibration under perturbed physics and readings",
         resumes=True,
     )
-    parser.add_argument("--run", type=path, metavar="RUN", help=RUN)
+    parser.add_argument("--run", type=run_path, metavar="RUN", help=RUN)
     parser.add_argument("--out", type=path, required=True, metavar="FILE.json")
     parser.add_argument(
         "--trials",
@@ -106,7 +106,7 @@ def _add_calibration(commands: Commands) -> None:
     parser = add_command(
         commands, "calibration", calibration, "measure the calibration of a trained sensor on a data set"
     )
-    parser.add_argument("--run", type=path, metavar="RUN", help=RUN)
+    parser.add_argument("--run", type=run_path, metavar="RUN", help=RUN)
     parser.add_argument(
         "--data", type=path, required=True, metavar="DIR", help="a data set that it was not trained on"
     )
@@ -116,7 +116,7 @@ def _add_calibration(commands: Commands) -> None:
 
 
 def _with_methods(parser: argparse.ArgumentParser, methods: str) -> None:
-    parser.add_argument("--run", type=path, metavar="RUN", help=RUN)
+    parser.add_argument("--run", type=run_path, metavar="RUN", help=RUN)
     parser.add_argument("--methods", default=methods, metavar="A,B", help="default: %(default)s")
 
 

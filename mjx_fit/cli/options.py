@@ -14,7 +14,7 @@ from mjx_fit.utils.errors import RequestError, shortened
 if TYPE_CHECKING:
     from mjx_fit.control.policies import Policy
 
-RUN = "folder of a training run (default: the weights that ship with the package)"
+RUN = "folder of a training run, or as-2026-11 (default: the weights that ship with the package)"
 _POLICY_FILE = "FILE.py:NAME, a mjx_fit.Policy or a function of PolicyInput"
 
 
@@ -119,7 +119,7 @@ def run_of(args: argparse.Namespace) -> Path:
     """Return the folder of the training run: from ``--run``, or the weights of the package."""
     from mjx_fit.utils import resources
 
-    return args.run or resources.folder("weights")
+    return args.run or resources.run_folder(None)
 
 
 def policy_of(args: argparse.Namespace) -> "Policy | None":

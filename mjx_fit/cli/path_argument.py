@@ -3,6 +3,8 @@
 import argparse
 from pathlib import Path
 
+from mjx_fit.utils import resources
+
 
 def path(text: str) -> Path:
     """Return an option's path with ``~`` and ``~user`` expanded, which shells do not do after ``--out=``.
@@ -26,3 +28,12 @@ def path(text: str) -> Path:
             f"{text!r} cannot be used: no home folder of {user} is known; write ./{user} for a folder "
             "of that name"
         ) from None
+
+
+def run_path(text: str) -> Path:
+    """Return the folder of a training run: a path as from ``path``, or the name of weights that ship.
+
+    Raises:
+        argparse.ArgumentTypeError: As from ``path``.
+    """
+    return resources.run_folder(path(text))

@@ -4,7 +4,7 @@ import argparse
 from typing import TYPE_CHECKING
 
 from mjx_fit.cli.options import RUN, add_command, config_of, configurable, run_of, simulating
-from mjx_fit.cli.path_argument import path
+from mjx_fit.cli.path_argument import path, run_path
 from mjx_fit.utils.errors import RequestError
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ def _with_what_to_play(parser: argparse.ArgumentParser, speed: float) -> None:
         metavar="RESULT.json",
         help="of evaluate assembly (default: a new assembly, by --world, --config, --set and --seed)",
     )
-    parser.add_argument("--run", type=path, metavar="RUN", help=RUN)
+    parser.add_argument("--run", type=run_path, metavar="RUN", help=RUN)
     parser.add_argument("--method", default="full", metavar="A", help="default: full")
     parser.add_argument("--trial", type=int, default=0, metavar="N", help="from 0 (default 0)")
     parser.add_argument("--attempt", type=int, metavar="K", help="only this attempt of the trial, from 1")

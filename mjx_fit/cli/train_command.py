@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from mjx_fit.cli.options import add_command, config_of, configurable
-from mjx_fit.cli.path_argument import path
+from mjx_fit.cli.path_argument import path, run_path
 from mjx_fit.config.sections.learning import MAX_EPOCHS
 from mjx_fit.utils.errors import require
 
@@ -36,7 +36,7 @@ def add_train(parsers: argparse._SubParsersAction) -> None:
     )
     parser.add_argument(
         "--init",
-        type=path,
+        type=run_path,
         metavar="RUN",
         help="start from the sensors of another run, of the same network and shapes (default: new weights)",
     )
@@ -80,6 +80,6 @@ def other_trainings() -> str:
     folder = folder.relative_to(Path.cwd()) if folder.is_relative_to(Path.cwd()) else folder
     return (
         "trained with the recipe of the weights that ship; other presets, by --config: "
-        f"{folder / 'quick.yaml'} (no frame-by-frame baseline: a third less time), "
+        f"{folder / 'quick.yaml'} (30 epochs, no frame-by-frame baseline: half the time), "
         f"{folder / 'paper.yaml'} (the paper's sensor, 5000 epochs: for an accelerator)"
     )

@@ -72,18 +72,40 @@ def extremes(config: "Config") -> Iterator["Config"]:
 
 
 def value_range(config: "Config", name: str) -> tuple[float, float]:
-    """Return the smallest and largest value that a quantity of worlds has under a configuration."""
+    """Return the smallest and largest value that a quantity has under a configuration.
+
+    A bandwidth that is not set counts as the highest.
+    """
     distribution = getattr(config.randomize, name)
     if distribution is not None:
         return distribution.support
-    section = QUANTITIES[name].section
+    section = section_of(name)
     value = getattr(getattr(config, section), name) if section else 1.0
+    value = allowed_range(name)[1] if value is None else value
     return value, value
+
+
+def not_covered(wide: "Config", narrow: "Config", names: Iterable[str]) -> list[str]:
+    """List the quantities with values under one configuration that they never have under a wider one."""
+    ranges = {name: (value_range(wide, name), value_range(narrow, name)) for name in names}
+    return [name for name, ((a, b), (low, high)) in ranges.items() if low < a or high > b]
+
+
+def difference(name: str, there: "Config", here: "Config") -> str:
+    """Describe the values of a quantity under two configurations: ``section.key is A there and B here``."""
+    values = (value_range(config, name) for config in (there, here))
+    one, other = (f"{low:g}" if low == high else f"{low:g} to {high:g}" for low, high in values)
+    return f"{section_of(name) or 'randomize'}.{name} is {one} there and {other} here"
+
+
+def section_of(name: str) -> str:
+    """Return the section that holds a quantity's constant value; empty: none does."""
+    return QUANTITIES[name].section if name in QUANTITIES else MEASURED[name]
 
 
 def allowed_range(name: str) -> tuple[float, float]:
     """Return the smallest and largest allowed value of a quantity."""
-    section = QUANTITIES[name].section if name in QUANTITIES else MEASURED[name]
+    section = section_of(name)
     if not section:
         return PART_SCALE
     annotation = {field.name: field.type for field in dataclasses.fields(_SCHEMAS[section])}[name]

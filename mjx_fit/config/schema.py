@@ -12,7 +12,8 @@ from pydantic.dataclasses import dataclass
 from mjx_fit.config import cross_section_rules, randomized, schema_errors, strict_yaml
 from mjx_fit.config.sections.fields import STRICT
 from mjx_fit.config.sections.filter import FilterConfig
-from mjx_fit.config.sections.learning import FIRST_SENSOR, FIRST_TRAIN, SensorConfig, TrainConfig
+from mjx_fit.config.sections.first import FIRST_VALUES
+from mjx_fit.config.sections.learning import SensorConfig, TrainConfig
 from mjx_fit.config.sections.measurement import PoseConfig, WristConfig
 from mjx_fit.config.sections.randomize import RandomizeConfig
 from mjx_fit.config.sections.task import TaskConfig
@@ -69,11 +70,10 @@ def config_from_stored(tree: dict[str, Any]) -> Config:
     Raises:
         RequestError: A key or value is invalid.
     """
-    then = {"sensor": FIRST_SENSOR, "train": FIRST_TRAIN}
     filled = {
-        name: dataclasses.asdict(section) | tree[name]
-        for name, section in then.items()
-        if isinstance(tree.get(name), dict)
+        name: values | tree.get(name, {})
+        for name, values in FIRST_VALUES.items()
+        if isinstance(tree.get(name, {}), dict)
     }
     if "rotation" in filled.get("sensor", {}):  # one version's name of sensor.pose
         filled["sensor"]["pose"] = "start" if filled["sensor"].pop("rotation") == "vector" else "world"
@@ -150,11 +150,19 @@ def config_from_yaml(text: str) -> Config:
     return config_from_tree(tree)
 
 
+def in_words(value: Any) -> str:
+    """Format a value of a tree; a distribution as its kind and numbers."""
+    if isinstance(value, dict):
+        given = {name: numbers for name, numbers in value.items() if numbers is not None}
+        return ", ".join(f"{name} {numbers}" for name, numbers in given.items())
+    return str(value)
+
+
 def config_differences(one: Config, other: Config) -> list[str]:
     """List the keys in which two configurations differ: ``section.key is 1 there and 2 here``."""
     there, here = config_to_tree(one), config_to_tree(other)
     return [
-        f"{section}.{key} is {value} there and {here[section][key]} here"
+        f"{section}.{key} is {in_words(value)} there and {in_words(here[section][key])} here"
         for section, values in there.items()
         for key, value in values.items()
         if value != here[section][key]

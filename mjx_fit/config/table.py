@@ -8,7 +8,8 @@ import inspect
 import re
 from typing import Any, Literal, get_args, get_origin
 
-from mjx_fit.config.schema import Config, config_to_tree
+from mjx_fit.config.quantities import MEASURED, QUANTITIES
+from mjx_fit.config.schema import Config, config_to_tree, in_words
 from mjx_fit.config.schema_errors import members, plain_and_limits
 
 WIDTH = 110
@@ -49,7 +50,7 @@ def keys(config: Config) -> list[Key]:
         Key(
             section,
             field.name,
-            _unit(field.name, field.type),
+            _unit_of(section, field.name),
             _allowed(field.type),
             default[section][field.name],
             value[section][field.name],
@@ -98,12 +99,20 @@ def _line(row: tuple[str, ...], widths: list[int]) -> str:
 def _short(value: Any) -> str:
     """Format a value briefly."""
     if not isinstance(value, list):
-        return str(value).lower() if isinstance(value, bool) else str(value)
+        return str(value).lower() if isinstance(value, bool) else in_words(value)
     items = [_short(one.get("name") if isinstance(one, dict) else one) for one in value]
     text = ", ".join(items)
     if any(isinstance(one, list) for one in value):
         return f"{len(value)} lists"
     return text if len(text) <= 16 else f"{items[0]} ... {items[-1]}"
+
+
+def _unit_of(section: str, name: str) -> str:
+    """Return the unit of a key; a distribution has that of the quantity."""
+    if section == "randomize" and name in QUANTITIES:
+        return QUANTITIES[name].unit
+    holder = getattr(Config(), MEASURED.get(name, section) if section == "randomize" else section)
+    return _unit(name, {field.name: field.type for field in dataclasses.fields(holder)}[name])
 
 
 def _unit(name: str, annotation: Any) -> str:

@@ -3,6 +3,8 @@
 from dataclasses import replace
 from typing import Any
 
+import jax
+import jax.numpy as jnp
 from jaxtyping import Float, Int
 
 from mjx_fit.config.sections.world import ControlConfig
@@ -35,6 +37,33 @@ def at_rest(tip_pos_world: Float[Array, "*n 3"]) -> Goal:
 def after(goal: Goal, next_world: Float[Array, "*n 3"]) -> Goal:
     """Return the goal at the end of an action with a new commanded goal, m."""
     return replace(goal, now_world=next_world, earlier_world=goal.now_world)
+
+
+def after_actions(
+    start_world: Float[Array, "3"],
+    tip_pos_world: Float[Array, "k 3"],
+    action_world: Float[Array, "k 3"],
+    control: ControlConfig,
+    physics: Physics = AS_CONFIGURED,
+) -> Goal:
+    """Reconstruct the goal after k recorded actions of one attempt.
+
+    Args:
+        start_world: Position of the TCP before the first action, m.
+        tip_pos_world: Positions of the TCP at the end of each action, m.
+        action_world: Commanded changes of position, m.
+        control: As in ``goal_during``.
+        physics: As in ``goal_during``.
+    """
+    before_world = jnp.concatenate([start_world[None], tip_pos_world])[:-1]
+
+    def action(goal: Goal, next_world: Array) -> tuple[Goal, None]:
+        def step(substep: Array, goal: Goal) -> Goal:
+            return goal_during(goal, next_world, substep, control, physics)[0]
+
+        return after(jax.lax.fori_loop(0, SUBSTEPS, step, goal), next_world), None
+
+    return jax.lax.scan(action, at_rest(start_world), before_world + action_world)[0]
 
 
 def goal_during(

@@ -93,7 +93,7 @@ class Policy(NamedTuple):
         >>> engine = mf.make_engine("native", policy=probe)
         >>> rollouts = engine.run(mf.draw_attempts(jax.random.key(0), 2), actions=4)
         >>> (rollouts.felt.trace.action_world[:, :, 2] < 0).tolist()
-        [[True, False, False, False], [True, False, False, False]]
+        [[True, True, False, False], [True, True, False, False]]
 
     Attributes:
         init: Maps the initial information and the attempt's key to the state before the first action.

@@ -5,7 +5,8 @@ from pathlib import Path
 from typing import Any
 
 from mjx_fit.config.schema import Config, config_to_tree
-from mjx_fit.config.sections.learning import FIRST_SENSOR, FIRST_TRAIN
+from mjx_fit.config.sections.first import FIRST_VALUES
+from mjx_fit.config.sections.learning import SensorConfig, TrainConfig
 from mjx_fit.data.manifest import Manifest
 from mjx_fit.data.manifest_schema import MAX_ACTIONS, MAX_BATCH, MAX_EPISODES, MAX_SEQUENCE
 from mjx_fit.data.schedule import POLICIES
@@ -92,7 +93,13 @@ class Plan:
             **{name: getattr(self, name) for name in ("policy", "seed", "batch", "sequence")},
             **({"sensor": self.sensor} if self.sensor else {}),
             "engine": resolve(self.engine),
-            "config": config_to_tree(replace(config, sensor=FIRST_SENSOR, train=FIRST_TRAIN)),
+            "config": config_to_tree(
+                replace(
+                    config,
+                    sensor=SensorConfig(**FIRST_VALUES["sensor"]),
+                    train=TrainConfig(**FIRST_VALUES["train"]),
+                )
+            ),
         }
 
 

@@ -31,6 +31,10 @@ _FORM: dict[str, tuple[str, tuple[int, ...]]] = {
 """Kind and shape of each array."""
 _PHYSICS = {f"physics_{name}": ("f", ()) for name in QUANTITIES}
 """Arrays of worlds with physics of their own; any of them may be missing."""
+GOALS = ("now_world", "earlier_world", "smooth_world")
+"""Fields of the controller's goal; older files lack them."""
+_GOALS = {f"goal_{name}": ("f", (3,)) for name in GOALS}
+_OPTIONAL = _PHYSICS | _GOALS
 
 
 def read(path: Path) -> dict[str, np.ndarray]:
@@ -55,8 +59,8 @@ def _read(path: Path) -> dict[str, np.ndarray]:
         raise ValueError(f"it has more than {LARGEST:,} bytes")
     with zipfile.ZipFile(path) as packed:
         names = [info.filename.removesuffix(".npy") for info in packed.infolist()]
-        if len(set(names)) < len(names) or not set(_FORM) <= set(names) <= set(_FORM | _PHYSICS):
-            raise ValueError(f"expected only {', '.join(_FORM)}, and physics")
+        if len(set(names)) < len(names) or not set(_FORM) <= set(names) <= set(_FORM | _OPTIONAL):
+            raise ValueError(f"expected only {', '.join(_FORM)}, physics and goal")
         if sum(info.file_size for info in packed.infolist()) > LARGEST:
             raise ValueError(f"it unpacks to more than {LARGEST:,} bytes")
         for name in names:
@@ -64,12 +68,14 @@ def _read(path: Path) -> dict[str, np.ndarray]:
     with np.load(path, allow_pickle=False) as kept:
         arrays = {name: kept[name] for name in names}
     _require_values(arrays)
+    if 0 < len(_GOALS.keys() & arrays) < len(_GOALS):
+        raise ValueError(f"expected all of {', '.join(_GOALS)}, or none")
     return arrays
 
 
 def _require_form(name: str, packed: zipfile.ZipFile) -> None:
     """Check the kind and shape of an array from its header, before any allocation."""
-    kind, shape = (_FORM | _PHYSICS)[name]
+    kind, shape = (_FORM | _OPTIONAL)[name]
     with packed.open(f"{name}.npy") as file:
         version = np.lib.format.read_magic(file)
         reader = (

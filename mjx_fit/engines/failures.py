@@ -9,16 +9,21 @@ from dataclasses import replace
 from pathlib import Path
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Int
 
 from mjx_fit.config.quantities import QUANTITIES
 from mjx_fit.config.schema import Config, config_from_yaml, config_to_yaml
+from mjx_fit.control import goals
+from mjx_fit.control.goals import Goal
 from mjx_fit.control.policies import OWN, Policy
 from mjx_fit.engines import failure_file
+from mjx_fit.engines.failure_file import GOALS
 from mjx_fit.engines.interface import Engine
 from mjx_fit.engines.native.engine import NativeEngine
 from mjx_fit.engines.plausible import reason
+from mjx_fit.sensors.pose import start_of
 from mjx_fit.types import Attempt, Rollout
 from mjx_fit.types.physics import Physics, drawn
 from mjx_fit.utils import files
@@ -68,6 +73,7 @@ def report(
             "key": jax.random.key_data(attempts.key[i]),
             **{name: np.asarray(getattr(attempts, name))[i] for name in _PLAIN},
             **{f"physics_{name}": np.asarray(leaf)[i] for name, leaf in drawn(attempts.physics).items()},
+            **{f"goal_{name}": leaf for name, leaf in vars(goal_before(rollouts, int(i), config)).items()},
         }
         files.replace_with(path, lambda temporary, arrays=arrays: _save(temporary, arrays))
         if place < MOST_LINES:
@@ -78,6 +84,20 @@ def report(
     if len(broken) > MOST_LINES:
         _say(f"{len(broken) - MOST_LINES} more episodes of this batch are left out, too; see {folder}")
     return len(broken)
+
+
+def goal_before(rollouts: Rollout, row: int, config: Config) -> Goal:
+    """Reconstruct the controller's goal before the last action of an attempt, NumPy arrays (3,)."""
+    felt = rollouts.felt
+    earlier = max(int(felt.length[row]) - 1, 0)
+    goal = goals.after_actions(
+        jnp.asarray(start_of(felt, config.scene).pos_world[row]),
+        jnp.asarray(felt.trace.tip_pos_world[row, :earlier]),
+        jnp.asarray(felt.trace.action_world[row, :earlier]),
+        config.control,
+        jax.tree.map(lambda leaf: jnp.asarray(leaf)[row], rollouts.truth.physics),
+    )
+    return jax.tree.map(np.asarray, goal)
 
 
 def kept_in(folder: Path) -> int:
@@ -102,19 +122,23 @@ def replay(path: Path, policy: Policy | None = None) -> Rollout:
     if int(kept["policy"]) == OWN and policy is None:
         raise RequestError(f"replay: {path} needs the custom policy of its engine: pass it as policy")
     config = config_from_yaml(str(kept["config"]))
-    key = jax.random.wrap_key_data(jax.numpy.asarray(kept["key"])[None], impl=KEY_IMPL)
+    key = jax.random.wrap_key_data(jnp.asarray(kept["key"])[None], impl=KEY_IMPL)
     own = {name: kept[f"physics_{name}"][None] for name in QUANTITIES if f"physics_{name}" in kept}
     plain = {name: kept[name][None] for name in _PLAIN}
     attempt = Attempt(key=key, physics=Physics(**own), **plain)
     step, horizon = int(kept["step"]), int(kept["horizon"])
-    return NativeEngine(config, 1, policy).act(attempt, kept["qpos"][None], kept["qvel"][None], step, horizon)
+    goal = None  # older versions did not keep it
+    if f"goal_{GOALS[0]}" in kept:
+        goal = Goal(**{name: kept[f"goal_{name}"][None] for name in GOALS})
+    engine = NativeEngine(config, 1, policy)
+    return engine.act(attempt, kept["qpos"][None], kept["qvel"][None], step, horizon, goal)
 
 
 def as_run(attempts: Attempt, engine: Engine) -> Attempt:
     """Return the attempts with the index of the policy that the engine follows, to be stored."""
     if engine.policy_name is None:
         return attempts
-    return replace(attempts, policy=jax.numpy.full_like(attempts.policy, OWN))
+    return replace(attempts, policy=jnp.full_like(attempts.policy, OWN))
 
 
 class Reporting:

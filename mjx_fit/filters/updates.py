@@ -14,7 +14,7 @@ from mjx_fit.config.sections.filter import FilterConfig
 from mjx_fit.filters import histogram, kalman
 from mjx_fit.types import Array, Belief, Observation
 
-NONE = FilterConfig()
+NONE = FilterConfig(gate=0, correlation=0, match_temperature=1)
 """No safeguards, as in the paper."""
 
 

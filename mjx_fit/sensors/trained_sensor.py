@@ -4,10 +4,21 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from mjx_fit.config.quantities import MEASURED, QUANTITIES
+from mjx_fit.config.randomized import difference, not_covered
 from mjx_fit.config.schema import Config, config_differences
-from mjx_fit.config.sections.learning import SensorConfig, TrainConfig
 from mjx_fit.sensors.contact_sensor import ContactSensor
 from mjx_fit.utils.errors import RequestError
+
+_SEEN = (
+    *(
+        f"{section}."
+        for section in ("scene", "control", "arm", "spiral", "random", "detector", "wrist", "pose")
+    ),
+    "task.attempt_actions ",
+    "task.insertion_depth_m ",
+)
+"""What a sensor's traces depend on."""
 
 
 @dataclass(frozen=True)
@@ -17,8 +28,8 @@ class TrainedSensor:
     Example:
         >>> import mjx_fit as mf
         >>> sensor = mf.load_sensor()
-        >>> sensor.differences(mf.load_config(None, "scene.friction=0.6"))
-        ['scene.friction is 0.3 there and 0.6 here']
+        >>> sensor.differences(mf.load_config(None, "scene.friction=0.1"))
+        ['scene.friction is 0.25 to 1.25 there and 0.1 here']
 
     Attributes:
         network: The neural network.
@@ -52,8 +63,18 @@ class TrainedSensor:
         return replace(config, sensor=trained.sensor, train=trained.train)
 
     def differences(self, config: Config) -> list[str]:
-        """List the keys outside ``sensor`` and ``train`` that differ from the training configuration."""
-        return config_differences(*(_without_network(one) for one in (self.config, config)))
+        """List what is new to the sensor: ``section.key is A there and B here``.
+
+        These are quantities with values that they never had in training, and other keys of the physics, the
+        measurements and the attempt whose values differ.
+        """
+        quantities = (*QUANTITIES, *MEASURED)
+        new = not_covered(self.config, config, quantities)
+        return [difference(name, self.config, config) for name in new] + [
+            words
+            for words in config_differences(self.config, config)
+            if words.startswith(_SEEN) and words.partition(".")[2].partition(" ")[0] not in quantities
+        ]
 
     def say_if_away(self, config: Config, doing: str) -> None:
         """Print a note to stderr if a configuration differs from that of training."""
@@ -74,7 +95,3 @@ def away_from_training(differences: Sequence[str]) -> str:
         return ""
     more = f" (and {len(words) - 1} more)" if len(words) > 1 else ""
     return f"settings differ from the sensor's training: {words[0]}{more}"
-
-
-def _without_network(config: Config) -> Config:
-    return replace(config, sensor=SensorConfig(), train=TrainConfig())

@@ -14,7 +14,6 @@ import numpy as np
 from jaxtyping import Float
 
 from mjx_fit.config.schema import Config
-from mjx_fit.config.sections.measurement import PoseConfig, WristConfig
 from mjx_fit.config.sections.randomize import RandomizeConfig
 from mjx_fit.engines.requests import require_count
 from mjx_fit.filters.outcome_model import success_probability
@@ -80,13 +79,12 @@ class BeliefTracker:
         self.tries = np.zeros(len(places), np.int32)
         self._peg: int | None = None
         # A logged trace already contains the errors of the robot's own sensors.
-        silent = WristConfig(
-            force_noise_n=0.0,
-            torque_xy_noise_nm=0.0,
-            torque_z_noise_nm=0.0,
-            contact_force_n=self._config.wrist.contact_force_n,
+        as_logged = replace(
+            self._config,
+            wrist=self._config.wrist.without_errors(),
+            pose=self._config.pose.without_errors(),
+            randomize=RandomizeConfig(),
         )
-        as_logged = replace(self._config, wrist=silent, pose=PoseConfig(), randomize=RandomizeConfig())
         self._update = filter_update(as_logged, sensor.network)
 
     def choose(self, peg: str) -> int:

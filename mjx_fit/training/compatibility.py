@@ -9,7 +9,7 @@ from pydantic import Field, TypeAdapter
 from typing_extensions import TypedDict
 
 from mjx_fit.config.quantities import QUANTITIES
-from mjx_fit.config.randomized import value_range
+from mjx_fit.config.randomized import difference, not_covered
 from mjx_fit.config.schema import Config, config_differences, config_from_stored
 from mjx_fit.data.episode import Episode
 from mjx_fit.data.manifest_schema import MAX_EPISODES
@@ -133,7 +133,7 @@ def require_world(request: dict[str, Any], config: Config) -> None:
     """
     there = config_from_stored(request["config"])
     differences = [words for words in config_differences(there, config) if _matters(words)]
-    differences += [words for name in QUANTITIES if (words := _beyond(name, there, config))]
+    differences += [difference(name, there, config) for name in not_covered(config, there, QUANTITIES)]
     if differences:
         raise RequestError(
             f"--data: not usable with this configuration: {differences[0]}; use the --config and --set "
@@ -145,14 +145,3 @@ def _matters(words: str) -> bool:
     """Return True for a difference in a world's constants; quantities have ranges."""
     section, _, rest = words.partition(".")
     return section in WORLD and rest.partition(" ")[0] not in QUANTITIES
-
-
-def _beyond(name: str, there: Config, here: Config) -> str:
-    """Describe a quantity whose values in the data are outside its range here; empty if there are none."""
-    (low, high), (least, most) = value_range(there, name), value_range(here, name)
-    if least <= low and high <= most:
-        return ""
-    key = f"{QUANTITIES[name].section or 'randomize'}.{name}"
-    if low == high and least == most:
-        return f"{key} is {low} there and {least} here"
-    return f"{key} is {low:g} to {high:g} there and {least:g} to {most:g} here"

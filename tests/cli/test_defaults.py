@@ -12,13 +12,14 @@ from mjx_fit.cli.parser import parser
 from mjx_fit.config.files import read_config, read_stored_config
 from mjx_fit.config.schema import Config, config_differences, config_to_yaml
 from mjx_fit.config.sections.learning import SensorConfig, TrainConfig
+from mjx_fit.config.worlds import world_file
 from mjx_fit.data.manifest import Manifest
 from mjx_fit.data.plan import Plan, plan_of
 from mjx_fit.training.checkpoint import load_sensor
 from mjx_fit.utils import resources
 from mjx_fit.utils.errors import RequestError
 
-REQUESTS = "96cdfe8fb487884bb1cb73cb864bcddf"
+REQUESTS = "0d521e26a86a846daf4045b4fd5555bf"
 """Digest of two requests as they were stored when the paper's sensor and training were the defaults."""
 
 
@@ -74,7 +75,11 @@ def test_stored_requests_do_not_follow_the_defaults():
 
 def test_train_without_a_preset_is_the_training_that_ships():
     ships = read_config(resources.folder("weights") / "config.yaml")
-    assert ships == Config() == read_config(resources.folder("configs") / "cpu.yaml")
+    cpu = read_config(resources.folder("configs") / "cpu.yaml")
+    assert cpu == Config()
+    assert (ships.sensor, ships.train) == (cpu.sensor, cpu.train)
+    for section in ("scene", "control", "arm", "wrist", "detector", "randomize"):
+        assert getattr(ships, section) == getattr(read_config(world_file("forge")), section), section
 
 
 def test_presets_mean_what_they_meant():
@@ -92,6 +97,7 @@ def test_presets_mean_what_they_meant():
         noise="peg",
         reference="estimate",
         contact_features=False,
+        pose="world",
         places=0,
     )
     assert paper.train == TrainConfig(
@@ -110,7 +116,10 @@ def test_presets_mean_what_they_meant():
         baseline_share=1.0,
     )
     quick = read_config(folder / "quick.yaml")
-    assert config_differences(Config(), quick) == ["train.baseline_share is 0.5 there and 0.0 here"]
+    assert config_differences(Config(), quick) == [
+        "train.epochs is 50 there and 30 here",
+        "train.baseline_share is 0.2 there and 0.0 here",
+    ]
     demo = read_config(folder / "demo.yaml")
     assert config_differences(Config(), demo) == [
         "task.max_attempts is 30 there and 10 here",

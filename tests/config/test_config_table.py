@@ -53,8 +53,17 @@ def test_every_key_is_there_with_unit_and_description(table):
         assert key.default == key.value == tree[key.section][key.name]
         assert len(key.description) > 5, name
         words = isinstance(key.default, bool | str) or name == "scene.shapes"
-        assert (key.unit == "-") == words or key.section == "randomize", name
-    assert {name for name, key in table.items() if key.unit == "1"} == PURE
+        assert (key.unit == "-") == words, name
+    pure = {name for name, key in table.items() if key.unit == "1"}
+    assert {name for name in pure if not name.startswith("randomize.")} == PURE
+    for name, key in table.items():
+        if key.section == "randomize" and name != "randomize.part_scale":
+            (constant,) = (
+                other
+                for other in table.values()
+                if other.name == key.name and other.section in ("scene", "control", "arm", "wrist", "pose")
+            )
+            assert key.unit == constant.unit, name
     assert table["scene.clearance_m"].unit == table["task.error_knots_m"].unit == "m"
     assert table["wrist.torque_z_noise_nm"].unit == "N·m"
     assert table["control.kp_position"].unit == "1/s²"

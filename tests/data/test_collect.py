@@ -14,11 +14,12 @@ from synthetic import with_truth
 
 from mjx_fit.config.files import read_config
 from mjx_fit.config.schema import Config
+from mjx_fit.config.worlds import world_file
 from mjx_fit.control.policies import SPIRAL
 from mjx_fit.data import hdf5, reader
 from mjx_fit.data.manifest import read_manifest, write_manifest
 from mjx_fit.data.merge import merge
-from mjx_fit.data.plan import Plan
+from mjx_fit.data.plan import Plan, plan_of
 from mjx_fit.data.schedule import pair_of, policy_of
 from mjx_fit.data.sequences import Sequences
 from mjx_fit.engines.native.engine import NativeEngine
@@ -224,15 +225,16 @@ def test_a_data_set_of_an_older_version_is_its_own(folder, collect, tmp_path):
     older = tmp_path / "older"
     shutil.copytree(folder, older)
     manifest = read_manifest(older)
-    config = dict(manifest.request["config"])
+    then = world_file("as-2026-11")
+    config = plan_of(manifest).request(read_config(then))["config"]
     config["scene"] = {name: value for name, value in config["scene"].items() if name != "slip_time_s"}
     del config["pose"]
     write_manifest(older, replace(manifest, request=manifest.request | {"config": config}))
     before = files_of(older)
-    collect(older)
+    collect(older, read_config(then))
     assert files_of(older) == before
     with pytest.raises(RequestError, match=r"its config differs: scene.friction is 0.3 there and 0.2 here"):
-        collect(older, read_config(None, ["scene.friction=0.2"]))
+        collect(older, read_config(then, ["scene.friction=0.2"]))
 
 
 def test_folder_of_another_run_is_refused_and_untouched(folder, collect, tmp_path):

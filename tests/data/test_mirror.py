@@ -10,14 +10,13 @@ from scipy.spatial.transform import Rotation
 from synthetic import make_rollouts
 
 from mjx_fit.config.schema import Config
-from mjx_fit.config.sections.measurement import WristConfig
+from mjx_fit.config.sections.measurement import PoseConfig, WristConfig
 from mjx_fit.control import policies
 from mjx_fit.data.mirror import mirror_belief, mirror_place, mirror_reading
 from mjx_fit.engines.native.engine import NativeEngine
 from mjx_fit.sensors.force_torque import Window, centre_of_pressure, peak_force, read_window, touched
 from mjx_fit.types import Attempt, Belief, Reading
 
-SILENT = WristConfig(force_noise_n=0.0, torque_xy_noise_nm=0.0, torque_z_noise_nm=0.0)
 ACTIONS = 12
 
 
@@ -49,13 +48,13 @@ def attempts(side: float) -> Attempt:
 
 
 def test_the_mirrored_reading_is_that_of_the_mirrored_world():
-    config = Config()
+    config = Config(wrist=WristConfig().without_errors(), pose=PoseConfig().without_errors())
     readings = []
     for side in (1.0, -1.0):
         done = NativeEngine(config, threads=2, policy=circle(side)).run(attempts(side), ACTIONS)
         assert touched(done.felt, config.wrist)[:, 1:].any(1).all()
         readings.append(
-            jax.vmap(lambda one, key: read_window(one, key, replace(config, wrist=SILENT), Window(ACTIONS)))(
+            jax.vmap(lambda one, key: read_window(one, key, config, Window(ACTIONS)))(
                 jax.tree.map(jnp.asarray, done.felt), jax.random.split(jax.random.key(1), 9)
             )
         )

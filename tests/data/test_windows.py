@@ -11,15 +11,22 @@ from hypothesis import strategies as st
 from synthetic import make_episodes, with_truth
 
 from mjx_fit.config.schema import Config
-from mjx_fit.config.sections.learning import TrainConfig
-from mjx_fit.config.sections.measurement import WristConfig
+from mjx_fit.config.sections.learning import SensorConfig, TrainConfig
+from mjx_fit.config.sections.measurement import PoseConfig, WristConfig
 from mjx_fit.data.split import split_sequences
 from mjx_fit.data.windows import MIN_ACTIONS, chains, sample_windows, usable
 from mjx_fit.scene.parts import plate_top_m
 from mjx_fit.utils.errors import RequestError
 
-CLEAN = WristConfig(force_noise_n=0.0, torque_xy_noise_nm=0.0, torque_z_noise_nm=0.0)
-CONFIG = Config(wrist=CLEAN, train=TrainConfig(min_window=4, max_window=10, mirror=False))
+CLEAN = WristConfig().without_errors()
+CONFIG = Config(
+    wrist=CLEAN,
+    pose=PoseConfig().without_errors(),
+    sensor=SensorConfig(pose="world"),
+    train=TrainConfig(min_window=4, max_window=10, mirror=False),
+)
+NOISE = {"force_noise_n": 0.1, "torque_xy_noise_nm": 0.005, "torque_z_noise_nm": 0.003}
+WHITE = replace(CLEAN, **NOISE)
 EPISODES = 24
 DATA = make_episodes(EPISODES, actions=16, min_length=3)
 ALL = jnp.arange(EPISODES)
@@ -29,7 +36,7 @@ COPIES = 60
 @pytest.fixture(scope="module")
 def many():
     """One noisy window from each of many copies of the episodes: leaves (copies, episodes, ...), NumPy."""
-    config = replace(CONFIG, wrist=WristConfig())
+    config = replace(CONFIG, wrist=WHITE)
     copies = jax.tree.map(lambda x: jnp.concatenate([x] * COPIES), DATA)
     sample = sample_windows(copies, jnp.arange(COPIES * EPISODES), jax.random.key(5), config)
     return jax.tree.map(lambda x: np.asarray(x).reshape(COPIES, EPISODES, *x.shape[1:]), sample)
@@ -95,7 +102,7 @@ def test_both_kinds_of_windows_come_from_inserted_interactions(many):
 
 
 def test_draws_depend_on_key_and_episode_and_not_on_the_batch(many):
-    config = replace(CONFIG, wrist=WristConfig())
+    config = replace(CONFIG, wrist=WHITE)
     some = sample_windows(DATA, jnp.array([7, 2]), jax.random.key(5), config)
     # To the last bit but for what is computed from the draws, where rounding depends on the batch's shape.
     same = replace(some, reading=replace(some.reading, pressure_tip=many.reading.pressure_tip[0, [7, 2]]))
@@ -107,7 +114,7 @@ def test_draws_depend_on_key_and_episode_and_not_on_the_batch(many):
 
 
 def test_noise_has_the_sensors_sigmas_and_the_tare_its_share():
-    wrist = WristConfig(force_noise_n=0.1, torque_xy_noise_nm=0.005, torque_z_noise_nm=0.003, tare_samples=4)
+    wrist = replace(WHITE, tare_samples=4)
     # The window is the whole episode, so that it is known which clean rows it shows.
     config = replace(CONFIG, wrist=wrist, train=TrainConfig(min_window=16, max_window=16, mirror=False))
     copies = jax.tree.map(lambda x: jnp.concatenate([x] * 40), DATA)

@@ -9,7 +9,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjx_fit.config.schema import Config
+from mjx_fit.config.files import read_config
+from mjx_fit.config.worlds import world_file
 from mjx_fit.control import policies
 from mjx_fit.control.policies import SPIRAL
 from mjx_fit.data import collect, hdf5, reader
@@ -23,7 +24,7 @@ from mjx_fit.sensors.force_torque import Window, read_window
 from mjx_fit.types import Attempt
 from mjx_fit.utils.errors import RequestError
 
-CONFIG = Config()
+CONFIG = read_config(world_file("paper"))
 
 
 def test_forces_are_pushes_and_not_artefacts(native):
@@ -104,7 +105,7 @@ def test_a_policy_remembers_and_sees_what_the_robot_measures(rollouts):
         trace, tare = done.felt.trace, done.felt.tare_sensor
         force = (trace.wrench_sensor - tare[:, None, None])[..., :3]
         touched = np.square(force).sum(-1).mean(-1) > CONFIG.wrist.contact_force_n**2
-        assert 0.5 < touched.mean() < 1
+        assert 0.4 < touched.mean() < 1
         contacts = np.cumsum(touched, 1)
         for step in range(4):
             before, any_before = max(step - 1, 0), step > 0

@@ -74,7 +74,12 @@ def test_what_left_is_stopped_named_and_alone(why, native, tmp_path, capsys):
     last = int(done.felt.length[first]) - 1
     one, row = jax.tree.map(lambda leaf: leaf[first : first + 1], attempts), slice(first, first + 1)
     again = engine.act(
-        one, np.asarray(done.truth.end_qpos)[row], np.asarray(done.truth.end_qvel)[row], last, actions
+        one,
+        np.asarray(done.truth.end_qpos)[row],
+        np.asarray(done.truth.end_qvel)[row],
+        last,
+        actions,
+        jax.tree.map(lambda leaf: leaf[None], failures.goal_before(done, first, CONFIG)),
     )
     assert again.felt.trace.tip_pos_world[0, last] == pytest.approx(
         done.felt.trace.tip_pos_world[first, last], abs=1e-3

@@ -12,10 +12,9 @@ from scipy.stats import chi2
 from synthetic import make_rollouts
 
 from mjx_fit.config.schema import Config
-from mjx_fit.config.sections.filter import FilterConfig
 from mjx_fit.config.sections.learning import SensorConfig
 from mjx_fit.filters import kalman
-from mjx_fit.filters.updates import initial_belief, update_position
+from mjx_fit.filters.updates import NONE, initial_belief, update_position
 from mjx_fit.sensors.contact_sensor import ContactSensor
 from mjx_fit.task.estimator import filter_update
 from mjx_fit.types import Observation
@@ -53,7 +52,7 @@ def observed(innovation) -> Observation:
 def test_an_improbable_reading_widens_the_belief():
     belief = replace(initial_belief(jnp.zeros(2), 0.01, 3), pos_cov=jnp.asarray(1e-2 * SIGMA))
     reading = observed([0.05, 0.0])
-    plain, cautious = (update_position(belief, reading, FilterConfig(gate)) for gate in (0.0, GATE))
+    plain, cautious = (update_position(belief, reading, replace(NONE, gate=gate)) for gate in (0.0, GATE))
     np.testing.assert_allclose(plain.pos_mean_world, cautious.pos_mean_world, rtol=1e-4)
     assert np.linalg.det(plain.pos_cov) < np.linalg.det(belief.pos_cov)
     assert np.linalg.det(cautious.pos_cov) > np.linalg.det(belief.pos_cov)
@@ -64,7 +63,7 @@ def test_an_improbable_reading_widens_the_belief():
 def test_a_probable_reading_is_kalmans():
     belief = replace(initial_belief(jnp.zeros(2), 0.01, 3), pos_cov=jnp.asarray(SIGMA))
     reading = observed([0.005, 0.002])
-    plain, gated = (update_position(belief, reading, FilterConfig(gate)) for gate in (0.0, GATE))
+    plain, gated = (update_position(belief, reading, replace(NONE, gate=gate)) for gate in (0.0, GATE))
     np.testing.assert_allclose(plain.pos_cov, gated.pos_cov, rtol=1e-5)
 
 
@@ -85,7 +84,7 @@ def test_a_temperature_flattens_the_match_classification_in_the_estimator():
     keys = jax.random.split(jax.random.key(0), 3)
 
     def types(temperature, *, learns=True):
-        config = Config(sensor=SMALL, filter=FilterConfig(match_temperature=temperature))
+        config = Config(sensor=SMALL, filter=replace(NONE, match_temperature=temperature))
         sensor = ContactSensor(SMALL, nnx.Rngs(0))
         update = filter_update(config, sensor, learns_position=False, learns_type=learns)
         return np.asarray(update(beliefs, felt, keys).type_logp)

@@ -116,8 +116,10 @@ def test_sizes_of_errors_are_drawn_for_each_reading():
     assert 0.1 <= float(wrist.force_noise_n) <= 1.0
     assert 0 <= float(pose.delay_s) <= 0.02
     assert FORGE.wrist.force_noise_n == Config().wrist.force_noise_n  # the configuration stays as it is
-    plain = draw_errors(jax.random.key(0), Config())
-    assert plain == (Config().wrist, Config().pose)
+    assert draw_errors(jax.random.key(0), Config()) == (Config().wrist, Config().pose)
+    paper = read_config(world_file("paper"))
+    plain = draw_errors(jax.random.key(0), paper)
+    assert plain == (paper.wrist, paper.pose)
     assert is_exact(plain[1])
     assert is_undistorted(plain[0])
     assert not is_exact(pose)

@@ -17,7 +17,7 @@ from synthetic import with_truth
 from mjx_fit.config.files import read_config
 from mjx_fit.config.schema import Config, config_from_tree, config_from_yaml, config_to_tree, config_to_yaml
 from mjx_fit.config.sections.shape import SHAPES, Shape
-from mjx_fit.config.sections.task import TaskConfig
+from mjx_fit.config.sections.task import DEFAULT_ALPHA, TaskConfig
 from mjx_fit.config.sections.world import SceneConfig
 from mjx_fit.data.schedule import draw_attempts, pair_of, policy_of
 from mjx_fit.engines.native.engine import NativeEngine
@@ -76,9 +76,9 @@ def test_policies_alternate_from_one_time_to_the_next_where_a_pair_comes_again_a
 @pytest.mark.parametrize("n", TYPES)
 def test_the_default_rates_of_other_shapes_are_the_mean_of_ours(n):
     config = config_of(n)
-    assert constant_matrix(config.task) == pytest.approx(np.eye(n) * (0.118 + 0.162 + 0.117) / 3, abs=1e-6)
+    assert constant_matrix(config.task) == pytest.approx(np.eye(n) * sum(DEFAULT_ALPHA) / 3, abs=1e-6)
     assert config_from_yaml(config_to_yaml(config)) == config
-    assert Config().task.success_probability == (0.118, 0.162, 0.117)
+    assert Config().task.success_probability == DEFAULT_ALPHA
     covariance = replace(config, task=replace(config.task, outcome_model="covariance"))
     got = success_probability(covariance, jnp.eye(2) * 1e-6)
     assert (np.diag(got) > 0.9).all()

@@ -14,6 +14,7 @@ from synthetic import PAPER_SENSOR, make_rollouts
 from mjx_fit.config.schema import Config
 from mjx_fit.config.sections.learning import SensorConfig
 from mjx_fit.sensors.contact_sensor import (
+    MEASURABLE,
     MIN_INPUT_STD,
     ContactSensor,
     InputScale,
@@ -169,12 +170,13 @@ def test_every_parameter_has_a_gradient():
 def test_inputs_are_scaled_by_the_real_rows_only():
     sensor, reading = PLAIN, make_reading(32, seed=9)
     real = np.asarray(reading.mask)
-    for scale, rows in (
-        (sensor.wrench_scale[...], np.asarray(reading.wrench_sensor)[real].reshape(-1, 6)),
-        (sensor.row_scale[...], np.asarray(row_features(reading))[real]),
+    features = np.asarray(row_features(reading, as_vector=True))[real]
+    for scale, rows, least in (
+        (sensor.wrench_scale[...], np.asarray(reading.wrench_sensor)[real].reshape(-1, 6), MIN_INPUT_STD),
+        (sensor.row_scale[...], features, MEASURABLE[: features.shape[1]]),
     ):
         np.testing.assert_allclose(scale[0], rows.mean(0), rtol=1e-3, atol=1e-4)
-        np.testing.assert_allclose(scale[1], np.maximum(rows.std(0), MIN_INPUT_STD), rtol=1e-3)
+        np.testing.assert_allclose(scale[1], np.maximum(rows.std(0), least), rtol=1e-3)
 
 
 def test_a_rotation_vector_does_not_depend_on_the_sign_of_a_quaternion():

@@ -17,6 +17,8 @@ from mjx_fit.sensors.force_torque import Window, read_window
 from mjx_fit.types import Felt
 from mjx_fit.utils.errors import RequestError
 
+EXACT = WristConfig().without_errors()
+
 TARE = np.array([0.5, -0.2, 4.0, 0.01, 0.02, 0.0], np.float32)
 KEY = jax.random.key(5)
 
@@ -38,12 +40,14 @@ def seen(wrist: WristConfig, clean: np.ndarray, key=KEY, start: int = 0) -> np.n
 
 
 def test_without_errors_nothing_changes():
-    assert is_undistorted(WristConfig())
-    assert (seen(WristConfig(), wrench()) == wrench() - TARE).all()
+    assert is_undistorted(EXACT)
+    assert (seen(EXACT, wrench()) == wrench() - TARE).all()
 
 
 def test_bias_and_drift_are_lines_in_time():
-    wrist = WristConfig(force_bias_n=0.3, torque_bias_nm=0.01, force_drift_nps=0.02, torque_drift_nmps=0.001)
+    wrist = replace(
+        EXACT, force_bias_n=0.3, torque_bias_nm=0.01, force_drift_nps=0.02, torque_drift_nmps=0.001
+    )
     assert not is_undistorted(wrist)
     error = (seen(wrist, wrench()) - (wrench() - TARE)).reshape(-1, 6)
     time = 0.002 * np.arange(len(error))
@@ -55,7 +59,7 @@ def test_bias_and_drift_are_lines_in_time():
 
 
 def test_their_sizes_are_those_of_the_configuration():
-    wrist = WristConfig(force_bias_n=0.3, torque_bias_nm=0.01, gain_error=0.03, cross_talk=0.02)
+    wrist = replace(EXACT, force_bias_n=0.3, torque_bias_nm=0.01, gain_error=0.03, cross_talk=0.02)
     one = np.zeros((1, 50, 6), np.float32) + TARE
     keys = jax.random.split(KEY, 400)
     bias = np.stack([seen(wrist, one, key)[0, 0] for key in keys[:200]])
@@ -76,12 +80,12 @@ def test_the_low_pass_is_scipys():
     clean = wrench()
     x = (clean - TARE).reshape(-1, 6)
     expected, _ = lfilter([share], [1, share - 1], x, axis=0, zi=(1 - share) * x[:1])
-    found = seen(WristConfig(bandwidth_hz=cutoff), clean).reshape(-1, 6)
+    found = seen(replace(EXACT, bandwidth_hz=cutoff), clean).reshape(-1, 6)
     np.testing.assert_allclose(found, expected, atol=1e-4)
 
 
 def test_a_slow_sensor_holds_its_samples_noise_included():
-    config = Config(wrist=WristConfig(rate_hz=100.0))
+    config = Config(wrist=replace(EXACT, rate_hz=100.0))
     felt = upright(make_rollouts(2, actions=12).felt)
     reading = read_window(felt[0], KEY, config, Window(12))
     found = np.asarray(reading.wrench_sensor)[np.asarray(reading.mask)].reshape(-1, 5, 6)
@@ -90,7 +94,7 @@ def test_a_slow_sensor_holds_its_samples_noise_included():
 
 
 def test_it_saturates_tare_and_noise_included():
-    wrist = WristConfig(force_range_n=10.0, torque_range_nm=1.0)
+    wrist = replace(EXACT, force_range_n=10.0, torque_range_nm=1.0)
     tared = wrench() - TARE
     tared[0, 0] = [0, 0, 500, 0, 0, -9]
     raw = np.asarray(sampled(jnp.asarray(tared), jnp.asarray(TARE), wrist)) + TARE
@@ -111,7 +115,7 @@ def test_keys_of_a_reading_differ():
 
 
 def test_a_reading_has_the_errors_and_depends_on_its_key_alone():
-    config = Config(wrist=WristConfig(force_bias_n=0.5, bandwidth_hz=40.0))
+    config = Config(wrist=replace(EXACT, force_bias_n=0.5, bandwidth_hz=40.0))
     felt = upright(make_rollouts(2, actions=8).felt)
     one, other, again = (read_window(felt[0], jax.random.key(i), config, Window(8)) for i in (0, 1, 0))
     np.testing.assert_array_equal(one.wrench_sensor, again.wrench_sensor)

@@ -15,6 +15,8 @@ from mjx_fit.config.sections.measurement import PoseConfig
 from mjx_fit.sensors.pose import canonical, from_down, is_exact, measured_trace, rotation_from_down, turned
 from mjx_fit.types import Trace
 
+EXACT = PoseConfig().without_errors()
+
 KEYS = jax.random.split(jax.random.key(3))
 vectors = st.lists(st.floats(-1.5, 1.5), min_size=3, max_size=3).map(np.array)
 
@@ -62,9 +64,9 @@ def test_the_gradient_at_straight_down_is_finite():
 
 
 def test_without_errors_nothing_changes():
-    assert is_exact(PoseConfig())
+    assert is_exact(EXACT)
     trace = trace_of()
-    seen = measure(trace, PoseConfig())
+    seen = measure(trace, EXACT)
     np.testing.assert_array_equal(seen.tip_pos_world, trace.tip_pos_world)
     np.testing.assert_allclose(seen.tip_quat_world, canonical(trace.tip_quat_world), atol=1e-6)
 
@@ -79,7 +81,7 @@ def test_without_errors_nothing_changes():
 )
 def test_noise_is_white_with_its_sigma_and_in_its_field_alone(key, field):
     trace = trace_of(64, 20)
-    pose = PoseConfig(**{key: 0.004})
+    pose = replace(EXACT, **{key: 0.004})
     assert not is_exact(pose)
     seen = measure(trace, pose)
     noise = np.asarray(getattr(seen, field) - getattr(trace, field))
@@ -91,14 +93,14 @@ def test_noise_is_white_with_its_sigma_and_in_its_field_alone(key, field):
 
 def test_orientation_noise_is_a_turn_of_its_sigma():
     trace = trace_of(64, 20)
-    seen = measure(trace, PoseConfig(orientation_noise_rad=0.003))
+    seen = measure(trace, replace(EXACT, orientation_noise_rad=0.003))
     away = of_scipy(seen.tip_quat_world.reshape(-1, 4)) * of_scipy(trace.tip_quat_world.reshape(-1, 4)).inv()
     assert away.as_rotvec().std() == pytest.approx(0.003, rel=0.05)
 
 
 def test_offsets_are_constant_in_an_attempt_and_their_own_in_each():
     trace = trace_of(200)
-    pose = PoseConfig(position_offset_m=0.001, height_offset_m=0.002)
+    pose = replace(EXACT, position_offset_m=0.001, height_offset_m=0.002)
     offset = np.asarray(measure(trace, pose).tip_pos_world - trace.tip_pos_world)
     np.testing.assert_allclose(offset, offset[:, :1].repeat(offset.shape[1], 1), atol=1e-6)
     assert offset[:, 0, :2].std() == pytest.approx(0.001, rel=0.15)
@@ -127,7 +129,7 @@ def test_a_delay_shows_where_the_tip_was():
         tip_linvel_world=jnp.tile(jnp.asarray(velocity), (10, 1)),
         tip_angvel_world=jnp.tile(jnp.asarray(spin), (10, 1)),
     )
-    seen = measured_trace(trace, KEYS[0], KEYS[1], PoseConfig(delay_s=0.02))
+    seen = measured_trace(trace, KEYS[0], KEYS[1], replace(EXACT, delay_s=0.02))
     before, turned_before = at(time - 0.02)
     np.testing.assert_allclose(seen.tip_pos_world, before, atol=1e-6)
     assert (of_scipy(seen.tip_quat_world) * of_scipy(turned_before).inv()).magnitude().max() < 1e-3
@@ -136,7 +138,7 @@ def test_a_delay_shows_where_the_tip_was():
 
 def test_a_delay_of_one_action_shows_the_row_before():
     trace = trace_of(3)
-    seen = measure(trace, PoseConfig(delay_s=0.1))
+    seen = measure(trace, replace(EXACT, delay_s=0.1))
     np.testing.assert_allclose(seen.tip_pos_world[:, 1:], trace.tip_pos_world[:, :-1], atol=1e-5)
     np.testing.assert_allclose(seen.tip_linvel_world[:, 1:], trace.tip_linvel_world[:, :-1], atol=1e-5)
     before = of_scipy(canonical(trace.tip_quat_world)[:, :-1].reshape(-1, 4))
@@ -144,7 +146,7 @@ def test_a_delay_of_one_action_shows_the_row_before():
 
 
 def test_resolution_rounds():
-    seen = measure(trace_of(), PoseConfig(position_step_m=0.001, orientation_step_rad=0.005))
+    seen = measure(trace_of(), replace(EXACT, position_step_m=0.001, orientation_step_rad=0.005))
     steps = np.asarray(seen.tip_pos_world) / 0.001
     np.testing.assert_allclose(steps, steps.round(), atol=1e-2)
     turns = np.asarray(rotation_from_down(seen.tip_quat_world)) / 0.005

@@ -13,14 +13,15 @@ from scipy.spatial.transform import Rotation
 from synthetic import make_rollouts
 
 from mjx_fit.config.schema import Config
+from mjx_fit.config.sections.measurement import PoseConfig
 from mjx_fit.sensors.contact_sensor import row_features
 from mjx_fit.sensors.pose import from_down, from_start, rotation_from_down, start_of, turned
 from mjx_fit.task.estimator import readings
 from mjx_fit.types import Felt, Reading, StartPose
 from mjx_fit.utils.errors import RequestError
 
-WORLD = Config()
-START = replace(WORLD, sensor=replace(WORLD.sensor, pose="start"))
+START = Config(pose=PoseConfig().without_errors())
+WORLD = replace(START, sensor=replace(START.sensor, pose="world"))
 N, ACTIONS = 3, 10
 vectors = st.lists(st.floats(-0.2, 0.2), min_size=3, max_size=3).map(lambda v: np.array(v, np.float32))
 

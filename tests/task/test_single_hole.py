@@ -16,6 +16,7 @@ from synthetic import with_trace, with_truth
 
 from mjx_fit.config.files import read_config
 from mjx_fit.config.schema import Config
+from mjx_fit.config.worlds import world_file
 from mjx_fit.evaluation import insertion, parts, position, result_file, results
 from mjx_fit.evaluation.request import Request
 from mjx_fit.filters.updates import initial_belief
@@ -107,7 +108,8 @@ def asked(tmp_path, **changes) -> tuple[Path, result_file.Header]:
 
 def test_a_result_of_an_older_version_is_its_own(tmp_path):
     """Its configuration lacks keys that were added since; they have the values of that time."""
-    out, here = asked(tmp_path)
+    then = read_config(world_file("as-2026-11"))
+    out, here = tmp_path / "r.json", result_file.header("position", then, 0, "native", {"trials": 5})
     written = result_file.write(out, here, [], [])
     older = dict(
         written.config, scene={k: v for k, v in written.config["scene"].items() if k != "slip_time_s"}

@@ -18,12 +18,13 @@ import mjx_fit as mf
 from mjx_fit.config.schema import Config
 from mjx_fit.config.sections.learning import SensorConfig
 from mjx_fit.config.sections.measurement import PoseConfig, WristConfig
+from mjx_fit.config.sections.randomize import RandomizeConfig
 from mjx_fit.filters.updates import initial_belief
 from mjx_fit.sensors.contact_sensor import ContactSensor
 from mjx_fit.task.estimator import filter_update
 
 OWN = EXPERIMENTS / "own"
-SILENT = WristConfig(force_noise_n=0.0, torque_xy_noise_nm=0.0, torque_z_noise_nm=0.0)
+SILENT, EXACT = WristConfig().without_errors(), PoseConfig().without_errors()
 ARRAYS = ("wrench_time_s", "wrench_sensor")
 POSES = ("pose_time_s", "tip_pos_world", "tip_quat_world", "tip_linvel_world", "tip_angvel_world")
 
@@ -46,8 +47,8 @@ def tracker(sensor, failed):
 
 
 def batch_posterior(sensor, felt: mf.Felt) -> mf.Belief:
-    """As the experiments do it, with a wrist that has no noise."""
-    config = replace(sensor.config, wrist=SILENT)
+    """As the experiments do it, with measurements that have no errors."""
+    config = replace(sensor.config, wrist=SILENT, pose=EXACT, randomize=RandomizeConfig())
     names = config.scene.names
     prior = initial_belief(np.asarray(felt.estimate_world), config.detector.prior_std_m, len(names))
     return filter_update(config, sensor.network)(prior, felt, jax.random.split(jax.random.key(0), 3))

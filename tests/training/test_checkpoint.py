@@ -25,7 +25,7 @@ EARLIER = EARLIER_RUN
 """Trained at commit 44816a7, before R of the trace, centre of pressure and places; with what that commit
 observed in six noiseless readings."""
 
-CLEAN = WristConfig(force_noise_n=0.0, torque_xy_noise_nm=0.0, torque_z_noise_nm=0.0)
+CLEAN = WristConfig().without_errors()
 SMALL = {
     "sensor": {"width": 8, "layers": 1, "feedforward": 8, "conv_channels": [4] * 5} | PAPER_SENSOR,
     "train": PAPER_TRAINING

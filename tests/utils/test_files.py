@@ -434,12 +434,12 @@ def every_path_option():
                 )
 
     walk(root, [])
-    assert len(found) > 40
+    assert len(found) > 44
     return found
 
 
 def _is_path(action) -> bool:
-    return action.type is not None and action.type.__name__ == "path"
+    return action.type is not None and action.type.__name__ in ("path", "run_path")
 
 
 def _given(action, value) -> list[str]:

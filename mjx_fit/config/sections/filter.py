@@ -1,4 +1,4 @@
-"""Configuration section of the filters: safeguards against wrong readings, all of them off by default."""
+"""Configuration section of the filters: safeguards against wrong readings."""
 
 from typing import Annotated
 
@@ -12,6 +12,8 @@ from mjx_fit.config.sections.fields import STRICT
 class FilterConfig:
     """Safeguards of the belief updates against wrong readings; off in the paper.
 
+    The defaults were fitted for the weights that ship (``experiments/robust/safeguards.py``).
+
     Attributes:
         gate: Probability of acceptance. 0: any reading is accepted. A reading outside the region of this
             probability, under the belief and its own R, widens the belief instead of moving it for certain
@@ -21,6 +23,6 @@ class FilterConfig:
         match_temperature: Divisor of the logits of h_match. Above 1, the match classification counts less.
     """
 
-    gate: Annotated[float, Field(ge=0, le=0.99999)] = 0.0
-    correlation: Annotated[float, Field(ge=0, le=0.95)] = 0.0
-    match_temperature: Annotated[float, Field(ge=0.1, le=100)] = 1.0
+    gate: Annotated[float, Field(ge=0, le=0.99999)] = 0.99
+    correlation: Annotated[float, Field(ge=0, le=0.95)] = 0.25
+    match_temperature: Annotated[float, Field(ge=0.1, le=100)] = 1.28

@@ -50,7 +50,7 @@ class SensorConfig:
     noise: Literal["peg", "trace"] = "trace"
     reference: Literal["estimate", "final"] = "estimate"
     contact_features: bool = True
-    pose: Literal["world", "start"] = "world"
+    pose: Literal["world", "start"] = "start"
     places: Annotated[int, Field(ge=0, le=64)] = 8
 
 
@@ -82,7 +82,7 @@ class TrainConfig:
             sensor; 0: skip it.
     """
 
-    epochs: Annotated[int, Field(ge=1, le=MAX_EPOCHS, json_schema_extra=EPOCHS_UNIT)] = 30
+    epochs: Annotated[int, Field(ge=1, le=MAX_EPOCHS, json_schema_extra=EPOCHS_UNIT)] = 50
     batch_size: Annotated[int, Field(ge=1, le=16_384, json_schema_extra={"unit": "windows"})] = 32
     learning_rate: Annotated[float, Field(ge=1e-12, le=1)] = 1e-3
     schedule: Literal["constant", "cosine"] = "cosine"
@@ -94,17 +94,4 @@ class TrainConfig:
     sequence: Annotated[int, Field(ge=1, le=30, json_schema_extra=ATTEMPTS_UNIT)] = 1
     validation_fraction: Annotated[float, Field(ge=0.001, le=0.9)] = 0.1
     patience: Annotated[int, Field(ge=0, le=1_000_000, json_schema_extra=EPOCHS_UNIT)] = 0
-    baseline_share: Annotated[float, Field(ge=0, le=1)] = 0.5
-
-
-FIRST_SENSOR = SensorConfig(noise="peg", contact_features=False, places=0)
-FIRST_TRAIN = TrainConfig(
-    epochs=5000,
-    batch_size=128,
-    learning_rate=1e-4,
-    schedule="constant",
-    weight_decay=0.0,
-    mirror=False,
-    baseline_share=1.0,
-)
-"""Settings of the paper, the original defaults: values of keys that older stored files do not contain."""
+    baseline_share: Annotated[float, Field(ge=0, le=1)] = 0.2

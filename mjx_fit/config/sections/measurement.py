@@ -1,5 +1,6 @@
 """Configuration sections of what a robot measures: its wrist F/T sensor, and pose and twist of the TCP."""
 
+from dataclasses import replace
 from typing import Annotated
 
 from pydantic import Field, model_validator
@@ -15,7 +16,8 @@ Share = Annotated[float, Field(ge=0, le=0.5)]
 class WristConfig:
     """Wrist force/torque (F/T) sensor. Noise: Robotiq FT 300-S, 1 σ per sample.
 
-    Errors that are constant in an attempt are drawn once per reading.
+    Errors that are constant in an attempt are drawn once per reading. In the world ``paper`` there is noise
+    alone.
 
     Attributes:
         force_noise_n: Noise σ of Fx, Fy and Fz.
@@ -42,12 +44,12 @@ class WristConfig:
     torque_z_noise_nm: Annotated[float, Field(ge=0, le=3)] = 0.003
     tare_samples: Annotated[int, Field(ge=1, le=100_000, json_schema_extra={"unit": "samples"})] = 50
     contact_force_n: Annotated[float, Field(ge=0.01, le=50)] = 1.0
-    force_bias_n: Annotated[float, Field(ge=0, le=10)] = 0.0
-    torque_bias_nm: Annotated[float, Field(ge=0, le=1)] = 0.0
-    force_drift_nps: Annotated[float, Field(ge=0, le=1, json_schema_extra={"unit": "N/s"})] = 0.0
-    torque_drift_nmps: Annotated[float, Field(ge=0, le=0.1, json_schema_extra={"unit": "N·m/s"})] = 0.0
-    gain_error: Share = 0.0
-    cross_talk: Share = 0.0
+    force_bias_n: Annotated[float, Field(ge=0, le=10)] = 0.3
+    torque_bias_nm: Annotated[float, Field(ge=0, le=1)] = 0.01
+    force_drift_nps: Annotated[float, Field(ge=0, le=1, json_schema_extra={"unit": "N/s"})] = 0.01
+    torque_drift_nmps: Annotated[float, Field(ge=0, le=0.1, json_schema_extra={"unit": "N·m/s"})] = 0.0003
+    gain_error: Share = 0.03
+    cross_talk: Share = 0.01
     bandwidth_hz: Annotated[float, Field(ge=1, le=250, json_schema_extra={"unit": "Hz"})] | None = None
     rate_hz: Annotated[float, Field(ge=10, le=500, json_schema_extra={"unit": "Hz"})] | None = None
     force_range_n: Annotated[float, Field(ge=10, le=10_000)] | None = None
@@ -64,13 +66,26 @@ class WristConfig:
                 )
         return self
 
+    def without_errors(self) -> "WristConfig":
+        """Return an F/T sensor that adds no errors, with the same taring and the same contact threshold."""
+        errors = dict.fromkeys(_WRIST_ERRORS, 0.0)
+        limits = dict.fromkeys(("bandwidth_hz", "rate_hz", "force_range_n", "torque_range_nm"))
+        return replace(self, **errors, **limits)
+
+
+_WRIST_ERRORS = (
+    *("force_noise_n", "torque_xy_noise_nm", "torque_z_noise_nm", "force_bias_n", "torque_bias_nm"),
+    *("force_drift_nps", "torque_drift_nmps", "gain_error", "cross_talk"),
+)
+
 
 @dataclass(frozen=True, config=STRICT)
 class PoseConfig:
     """Measured pose and twist of the tool centre point (TCP).
 
     Policies see the noise, the resolution and the delay, not the calibration errors, which act where a sensor
-    reads the trace.
+    reads the trace. The calibration errors are FORGE's (Noseworthy et al., 2024) and those of arms' data
+    sheets; the world ``paper`` has exact readings.
 
     Attributes:
         position_noise_m: Noise σ of the position. Per sample and axis.
@@ -87,13 +102,17 @@ class PoseConfig:
         delay_s: Delay behind the wrench.
     """
 
-    position_noise_m: Annotated[float, Field(ge=0, le=0.01)] = 0.0
-    orientation_noise_rad: Annotated[float, Field(ge=0, le=0.1)] = 0.0
-    linear_noise_mps: Annotated[float, Field(ge=0, le=0.1, json_schema_extra={"unit": "m/s"})] = 0.0
-    angular_noise_radps: Annotated[float, Field(ge=0, le=1, json_schema_extra={"unit": "rad/s"})] = 0.0
-    position_offset_m: Annotated[float, Field(ge=0, le=0.01)] = 0.0
-    height_offset_m: Annotated[float, Field(ge=0, le=0.01)] = 0.0
-    rotation_offset_rad: Annotated[float, Field(ge=0, le=0.1)] = 0.0
+    position_noise_m: Annotated[float, Field(ge=0, le=0.01)] = 0.00005
+    orientation_noise_rad: Annotated[float, Field(ge=0, le=0.1)] = 0.00035
+    linear_noise_mps: Annotated[float, Field(ge=0, le=0.1, json_schema_extra={"unit": "m/s"})] = 0.001
+    angular_noise_radps: Annotated[float, Field(ge=0, le=1, json_schema_extra={"unit": "rad/s"})] = 0.002
+    position_offset_m: Annotated[float, Field(ge=0, le=0.01)] = 0.00025
+    height_offset_m: Annotated[float, Field(ge=0, le=0.01)] = 0.0003
+    rotation_offset_rad: Annotated[float, Field(ge=0, le=0.1)] = 0.001745
     position_step_m: Annotated[float, Field(ge=0, le=0.001)] = 0.0
     orientation_step_rad: Annotated[float, Field(ge=0, le=0.01)] = 0.0
     delay_s: Annotated[float, Field(ge=0, le=0.1)] = 0.0
+
+    def without_errors(self) -> "PoseConfig":
+        """Return a measurement that adds no errors."""
+        return replace(self, **dict.fromkeys(vars(self), 0.0))

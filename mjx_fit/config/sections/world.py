@@ -57,11 +57,11 @@ class SceneConfig:
     peg_length_m: Annotated[float, Field(ge=0.05, le=0.15)] = 0.07
     friction: Annotated[float, Field(ge=0, le=2)] = 0.3
     contact_time_s: Annotated[float, Field(ge=0.004, le=0.05)] = 0.01
-    contact_width_m: Annotated[float, Field(ge=0.00001, le=0.001)] = 0.00025
+    contact_width_m: Annotated[float, Field(ge=0.00001, le=0.001)] = 0.0001
     contact_damping: Annotated[float, Field(ge=0.5, le=5)] = 1.0
-    contact_impedance: Annotated[float, Field(ge=0.1, le=0.99)] = 0.95
-    deep_impedance: Annotated[float, Field(ge=0.1, le=0.99)] = 0.99
-    slip_time_s: Annotated[float, Field(ge=0.004, le=0.5)] | None = None
+    contact_impedance: Annotated[float, Field(ge=0.1, le=0.99)] = 0.3
+    deep_impedance: Annotated[float, Field(ge=0.1, le=0.99)] = 0.95
+    slip_time_s: Annotated[float, Field(ge=0.004, le=0.5)] | None = 0.05
     max_contacts: Annotated[int, Field(ge=4, le=64, json_schema_extra={"unit": "contacts"})] = 8
 
     @model_validator(mode="after")
@@ -112,7 +112,7 @@ class ControlConfig:
     kp_orientation: Annotated[float, Field(ge=100, le=4000, json_schema_extra=PER_S2_UNIT)] = 600.0
     damping_ratio: Annotated[float, Field(ge=0.5, le=5)] = 1.2
     kp_posture: Annotated[float, Field(ge=0, le=400, json_schema_extra=PER_S2_UNIT)] = 10.0
-    goal: Literal["step", "ramp"] = "step"
+    goal: Literal["step", "ramp"] = "ramp"
     smoothing_s: Annotated[float, Field(ge=0, le=0.5)] = 0.0
     goal_delay_s: Annotated[float, Field(ge=0, le=0.1)] = 0.0
 

@@ -15,7 +15,7 @@ from mujoco.batch import Batch
 
 from mjx_fit.config.schema import Config
 from mjx_fit.control import policies
-from mjx_fit.control.goals import after, at_rest, goal_during
+from mjx_fit.control.goals import Goal, after, at_rest, goal_during
 from mjx_fit.control.policies import Policy
 from mjx_fit.engines import attempt_rules
 from mjx_fit.engines.attempt_rules import Verdict
@@ -101,6 +101,7 @@ class NativeEngine:
         qvel: Float[np.ndarray, "m joints"],
         step: int,
         horizon: int,
+        goal: Goal | None = None,
     ) -> Rollout:
         """Simulate one action of up to 512 attempts from any state; only the row of that action is filled.
 
@@ -112,10 +113,11 @@ class NativeEngine:
             qvel: Joint velocities, rad/s.
             step: Index j of the action.
             horizon: Number of actions that the policy plans for, and of rows in the result.
+            goal: Goals (m, 3) before the action; None: the TCPs were at rest.
         """
         done = attempt_rules.nothing_done(attempts, horizon, len(self.scene.robot.joints))
         part = self._part(attempts, np.arange(len(qpos)), done)
-        part.move(qpos, qvel)
+        part.move(qpos, qvel, goal)
         part.act(step, horizon)
         return done
 
@@ -166,11 +168,19 @@ class _Part:
         # Finished simulations stay among the shown ones until a smaller number of rows suffices.
         self._running = self._shown = np.arange(len(self.ids))
 
-    def move(self, qpos: Float[np.ndarray, "m joints"], qvel: Float[np.ndarray, "m joints"]) -> None:
-        """Set the state of the simulations before their first action."""
+    def move(
+        self,
+        qpos: Float[np.ndarray, "m joints"],
+        qvel: Float[np.ndarray, "m joints"],
+        goal: Goal | None = None,
+    ) -> None:
+        """Set the state of the simulations before their first action, and their goals if not at rest."""
         self.block.move(qpos, qvel)
-        tip = self.brain.tip(self.block.packed(), self.memory.physics)
-        self.memory = replace(self.memory, goal=at_rest(tip.pos_world))
+        if goal is None:
+            goal = at_rest(self.brain.tip(self.block.packed(), self.memory.physics).pos_world)
+        else:
+            goal = padded(goal, np.arange(len(qpos)))
+        self.memory = replace(self.memory, goal=goal)
 
     def act(self, step: int, horizon: int) -> bool:
         """Simulate and record one action of the running attempts; return True if any attempt is unfinished.

@@ -1,0 +1,180 @@
+"""Fit the safeguards of the filters on held-out attempts, and measure each alone.
+
+    python experiments/robust/safeguards.py RUN HOME FORGE
+
+HOME and FORGE are data sets of five consecutive attempts at a hole that start from the posterior of RUN,
+collected without safeguards. Their readings are chained anew under each setting; only the mismatched holes
+count, where all attempts fail. ρ and the temperature are those of the least negative log-likelihood on the
+first half of the holes, summed over both worlds; the table is of the second half.
+"""
+
+import sys
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float
+
+from mjx_fit.config.schema import Config, config_from_stored
+from mjx_fit.config.sections.filter import FilterConfig
+from mjx_fit.data import reader
+from mjx_fit.data.episode import Episode
+from mjx_fit.data.manifest import read_manifest
+from mjx_fit.evaluation import held_out
+from mjx_fit.evaluation.scores import inside, squared_mahalanobis
+from mjx_fit.filters.kalman import gaussian_nll
+from mjx_fit.filters.updates import NONE, initial_belief, update_position
+from mjx_fit.report import script
+from mjx_fit.training.sensor_loader import load_trained_sensor
+from mjx_fit.types import Array, Observation
+from mjx_fit.utils import process_setup
+
+ATTEMPTS = 5
+SHOWN = (1, 2, 3, 4, 5)
+CORRELATIONS = (0.0, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.6)
+TEMPERATURES = tuple(round(float(t), 2) for t in np.geomspace(0.7, 3, 25))
+GATES = (0.9, 0.95, 0.99, 0.999)
+
+
+@dataclass(frozen=True)
+class Chains:
+    """Five readings at each of n mismatched holes, and the match logits of m first attempts.
+
+    Attributes:
+        seen: Readings (n, 5).
+        start_m: Estimates that the attempts started from.
+        hole_m: The holes.
+        logits: Logits of h_match.
+        matches: Whether these pegs match.
+    """
+
+    seen: Observation
+    start_m: Float[np.ndarray, "n 5 2"]
+    hole_m: Float[np.ndarray, "n 2"]
+    logits: Float[np.ndarray, "m 2"]
+    matches: Bool[np.ndarray, " m"]
+
+
+def main(run: Path, home: Path, forge: Path) -> None:
+    chains = {name: _chains(run, folder) for name, folder in (("home", home), ("forge", forge))}
+    config = config_from_stored(read_manifest(home).request["config"])
+    losses = {name: _losses(own, config) for name, own in chains.items()}
+    fitted = {
+        key: min(losses["home"][key], key=lambda value: sum(own[key][value] for own in losses.values()))
+        for key in losses["home"]
+    }
+    correlation, temperature = fitted["correlation"], fitted["match_temperature"]
+    settings = {
+        "none": NONE,
+        f"correlation {correlation}": replace(NONE, correlation=correlation),
+        **{f"gate {gate}": replace(NONE, gate=gate) for gate in GATES},
+        **{
+            f"correlation {correlation}, gate {gate}": replace(NONE, gate=gate, correlation=correlation)
+            for gate in GATES
+        },
+    }
+    table = {
+        name: {label: _scores(own, setting, config, half=1) for label, setting in settings.items()}
+        for name, own in chains.items()
+    }
+    temperatures = {
+        name: {str(t): _match_nll(own, t, half=1) for t in (1.0, temperature)} for name, own in chains.items()
+    }
+    results = {
+        "holes": {name: len(own.hole_m) for name, own in chains.items()},
+        "fitted": fitted,
+        "nll_of_the_first_half": losses,
+        "scores": table,
+        "match_nll": temperatures,
+    }
+    script.save(Path(__file__).with_suffix(".json"), results)
+
+
+def _chains(run: Path, folder: Path) -> Chains:
+    sensor, manifest = load_trained_sensor(run), read_manifest(folder)
+    config = replace(config_from_stored(manifest.request["config"]), sensor=sensor.config.sensor)
+    data = reader.load(folder)
+    ids = held_out.failed_attempts(data, config.task.attempt_actions)
+    observation = held_out.observe(sensor.network, data, ids, config.task.attempt_actions, config, 0)
+    matches = np.asarray(data.rollout.felt.peg_type == data.rollout.truth.hole_type)[ids]
+    first = np.asarray(data.number)[ids] == 0
+    rows = _of_whole_sequences(data, ids, ~matches)
+    at = ids[rows]
+    return Chains(
+        seen=jax.tree.map(lambda leaf: np.asarray(leaf)[rows], observation),
+        start_m=np.asarray(data.rollout.felt.estimate_world)[at],
+        hole_m=np.asarray(data.rollout.truth.hole_pos_world)[at[:, 0]],
+        logits=np.asarray(observation.match_logits)[first],
+        matches=matches[first],
+    )
+
+
+def _of_whole_sequences(data: Episode, ids: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Return rows of ``ids``, (n, 5), of the sequences of which all five attempts are wanted."""
+    sequence, number = np.asarray(data.sequence)[ids], np.asarray(data.number)[ids]
+    rows = np.flatnonzero(wanted)
+    rows = rows[np.lexsort((number[rows], sequence[rows]))]
+    _, starts, counts = np.unique(sequence[rows], return_index=True, return_counts=True)
+    return rows[starts[counts == ATTEMPTS][:, None] + np.arange(ATTEMPTS)]
+
+
+def _half(n: int, half: int) -> slice:
+    return slice(n // 2 * half, n // 2 * (half + 1))
+
+
+def _beliefs(chains: Chains, setting: FilterConfig, config: Config) -> tuple[Array, Array]:
+    """Return means (n, 5, 2) and covariances (n, 5, 2, 2) after each attempt."""
+    std = config.detector.prior_std_m
+
+    def one(seen: Observation, start: Array) -> tuple[Array, Array]:
+        def step(belief, given):
+            reading, at = given
+            reading = replace(reading, innovation=reading.innovation + at - belief.pos_mean_world)
+            belief = update_position(belief, reading, setting, std)
+            return belief, (belief.pos_mean_world, belief.pos_cov)
+
+        return jax.lax.scan(step, initial_belief(start[0], std, config.scene.n_types), (seen, start))[1]
+
+    return jax.tree.map(np.asarray, jax.jit(jax.vmap(one))(chains.seen, jnp.asarray(chains.start_m)))
+
+
+def _scores(chains: Chains, setting: FilterConfig, config: Config, half: int) -> dict[str, list[float]]:
+    """Compute error, coverage, NEES and NLL after each attempt."""
+    own = _half(len(chains.hole_m), half)
+    mean, cov = (np.asarray(leaf)[own] for leaf in _beliefs(chains, setting, config))
+    miss = chains.hole_m[own, None] - mean
+    squared = squared_mahalanobis(miss.reshape(-1, 2), cov.reshape(-1, 2, 2)).reshape(miss.shape[:2])
+    nll = np.asarray(gaussian_nll(jnp.asarray(chains.hole_m[own, None]), mean, cov))
+    by_attempt = {
+        "error_mm": 1000 * np.linalg.norm(miss, axis=-1),
+        "coverage_90": inside(squared, 0.9),
+        "nees": squared / 2,
+        "nll": nll,
+    }
+    return {
+        name: [round(float(values[:, k - 1].mean()), 3) for k in SHOWN] for name, values in by_attempt.items()
+    }
+
+
+def _losses(chains: Chains, config: Config) -> dict[str, dict[float, float]]:
+    """Compute the NLL after the last attempt by ρ, and of the match by temperature, on the first half."""
+    return {
+        "correlation": {
+            value: _scores(chains, replace(NONE, correlation=value), config, half=0)["nll"][-1]
+            for value in CORRELATIONS
+        },
+        "match_temperature": {value: _match_nll(chains, value, half=0) for value in TEMPERATURES},
+    }
+
+
+def _match_nll(chains: Chains, temperature: float, half: int) -> float:
+    own = _half(len(chains.logits), half)
+    logp = np.asarray(jax.nn.log_softmax(jnp.asarray(chains.logits[own] / temperature), axis=-1))
+    return round(float(-logp[np.arange(len(logp)), chains.matches[own].astype(int)].mean()), 4)
+
+
+if __name__ == "__main__":
+    process_setup.configure()
+    main(*map(Path, sys.argv[1:4]))
