@@ -1,6 +1,7 @@
 """Motion of the controller's goal during an action."""
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import jax
@@ -43,27 +44,33 @@ def after_actions(
     start_world: Float[Array, "3"],
     tip_pos_world: Float[Array, "k 3"],
     action_world: Float[Array, "k 3"],
+    count: Int[Array, ""],
     control: ControlConfig,
     physics: Physics = AS_CONFIGURED,
 ) -> Goal:
-    """Reconstruct the goal after k recorded actions of one attempt.
+    """Reconstruct the goal after the first ``count`` of k recorded actions of one attempt.
 
     Args:
         start_world: Position of the TCP before the first action, m.
         tip_pos_world: Positions of the TCP at the end of each action, m.
         action_world: Commanded changes of position, m.
+        count: Number of actions; the other rows are ignored.
         control: As in ``goal_during``.
         physics: As in ``goal_during``.
     """
     before_world = jnp.concatenate([start_world[None], tip_pos_world])[:-1]
 
-    def action(goal: Goal, next_world: Array) -> tuple[Goal, None]:
+    def action(goal: Goal, row: tuple[Array, Array]) -> tuple[Goal, None]:
+        number, next_world = row
+
         def step(substep: Array, goal: Goal) -> Goal:
             return goal_during(goal, next_world, substep, control, physics)[0]
 
-        return after(jax.lax.fori_loop(0, SUBSTEPS, step, goal), next_world), None
+        done = after(jax.lax.fori_loop(0, SUBSTEPS, step, goal), next_world)
+        return jax.tree.map(partial(jnp.where, number < count), done, goal), None
 
-    return jax.lax.scan(action, at_rest(start_world), before_world + action_world)[0]
+    rows = jnp.arange(len(action_world)), before_world + action_world
+    return jax.lax.scan(action, at_rest(start_world), rows)[0]
 
 
 def goal_during(

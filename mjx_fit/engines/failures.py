@@ -6,6 +6,7 @@ A simulation counts as diverged if it turned non-finite or implausible, by the b
 
 import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import jax
@@ -62,6 +63,9 @@ def report(
         Number of diverged simulations.
     """
     broken = np.flatnonzero(~rollouts.truth.valid)
+    if not len(broken):
+        return 0
+    before = goals_before(rollouts, config)
     for place, i in enumerate(broken):
         path = path_inside(folder.parent, folder.name) / f"broken-{ids[i]:08d}.npz"
         arrays = {
@@ -73,7 +77,7 @@ def report(
             "key": jax.random.key_data(attempts.key[i]),
             **{name: np.asarray(getattr(attempts, name))[i] for name in _PLAIN},
             **{f"physics_{name}": np.asarray(leaf)[i] for name, leaf in drawn(attempts.physics).items()},
-            **{f"goal_{name}": leaf for name, leaf in vars(goal_before(rollouts, int(i), config)).items()},
+            **{f"goal_{name}": leaf[i] for name, leaf in vars(before).items()},
         }
         files.replace_with(path, lambda temporary, arrays=arrays: _save(temporary, arrays))
         if place < MOST_LINES:
@@ -86,18 +90,21 @@ def report(
     return len(broken)
 
 
-def goal_before(rollouts: Rollout, row: int, config: Config) -> Goal:
-    """Reconstruct the controller's goal before the last action of an attempt, NumPy arrays (3,)."""
+def goals_before(rollouts: Rollout, config: Config) -> Goal:
+    """Reconstruct the controller's goals before the last actions of all attempts, NumPy arrays (n, 3)."""
     felt = rollouts.felt
-    earlier = max(int(felt.length[row]) - 1, 0)
-    goal = goals.after_actions(
-        jnp.asarray(start_of(felt, config.scene).pos_world[row]),
-        jnp.asarray(felt.trace.tip_pos_world[row, :earlier]),
-        jnp.asarray(felt.trace.action_world[row, :earlier]),
-        config.control,
-        jax.tree.map(lambda leaf: jnp.asarray(leaf)[row], rollouts.truth.physics),
-    )
-    return jax.tree.map(np.asarray, goal)
+    start_world = start_of(felt, config.scene).pos_world
+    earlier = np.maximum(np.asarray(felt.length) - 1, 0)
+    path = (start_world, felt.trace.tip_pos_world, felt.trace.action_world, earlier)
+    return jax.tree.map(np.asarray, _after_actions(*path, config.control, rollouts.truth.physics))
+
+
+@partial(jax.jit, static_argnames="control")
+def _after_actions(start_world, tip_pos_world, action_world, count, control, physics: Physics) -> Goal:
+    def one(start, tips, actions, number, own: Physics) -> Goal:
+        return goals.after_actions(start, tips, actions, number, control, own)
+
+    return jax.vmap(one)(start_world, tip_pos_world, action_world, count, physics)
 
 
 def kept_in(folder: Path) -> int:

@@ -2,11 +2,12 @@
 
 import dataclasses
 
+import jax.numpy as jnp
 import numpy as np
 import scipy.signal
 
 from mjx_fit.config.sections.world import ControlConfig
-from mjx_fit.control.goals import after, at_rest, goal_during
+from mjx_fit.control.goals import after, after_actions, at_rest, goal_during
 from mjx_fit.types.physics import AS_CONFIGURED, Physics
 from mjx_fit.utils.rates import STEP_S, SUBSTEPS
 
@@ -73,3 +74,23 @@ def test_each_world_has_its_own_delay_and_smoothing():
     for i in range(2):
         own = dataclasses.replace(RAMP, smoothing_s=float(smoothing[i]), goal_delay_s=float(delay[i]))
         np.testing.assert_allclose(together[:, i], goals_during(own), rtol=1e-12)
+
+
+def test_the_goal_after_recorded_actions_is_the_one_that_was_followed():
+    """With a delay and a low pass it depends on all actions before; rows beyond the count are ignored."""
+    control = dataclasses.replace(RAMP, goal_delay_s=0.02, smoothing_s=0.05)
+    rng = np.random.default_rng(0)
+    tips = np.cumsum(rng.normal(0, 0.004, (6, 3)), axis=0).astype(np.float32)
+    actions = rng.normal(0, 0.004, (6, 3)).astype(np.float32)
+    start = np.array(BEFORE, np.float32)
+    for count in (0, 1, 4):
+        goal = at_rest(start)
+        for j in range(count):
+            wanted = (start if j == 0 else tips[j - 1]) + actions[j]
+            for i in range(SUBSTEPS):
+                goal, _ = goal_during(goal, wanted, i, control)
+            goal = after(goal, wanted)
+        path = [jnp.asarray(one) for one in (start, tips, actions)]
+        found = after_actions(path[0], path[1], path[2], jnp.asarray(count), control)
+        for name in ("now_world", "earlier_world", "smooth_world"):
+            np.testing.assert_allclose(getattr(found, name), getattr(goal, name), atol=1e-6)

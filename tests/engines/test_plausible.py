@@ -79,7 +79,7 @@ def test_what_left_is_stopped_named_and_alone(why, native, tmp_path, capsys):
         np.asarray(done.truth.end_qvel)[row],
         last,
         actions,
-        jax.tree.map(lambda leaf: leaf[None], failures.goal_before(done, first, CONFIG)),
+        jax.tree.map(lambda leaf: leaf[row], failures.goals_before(done, CONFIG)),
     )
     assert again.felt.trace.tip_pos_world[0, last] == pytest.approx(
         done.felt.trace.tip_pos_world[first, last], abs=1e-3
