@@ -13,8 +13,11 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
+import shared
+
 from mjx_fit.config.files import read_config
 from mjx_fit.config.schema import Config, config_from_tree, config_to_tree
+from mjx_fit.config.worlds import world_file
 from mjx_fit.data import reader
 from mjx_fit.data.collect import collect
 from mjx_fit.data.plan import Plan
@@ -31,8 +34,8 @@ HERE = Path(__file__).parent
 STEPS = 2400
 TEST = Plan(episodes=3000, actions=100, policy="spiral", seed=1000)
 
-AS_IT_WAS = "sensor.positional=true"
-"""Setting of ``configs/cpu.yaml`` before this ablation."""
+AS_IT_WAS = ("sensor.positional=true", "sensor.pose=world")
+"""Settings of ``configs/cpu.yaml`` before this ablation."""
 
 PAPER = ("noise=peg", "contact_features=false", "places=0", "positional=false")
 """The paper's sensor."""
@@ -94,16 +97,15 @@ def _trained_and_judged(folder: Path, name: str, row: Row, test: Path, seed: int
     data = _collected(folder, row.data)
     name += f" seed {seed}" if seed else ""
     run = folder / "runs" / name.replace(" ", "_").replace(",", "").replace("'", "")
-    config = _with_epochs(
-        read_config(resources.folder("configs") / "cpu.yaml", (AS_IT_WAS, *row.changes)), data
-    )
+    files = [*world_file(shared.WORLD), resources.folder("configs") / "cpu.yaml"]
+    config = _with_epochs(read_config(files, (*AS_IT_WAS, *row.changes)), data)
     train(reader.load(data), config, Run(run, seed))
-    return calibrate(Config(), run / "calibration.json", run, test, seed=0)
+    return calibrate(shared.CONFIG, run / "calibration.json", run, test, seed=0)
 
 
 def _collected(folder: Path, plan: Plan) -> Path:
     data = folder / "data" / f"{plan.policy}-{plan.episodes}-{plan.sequence}-{plan.seed}"
-    collect(Config(), data, plan, make_engine("auto", Config()))
+    collect(shared.CONFIG, data, plan, make_engine("auto", shared.CONFIG))
     return data
 
 

@@ -8,7 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
-from mjx_fit.config.schema import Config
+from mjx_fit.config.files import read_config
+from mjx_fit.config.worlds import world_file
 from mjx_fit.data import reader
 from mjx_fit.data.episode import Episode
 from mjx_fit.evaluation.held_out import failed_attempts
@@ -17,7 +18,9 @@ from mjx_fit.sensors.force_torque import Window, read_window
 from mjx_fit.types import Reading
 from mjx_fit.utils.randomness import root_key
 
-CONFIG = Config()
+WORLD = "as-2026-11"
+"""The world that this page describes."""
+CONFIG = read_config(world_file(WORLD))
 ACTIONS = CONFIG.task.attempt_actions
 
 

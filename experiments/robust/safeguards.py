@@ -5,9 +5,11 @@
 HOME and FORGE are data sets of five consecutive attempts at a hole that start from the posterior of RUN,
 collected without safeguards. Their readings are chained anew under each setting; only the mismatched holes
 count, where all attempts fail. ρ and the temperature are those of the least negative log-likelihood on the
-first half of the holes, summed over both worlds; the table is of the second half.
+first half of the holes, summed over both worlds; the table is of the second half. Besides, for all holes and
+without safeguards: the scores, the runaways, and how far single readings are off by distance of the start.
 """
 
+import itertools
 import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -23,8 +25,9 @@ from mjx_fit.data import reader
 from mjx_fit.data.episode import Episode
 from mjx_fit.data.manifest import read_manifest
 from mjx_fit.evaluation import held_out
+from mjx_fit.evaluation.robustness import run_away
 from mjx_fit.evaluation.scores import inside, squared_mahalanobis
-from mjx_fit.filters.kalman import gaussian_nll
+from mjx_fit.filters.kalman import CM_PER_M, gaussian_nll
 from mjx_fit.filters.updates import NONE, initial_belief, update_position
 from mjx_fit.report import script
 from mjx_fit.training.sensor_loader import load_trained_sensor
@@ -35,6 +38,7 @@ ATTEMPTS = 5
 SHOWN = (1, 2, 3, 4, 5)
 CORRELATIONS = (0.0, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.6)
 TEMPERATURES = tuple(round(float(t), 2) for t in np.geomspace(0.7, 3, 25))
+DISTANCES_MM = (0, 2, 5, 10, 15, 20, 24, 30, 60)
 GATES = (0.9, 0.95, 0.99, 0.999)
 
 
@@ -76,7 +80,14 @@ def main(run: Path, home: Path, forge: Path) -> None:
         },
     }
     table = {
-        name: {label: _scores(own, setting, config, half=1) for label, setting in settings.items()}
+        name: {
+            label: _scores(own, setting, config, _half(len(own.hole_m), 1))
+            for label, setting in settings.items()
+        }
+        for name, own in chains.items()
+    }
+    plain = {
+        name: _scores(own, NONE, config, slice(None)) | _runaways(own, NONE, config) | _by_distance(own)
         for name, own in chains.items()
     }
     temperatures = {
@@ -84,6 +95,7 @@ def main(run: Path, home: Path, forge: Path) -> None:
     }
     results = {
         "holes": {name: len(own.hole_m) for name, own in chains.items()},
+        "all_holes_without_safeguards": plain,
         "fitted": fitted,
         "nll_of_the_first_half": losses,
         "scores": table,
@@ -140,12 +152,11 @@ def _beliefs(chains: Chains, setting: FilterConfig, config: Config) -> tuple[Arr
     return jax.tree.map(np.asarray, jax.jit(jax.vmap(one))(chains.seen, jnp.asarray(chains.start_m)))
 
 
-def _scores(chains: Chains, setting: FilterConfig, config: Config, half: int) -> dict[str, list[float]]:
+def _scores(chains: Chains, setting: FilterConfig, config: Config, own: slice) -> dict[str, list[float]]:
     """Compute error, coverage, NEES and NLL after each attempt."""
-    own = _half(len(chains.hole_m), half)
     mean, cov = (np.asarray(leaf)[own] for leaf in _beliefs(chains, setting, config))
     miss = chains.hole_m[own, None] - mean
-    squared = squared_mahalanobis(miss.reshape(-1, 2), cov.reshape(-1, 2, 2)).reshape(miss.shape[:2])
+    squared = _squared(miss, cov)
     nll = np.asarray(gaussian_nll(jnp.asarray(chains.hole_m[own, None]), mean, cov))
     by_attempt = {
         "error_mm": 1000 * np.linalg.norm(miss, axis=-1),
@@ -158,11 +169,37 @@ def _scores(chains: Chains, setting: FilterConfig, config: Config, half: int) ->
     }
 
 
+def _squared(miss: np.ndarray, cov: np.ndarray) -> np.ndarray:
+    """Compute squared Mahalanobis distances (n, 5) of (n, 5, 2) under (n, 5, 2, 2)."""
+    return squared_mahalanobis(miss.reshape(-1, 2), cov.reshape(-1, 2, 2)).reshape(miss.shape[:2])
+
+
+def _runaways(chains: Chains, setting: FilterConfig, config: Config) -> dict[str, int]:
+    """Count the holes of which the belief runs away, as in ``evaluate robustness``."""
+    mean, cov = map(np.asarray, _beliefs(chains, setting, config))
+    miss = chains.hole_m[:, None] - mean
+    return {"runaways": int(run_away(CM_PER_M * np.linalg.norm(miss, axis=-1), _squared(miss, cov)).sum())}
+
+
+def _by_distance(chains: Chains) -> dict[str, dict[str, dict[str, float]]]:
+    """Compute the NEES of single readings by the distance from the start of the attempt to the hole."""
+    offset = chains.hole_m[:, None] - chains.start_m
+    nees = _squared(offset - chains.seen.innovation, np.asarray(chains.seen.pos_noise_cov)) / 2
+    distance = 1000 * np.linalg.norm(offset, axis=-1)
+    rows = {}
+    for low, high in itertools.pairwise(DISTANCES_MM):
+        here = nees[(distance >= low) & (distance < high)]
+        if here.size:
+            rows[f"{low} to {high} mm"] = {"n": int(here.size), "nees": round(float(here.mean()), 2)}
+    return {"reading_by_distance": rows}
+
+
 def _losses(chains: Chains, config: Config) -> dict[str, dict[float, float]]:
     """Compute the NLL after the last attempt by ρ, and of the match by temperature, on the first half."""
+    first = _half(len(chains.hole_m), 0)
     return {
         "correlation": {
-            value: _scores(chains, replace(NONE, correlation=value), config, half=0)["nll"][-1]
+            value: _scores(chains, replace(NONE, correlation=value), config, first)["nll"][-1]
             for value in CORRELATIONS
         },
         "match_temperature": {value: _match_nll(chains, value, half=0) for value in TEMPERATURES},

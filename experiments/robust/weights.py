@@ -1,6 +1,6 @@
 """Collect data and train the weights that ship; run the same command again to resume.
 
-    python experiments/robust/weights.py OUT                   under two hours on two cores
+    python experiments/robust/weights.py OUT
     python experiments/robust/weights.py OUT --unrandomised    the first data set alone, nothing randomised
 
 OUT receives the data sets ``paper`` and ``forge``, and the training run ``run`` or ``run_unrandomised``.

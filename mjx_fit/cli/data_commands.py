@@ -70,7 +70,7 @@ def add_data(parsers: argparse._SubParsersAction) -> None:
 def collect(args: argparse.Namespace) -> None:
     """Run ``collect``."""
     from mjx_fit.data.collect import collect, invalid_in
-    from mjx_fit.data.plan import Plan
+    from mjx_fit.data.plan import Plan, check
     from mjx_fit.engines.select import make_engine
     from mjx_fit.task.estimator import filter_update
     from mjx_fit.training.sensor_loader import load_trained_sensor
@@ -84,8 +84,9 @@ def collect(args: argparse.Namespace) -> None:
     plan, update = Plan(**asked), None
     if args.run is not None:
         sensor = load_trained_sensor(args.run)
-        sensor.say_if_away(config, "collect")
         plan, update = replace(plan, sensor=sensor.fingerprint), filter_update(config, sensor.network)
+        check(plan)
+        sensor.say_if_away(config, "collect")
     collect(config, args.out, plan, make_engine(plan.engine, config, policy), update)
     part = f" (part {plan.shard_index} of {plan.num_shards})" if plan.num_shards > 1 else ""
     print(f"{args.out}: complete{part}{invalid_in(args.out)}")

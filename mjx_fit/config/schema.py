@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import math
+from collections.abc import Callable
 from typing import Any
 
 import yaml
@@ -158,12 +159,20 @@ def in_words(value: Any) -> str:
     return str(value)
 
 
-def config_differences(one: Config, other: Config) -> list[str]:
-    """List the keys in which two configurations differ: ``section.key is 1 there and 2 here``."""
+def config_differences(
+    one: Config, other: Config, considered: Callable[[str, str], bool] = lambda section, key: True
+) -> list[str]:
+    """List the keys in which two configurations differ: ``section.key is 1 there and 2 here``.
+
+    Args:
+        one: Configuration "there".
+        other: Configuration "here".
+        considered: Function of a section and a key; those for which it is False are left out.
+    """
     there, here = config_to_tree(one), config_to_tree(other)
     return [
         f"{section}.{key} is {in_words(value)} there and {in_words(here[section][key])} here"
         for section, values in there.items()
         for key, value in values.items()
-        if value != here[section][key]
+        if value != here[section][key] and considered(section, key)
     ]

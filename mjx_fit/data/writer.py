@@ -151,7 +151,7 @@ def _require_same(folder: Path, there: Manifest, wanted: Manifest) -> None:
         if old != new:
             detail = f": {old!r} there, {new!r} here"
             if name == "config":
-                detail = f": {config_differences(*map(config_from_tree, (old, new)))[0]}"
+                detail = f": {config_differences(config_from_tree(old), config_from_tree(new))[0]}"
             raise RequestError(
                 f"--out: {folder} cannot be used: it holds another run (its {name} differs{detail})"
             )

@@ -1,6 +1,7 @@
 """Read the file of a diverged simulation, which may come from an untrusted bug report."""
 
 import zipfile
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ import numpy as np
 from mjx_fit.config.quantities import QUANTITIES
 from mjx_fit.config.randomized import allowed_range
 from mjx_fit.config.schema import config_from_yaml
+from mjx_fit.control.goals import Goal
 from mjx_fit.control.policies import OWN
 from mjx_fit.utils.errors import RequestError
 
@@ -31,9 +33,9 @@ _FORM: dict[str, tuple[str, tuple[int, ...]]] = {
 """Kind and shape of each array."""
 _PHYSICS = {f"physics_{name}": ("f", ()) for name in QUANTITIES}
 """Arrays of worlds with physics of their own; any of them may be missing."""
-GOALS = ("now_world", "earlier_world", "smooth_world")
-"""Fields of the controller's goal; older files lack them."""
+GOALS = tuple(field.name for field in fields(Goal))
 _GOALS = {f"goal_{name}": ("f", (3,)) for name in GOALS}
+"""Arrays of the controller's goal; older files lack them."""
 _OPTIONAL = _PHYSICS | _GOALS
 
 

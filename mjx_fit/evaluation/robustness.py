@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Bool, Float, Int
 
 from mjx_fit.config.schema import Config
 from mjx_fit.engines.failures import Reporting
@@ -158,6 +158,17 @@ def _rows(part: _Part, world: single_hole.Holes, done: single_hole.Outcome, name
     ]
 
 
+def run_away(error_cm: Float[np.ndarray, "n K"], squared: Float[np.ndarray, "n K"]) -> Bool[np.ndarray, "n"]:
+    """Tell which beliefs are far from the hole and sure of themselves after two attempts in a row.
+
+    Args:
+        error_cm: Position errors after each attempt.
+        squared: Squared Mahalanobis distances of the holes.
+    """
+    away = np.logical_and(error_cm > AWAY_CM, squared > AWAY_SQUARED)
+    return np.any(away[:, 1:] & away[:, :-1], axis=1)
+
+
 def summarise(trials: Rows) -> list[Row]:
     """Compute error, coverage and match classification by perturbation and number of attempts.
 
@@ -177,8 +188,7 @@ def summarise(trials: Rows) -> list[Row]:
         matched = np.array([trial["pair"][0] == trial["pair"][1] for trial in own])
         inserted_at = np.array([trial["inserted_at"] or np.inf for trial in own])
         kept = np.asarray(~matched if (~matched).any() else matched)
-        away = np.logical_and(error > AWAY_CM, squared > AWAY_SQUARED)
-        twice = np.any(away[:, 2:] & away[:, 1:-1], axis=1)
+        twice = run_away(error[:, 1:], squared[:, 1:])
         wrongly = ~matched & np.isfinite(inserted_at)
         columns = {"runaway": (twice, name)} | (
             {"inserted_wrongly": (wrongly, name)} if wrongly.any() else {}

@@ -10,15 +10,9 @@ from mjx_fit.config.schema import Config, config_differences
 from mjx_fit.sensors.contact_sensor import ContactSensor
 from mjx_fit.utils.errors import RequestError
 
-_SEEN = (
-    *(
-        f"{section}."
-        for section in ("scene", "control", "arm", "spiral", "random", "detector", "wrist", "pose")
-    ),
-    "task.attempt_actions ",
-    "task.insertion_depth_m ",
-)
-"""What a sensor's traces depend on."""
+_SECTIONS = ("scene", "control", "arm", "spiral", "random", "detector", "wrist", "pose")
+_OF_THE_TASK = ("attempt_actions", "insertion_depth_m")
+"""Keys of the section ``task`` that traces depend on, like all keys of ``_SECTIONS``."""
 
 
 @dataclass(frozen=True)
@@ -56,9 +50,7 @@ class TrainedSensor:
         for section in ("sensor", "train"):
             asked, there = getattr(config, section), getattr(trained, section)
             if asked not in (there, getattr(Config(), section)):
-                word = next(
-                    word for word in config_differences(trained, config) if word.startswith(f"{section}.")
-                )
+                word = config_differences(trained, config, lambda where, _, own=section: where == own)[0]
                 raise RequestError(f"config: {word}: it belongs to the trained sensor and cannot be changed")
         return replace(config, sensor=trained.sensor, train=trained.train)
 
@@ -68,18 +60,20 @@ class TrainedSensor:
         These are quantities with values that they never had in training, and other keys of the physics, the
         measurements and the attempt whose values differ.
         """
-        quantities = (*QUANTITIES, *MEASURED)
-        new = not_covered(self.config, config, quantities)
-        return [difference(name, self.config, config) for name in new] + [
-            words
-            for words in config_differences(self.config, config)
-            if words.startswith(_SEEN) and words.partition(".")[2].partition(" ")[0] not in quantities
-        ]
+        new = not_covered(self.config, config, (*QUANTITIES, *MEASURED))
+        quantities = [difference(name, self.config, config) for name in new]
+        return quantities + config_differences(self.config, config, _is_constant)
 
     def say_if_away(self, config: Config, doing: str) -> None:
         """Print a note to stderr if a configuration differs from that of training."""
         if note := away_from_training(self.differences(config)):
             print(f"{doing}: {note}", file=sys.stderr)
+
+
+def _is_constant(section: str, key: str) -> bool:
+    """Return True for what traces depend on and what is the same in all worlds and readings."""
+    seen = section in _SECTIONS or (section == "task" and key in _OF_THE_TASK)
+    return seen and key not in QUANTITIES and key not in MEASURED
 
 
 def away_from_training(differences: Sequence[str]) -> str:

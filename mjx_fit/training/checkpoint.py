@@ -18,7 +18,7 @@ from mjx_fit.config.schema import Config
 from mjx_fit.sensors.contact_sensor import ContactSensor
 from mjx_fit.training import step_folder, stored_arrays
 from mjx_fit.training.stored_arrays import Arrays
-from mjx_fit.utils import numerics, provenance
+from mjx_fit.utils import numerics, provenance, resources
 from mjx_fit.utils.errors import RequestError
 
 BEST, LAST = Path("checkpoints", "best"), Path("checkpoints", "last")
@@ -114,7 +114,8 @@ def load_sensor(run: Path) -> tuple[ContactSensor, Config]:
     numerics.require()
     run = Path(run)
     if not run.is_dir():
-        raise RequestError(f"--run: {run} is invalid: there is no such folder")
+        named = ", ".join(resources.SHIPPED_RUNS)
+        raise RequestError(f"--run: {run} is invalid: there is no such folder; expected one, or {named}")
     if not (run / "config.yaml").is_file():
         raise RequestError(
             f"--run: {run} cannot be used: it holds no config.yaml, so it is not a training run"

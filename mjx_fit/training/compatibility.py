@@ -132,7 +132,7 @@ def require_world(request: dict[str, Any], config: Config) -> None:
             has values there that it never has here.
     """
     there = config_from_stored(request["config"])
-    differences = [words for words in config_differences(there, config) if _matters(words)]
+    differences = config_differences(there, config, _is_constant)
     differences += [difference(name, there, config) for name in not_covered(config, there, QUANTITIES)]
     if differences:
         raise RequestError(
@@ -141,7 +141,6 @@ def require_world(request: dict[str, Any], config: Config) -> None:
         )
 
 
-def _matters(words: str) -> bool:
-    """Return True for a difference in a world's constants; quantities have ranges."""
-    section, _, rest = words.partition(".")
-    return section in WORLD and rest.partition(" ")[0] not in QUANTITIES
+def _is_constant(section: str, key: str) -> bool:
+    """Return True for what is the same in all worlds of a configuration; quantities have ranges."""
+    return section in WORLD and key not in QUANTITIES

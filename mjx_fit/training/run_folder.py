@@ -61,7 +61,7 @@ def check(out: Path, config: Config, lineage: Lineage) -> None:
     ]
     _require_origin(out, there.get("init"), lineage.origin)
     before = read_stored_config(out / CONFIG)
-    differences += config_differences(*map(identity, (before, config)))
+    differences += config_differences(identity(before), identity(config))
     _require_end(out, before, config, differences)
     if differences:
         raise RequestError(

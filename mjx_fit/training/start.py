@@ -13,8 +13,8 @@ from mjx_fit.training import checkpoint, compatibility
 from mjx_fit.training.step import TrainState
 from mjx_fit.utils.errors import RequestError
 
-_FREE = ("sensor.dropout",)
-"""Network settings that may differ, because they change no weights."""
+_FREE = ("dropout",)
+"""Keys of the network that may differ, because they change no weights."""
 
 
 class Start(NamedTuple):
@@ -114,11 +114,7 @@ def _start(run: Path, inside: str, config: Config) -> Start | None:
         sensor, there = checkpoint.load_sensor(run)
     except RequestError as error:
         raise RequestError(str(error).replace("--run:", "--init:", 1)) from None
-    others = [
-        words
-        for words in config_differences(there, config)
-        if words.startswith(("sensor.", "scene.shapes ")) and not words.startswith(_FREE)
-    ]
+    others = config_differences(there, config, _belongs_to_sensor)
     if others:
         raise RequestError(
             f"--init: {run} cannot be used: {others[0]}; use the --config and --set of its training"
@@ -128,3 +124,8 @@ def _start(run: Path, inside: str, config: Config) -> Start | None:
         "validation_fraction": there.train.validation_fraction,
     }
     return Start(sensor, told | compatibility.told_by(run))
+
+
+def _belongs_to_sensor(section: str, key: str) -> bool:
+    """Return True for a key that decides the weights' shapes or their meaning."""
+    return (section == "sensor" and key not in _FREE) or (section, key) == ("scene", "shapes")

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 _PACKAGE = Path(__file__).parents[1]
-_SHIPPED_RUNS = {"as-2026-11": "weights-as-2026-11"}
+SHIPPED_RUNS = {"as-2026-11": "weights-as-2026-11"}
 """Folder of each training run that ships under a name."""
 
 
@@ -22,5 +22,5 @@ def run_folder(run: Path | str | None) -> Path:
     """
     if run is None:
         return folder("weights")
-    shipped = _SHIPPED_RUNS.get(str(run))
+    shipped = SHIPPED_RUNS.get(str(run))
     return folder(shipped) if shipped and not Path(run).exists() else Path(run)

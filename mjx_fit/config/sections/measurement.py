@@ -68,15 +68,9 @@ class WristConfig:
 
     def without_errors(self) -> "WristConfig":
         """Return an F/T sensor that adds no errors, with the same taring and the same contact threshold."""
-        errors = dict.fromkeys(_WRIST_ERRORS, 0.0)
         limits = dict.fromkeys(("bandwidth_hz", "rate_hz", "force_range_n", "torque_range_nm"))
-        return replace(self, **errors, **limits)
-
-
-_WRIST_ERRORS = (
-    *("force_noise_n", "torque_xy_noise_nm", "torque_z_noise_nm", "force_bias_n", "torque_bias_nm"),
-    *("force_drift_nps", "torque_drift_nmps", "gain_error", "cross_talk"),
-)
+        errors = vars(self).keys() - limits.keys() - {"tare_samples", "contact_force_n"}
+        return replace(self, **dict.fromkeys(errors, 0.0), **limits)
 
 
 @dataclass(frozen=True, config=STRICT)
