@@ -12,8 +12,8 @@ from mjx_fit.config.quantities import MEASURED, QUANTITIES
 from mjx_fit.config.schema import Config, config_to_tree, in_words
 from mjx_fit.config.schema_errors import members, plain_and_limits
 
-WIDTH = 110
-"""Maximum line width, characters."""
+WIDTH, LEAST = 110, 24
+"""Width of a line, characters, exceeded where a description would get fewer than the second."""
 SUFFIXES = {"m": "m", "s": "s", "n": "N", "nm": "N·m", "rad": "rad"}
 """Units by the suffixes of names such as ``clearance_m``; other keys state theirs in the schema."""
 PURE = "1"
@@ -89,7 +89,7 @@ def _row(key: Key, differ: bool) -> tuple[str, ...]:
 
 def _line(row: tuple[str, ...], widths: list[int]) -> str:
     start = "  ".join(text.ljust(width) for text, width in zip(row, widths, strict=False))
-    room = WIDTH - len(start) - 2
+    room = max(WIDTH - len(start) - 2, LEAST)
     text = row[-1]
     if len(text) > room:
         text = text[: max(0, room - 1)].rpartition(" ")[0].rstrip(",(") + "…"
@@ -97,7 +97,9 @@ def _line(row: tuple[str, ...], widths: list[int]) -> str:
 
 
 def _short(value: Any) -> str:
-    """Format a value briefly."""
+    """Format a value briefly, nothing as YAML's null."""
+    if value is None:
+        return "null"
     if not isinstance(value, list):
         return str(value).lower() if isinstance(value, bool) else in_words(value)
     items = [_short(one.get("name") if isinstance(one, dict) else one) for one in value]

@@ -1,6 +1,7 @@
 """Perturbations, and the experiment with a sensor that says what it was given."""
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -12,7 +13,9 @@ from synthetic import make_rollouts
 from mjx_fit.config.files import read_config
 from mjx_fit.config.schema import Config, config_differences
 from mjx_fit.config.worlds import world_file
+from mjx_fit.evaluation import robustness
 from mjx_fit.evaluation.perturbations import PERTURBATIONS, chosen_perturbations
+from mjx_fit.evaluation.request import Request
 from mjx_fit.evaluation.robustness import summarise
 from mjx_fit.report.figures.robustness import by_perturbation
 from mjx_fit.sensors.pose import from_down
@@ -130,55 +133,89 @@ def test_the_summary_by_hand():
     assert by_perturbation(list(rows.values())).axes[0].get_yticklabels()[0].get_text() == "home"
 
 
-def test_a_perturbed_attempt_reaches_the_sensor(monkeypatch, tmp_path):
-    """The update sees the changed measurements, at the same holes as without a perturbation."""
-    from mjx_fit.evaluation import robustness
-    from mjx_fit.evaluation.request import Request
+class PretendSensor:
+    network, fingerprint = None, "0" * 12
 
-    seen: dict[str, list[np.ndarray]] = {}
+    def adapt(self, config):
+        return config
 
-    class Sensor:
-        network, fingerprint = None, "0" * 12
+    def differences(self, config):
+        return []
 
-        def adapt(self, config):
-            return config
 
-        def differences(self, config):
-            return []
+class FailingEngine:
+    """An engine whose attempts all fail."""
+
+    name, policy_name = "native", None
+
+    def run(self, attempts, actions=None, active=None, horizon=None):
+        n = len(attempts.peg_type)
+        made = make_rollouts(n, actions=12)
+        down = np.tile(np.array([0.0, 1.0, 0.0, 0.0], np.float32), (n, 12, 1))
+        trace = replace(made.felt.trace, tip_quat_world=down)
+        felt = replace(made.felt, trace=trace, peg_type=np.asarray(attempts.peg_type))
+        fails = {"inserted": np.zeros(n, bool), "valid": np.ones(n, bool)}
+        return Rollout(felt, replace(made.truth, hole_type=np.asarray(attempts.hole_type), **fails))
+
+
+@pytest.fixture
+def heights(monkeypatch) -> list[np.ndarray]:
+    """Heights that the sensor was given in each update, in an experiment without simulation."""
+    given: list[np.ndarray] = []
 
     def learn(config, network):
         def update(beliefs, felt, keys):
-            seen.setdefault("heights", []).append(np.asarray(felt.trace.tip_pos_world[..., 2]))
+            given.append(np.asarray(felt.trace.tip_pos_world[..., 2]))
             return beliefs
 
         return update
 
-    class Engine:
-        name, policy_name = "native", None
-
-        def run(self, attempts, actions=None, active=None, horizon=None):
-            """Every attempt fails."""
-            n = len(attempts.peg_type)
-            made = make_rollouts(n, actions=12)
-            down = np.tile(np.array([0.0, 1.0, 0.0, 0.0], np.float32), (n, 12, 1))
-            trace = replace(made.felt.trace, tip_quat_world=down)
-            felt = replace(made.felt, trace=trace, peg_type=np.asarray(attempts.peg_type))
-            fails = {"inserted": np.zeros(n, bool), "valid": np.ones(n, bool)}
-            return Rollout(felt, replace(made.truth, hole_type=np.asarray(attempts.hole_type), **fails))
-
     monkeypatch.setattr(robustness, "filter_update", learn)
-    monkeypatch.setattr(robustness, "make_engine", lambda name, config: Engine())
-    sensor: Any = Sensor()
-    request = Request(Config(), tmp_path / "r.json", Engine(), 4, sensor=sensor)
+    monkeypatch.setattr(robustness, "make_engine", lambda name, config: FailingEngine())
+    return given
+
+
+def asked(out: Path) -> Request:
+    sensor: Any = PretendSensor()
+    return Request(Config(), out, FailingEngine(), 4, sensor=sensor)
+
+
+def test_a_perturbed_attempt_reaches_the_sensor(heights, tmp_path):
+    """The update sees the changed measurements, at the same holes as without a perturbation."""
+    request = asked(tmp_path / "r.json")
     result = robustness.robustness(request, "home,height_+0.5mm")
     assert len(result.trials) == 2 * 6
-    first, second = seen["heights"][0], seen["heights"][5]
-    np.testing.assert_allclose(second - first, 0.0005, atol=1e-6)
+    np.testing.assert_allclose(heights[5] - heights[0], 0.0005, atol=1e-6)
     home, raised = (
         [t for t in result.trials if t["perturbation"] == name] for name in ("home", "height_+0.5mm")
     )
     assert [t["error_cm"][0] for t in home] == [t["error_cm"][0] for t in raised]
     assert robustness.robustness(request, "home,height_+0.5mm") == result
+
+
+def test_it_resumes_at_the_perturbation_that_was_interrupted(heights, monkeypatch, tmp_path):
+    names = "home,height_+0.5mm,height_-0.5mm"
+    whole = robustness.robustness(asked(tmp_path / "whole.json"), names)
+    made = len(heights)
+    trials = robustness._trials
+
+    def interrupted(request, config, perturbation, part):
+        if part.name == "height_-0.5mm":
+            raise KeyboardInterrupt
+        return trials(request, config, perturbation, part)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(robustness, "_trials", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            robustness.robustness(asked(tmp_path / "r.json"), names)
+    assert not (tmp_path / "r.json").exists()
+    before = len(heights)
+    with pytest.raises(RequestError, match="unfinished work of another request"):
+        robustness.robustness(asked(tmp_path / "r.json"), "home,height_-0.5mm")
+    resumed = robustness.robustness(asked(tmp_path / "r.json"), names)
+    assert (resumed.trials, resumed.summary) == (whole.trials, whole.summary)
+    assert len(heights) - before == made // 3
+    assert not (tmp_path / "r.parts").exists()
 
 
 @pytest.mark.parametrize("name", list(PERTURBATIONS))

@@ -73,6 +73,7 @@ def test_collecting_and_playing_away_from_the_training_say_so(capsys, monkeypatc
     """Where no result is printed: the beliefs that attempts start from, and what is looked at."""
     network: Any = object()
     sensor, collecting = TrainedSensor(network, Config(), "f"), ["collect", "--run", "run", "--out", "d"]
+    collecting += ["--episodes", "4", "--sequence", "2"]
     monkeypatch.setattr("mjx_fit.training.sensor_loader.load_trained_sensor", lambda run: sensor)
     monkeypatch.setattr("mjx_fit.task.estimator.filter_update", lambda config, sensor: None)
     monkeypatch.setattr("mjx_fit.data.collect.collect", lambda *_: None)
@@ -86,3 +87,5 @@ def test_collecting_and_playing_away_from_the_training_say_so(capsys, monkeypatc
             playback.record(config, playback.Pick("full", 0), 0, FakeEngine(), sensor)
         line = "settings differ from the sensor's training: scene.friction is 0.3 there and 0.6 here"
         assert capsys.readouterr().err.splitlines() == [f"collect: {line}", f"playing: {line}"] * is_away
+    assert main.main([*collecting, *away, "--sequence", "1"]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
