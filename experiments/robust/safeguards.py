@@ -5,8 +5,8 @@
 HOME and FORGE are data sets of five consecutive attempts at a hole that start from the posterior of RUN,
 collected without safeguards. Their readings are chained anew under each setting; only the mismatched holes
 count, where all attempts fail. ρ and the temperature are those of the least negative log-likelihood on the
-first half of the holes, summed over both worlds; the table is of the second half. Besides, for all holes and
-without safeguards: the scores, the runaways, and how far single readings are off by distance of the start.
+first half of the holes, summed over both worlds; the table is of the second half. For all holes there are the
+scores without safeguards, and the NEES of single readings by the distance of the start from the hole.
 """
 
 import itertools
@@ -35,7 +35,6 @@ from mjx_fit.types import Array, Observation
 from mjx_fit.utils import process_setup
 
 ATTEMPTS = 5
-SHOWN = (1, 2, 3, 4, 5)
 CORRELATIONS = (0.0, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.6)
 TEMPERATURES = tuple(round(float(t), 2) for t in np.geomspace(0.7, 3, 25))
 DISTANCES_MM = (0, 2, 5, 10, 15, 20, 24, 30, 60)
@@ -61,6 +60,17 @@ class Chains:
     matches: Bool[np.ndarray, " m"]
 
 
+@dataclass(frozen=True)
+class Scores:
+    """Means over holes after each of five attempts, and the number of holes of which the belief runs away."""
+
+    error_mm: list[float]
+    coverage_90: list[float]
+    nees: list[float]
+    nll: list[float]
+    runaways: int
+
+
 def main(run: Path, home: Path, forge: Path) -> None:
     chains = {name: _chains(run, folder) for name, folder in (("home", home), ("forge", forge))}
     config = config_from_stored(read_manifest(home).request["config"])
@@ -81,13 +91,9 @@ def main(run: Path, home: Path, forge: Path) -> None:
     }
     table = {
         name: {
-            label: _scores(own, setting, config, _half(len(own.hole_m), 1))
+            label: vars(_scores(own, setting, config, _half(len(own.hole_m), 1)))
             for label, setting in settings.items()
         }
-        for name, own in chains.items()
-    }
-    plain = {
-        name: _scores(own, NONE, config, slice(None)) | _runaways(own, NONE, config) | _by_distance(own)
         for name, own in chains.items()
     }
     temperatures = {
@@ -95,7 +101,10 @@ def main(run: Path, home: Path, forge: Path) -> None:
     }
     results = {
         "holes": {name: len(own.hole_m) for name, own in chains.items()},
-        "all_holes_without_safeguards": plain,
+        "all_holes_without_safeguards": {
+            name: vars(_scores(own, NONE, config, slice(None))) for name, own in chains.items()
+        },
+        "reading_by_distance": {name: _by_distance(own) for name, own in chains.items()},
         "fitted": fitted,
         "nll_of_the_first_half": losses,
         "scores": table,
@@ -152,21 +161,14 @@ def _beliefs(chains: Chains, setting: FilterConfig, config: Config) -> tuple[Arr
     return jax.tree.map(np.asarray, jax.jit(jax.vmap(one))(chains.seen, jnp.asarray(chains.start_m)))
 
 
-def _scores(chains: Chains, setting: FilterConfig, config: Config, own: slice) -> dict[str, list[float]]:
-    """Compute error, coverage, NEES and NLL after each attempt."""
+def _scores(chains: Chains, setting: FilterConfig, config: Config, own: slice) -> Scores:
     mean, cov = (np.asarray(leaf)[own] for leaf in _beliefs(chains, setting, config))
     miss = chains.hole_m[own, None] - mean
-    squared = _squared(miss, cov)
+    distance, squared = np.linalg.norm(miss, axis=-1), _squared(miss, cov)
     nll = np.asarray(gaussian_nll(jnp.asarray(chains.hole_m[own, None]), mean, cov))
-    by_attempt = {
-        "error_mm": 1000 * np.linalg.norm(miss, axis=-1),
-        "coverage_90": inside(squared, 0.9),
-        "nees": squared / 2,
-        "nll": nll,
-    }
-    return {
-        name: [round(float(values[:, k - 1].mean()), 3) for k in SHOWN] for name, values in by_attempt.items()
-    }
+    by_attempt = (1000 * distance, inside(squared, 0.9), squared / 2, nll)
+    means = ([round(float(value), 3) for value in values.mean(0)] for values in by_attempt)
+    return Scores(*means, runaways=int(run_away(CM_PER_M * distance, squared).sum()))
 
 
 def _squared(miss: np.ndarray, cov: np.ndarray) -> np.ndarray:
@@ -174,14 +176,7 @@ def _squared(miss: np.ndarray, cov: np.ndarray) -> np.ndarray:
     return squared_mahalanobis(miss.reshape(-1, 2), cov.reshape(-1, 2, 2)).reshape(miss.shape[:2])
 
 
-def _runaways(chains: Chains, setting: FilterConfig, config: Config) -> dict[str, int]:
-    """Count the holes of which the belief runs away, as in ``evaluate robustness``."""
-    mean, cov = map(np.asarray, _beliefs(chains, setting, config))
-    miss = chains.hole_m[:, None] - mean
-    return {"runaways": int(run_away(CM_PER_M * np.linalg.norm(miss, axis=-1), _squared(miss, cov)).sum())}
-
-
-def _by_distance(chains: Chains) -> dict[str, dict[str, dict[str, float]]]:
+def _by_distance(chains: Chains) -> dict[str, dict[str, float]]:
     """Compute the NEES of single readings by the distance from the start of the attempt to the hole."""
     offset = chains.hole_m[:, None] - chains.start_m
     nees = _squared(offset - chains.seen.innovation, np.asarray(chains.seen.pos_noise_cov)) / 2
@@ -191,7 +186,7 @@ def _by_distance(chains: Chains) -> dict[str, dict[str, dict[str, float]]]:
         here = nees[(distance >= low) & (distance < high)]
         if here.size:
             rows[f"{low} to {high} mm"] = {"n": int(here.size), "nees": round(float(here.mean()), 2)}
-    return {"reading_by_distance": rows}
+    return rows
 
 
 def _losses(chains: Chains, config: Config) -> dict[str, dict[float, float]]:
@@ -199,7 +194,7 @@ def _losses(chains: Chains, config: Config) -> dict[str, dict[float, float]]:
     first = _half(len(chains.hole_m), 0)
     return {
         "correlation": {
-            value: _scores(chains, replace(NONE, correlation=value), config, first)["nll"][-1]
+            value: _scores(chains, replace(NONE, correlation=value), config, first).nll[-1]
             for value in CORRELATIONS
         },
         "match_temperature": {value: _match_nll(chains, value, half=0) for value in TEMPERATURES},

@@ -110,6 +110,15 @@ def test_what_differs_from_the_defaults_is_shown(capsys):
     assert "scene.clearance_m" not in changed
 
 
+def test_descriptions_stay_beside_the_wide_values_of_a_world(capsys):
+    assert main.main(["config", "--world", "forge"]) == 0
+    rows = [line for line in capsys.readouterr().out.splitlines() if line.startswith("  ")]
+    assert not any(line.endswith(" …") for line in rows)
+    drawn = next(line for line in rows if "log_uniform [0.25, 1.25]" in line)
+    assert drawn.split()[:4] == ["friction", "1", "distribution", "null"]
+    assert drawn.endswith("Of scene.friction")
+
+
 def test_a_key_that_does_not_exist_is_refused_by_the_table_as_by_all(capsys):
     assert main.main(["config", "--set", "scene.colour=1"]) == 2
     assert "unknown key" in capsys.readouterr().err

@@ -122,6 +122,7 @@ def test_the_summary_by_hand():
     calm = [trial(i, False, [2.0] + [0.1] * 5, [1.0] * 6, 0.1 + 0.01 * i) for i in range(10)]
     lost = [trial(10 + i, False, [2.0] + [1.5] * 5, [60.0] * 6, 0.3) for i in range(10)]
     calm[0]["error_cm"][1], calm[0]["squared_mahalanobis"][1] = 1.1, 60.0  # once is not lost
+    calm[0]["squared_mahalanobis"][0] = 60.0  # before the first attempt does not count
     matched = [trial(20 + i, True, [2.0] + [0.2] * 5, [1.0] * 6, 0.9) for i in range(10)]
     rows = {(row.metric, row.group): row for row in summarise([*calm, *lost, *matched])}
     assert rows["position_error_mm", "home:1"].value == pytest.approx(8.5)

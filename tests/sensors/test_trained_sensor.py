@@ -7,6 +7,7 @@ import pytest
 from mjx_fit.config.files import read_config
 from mjx_fit.config.worlds import world_file
 from mjx_fit.sensors.trained_sensor import TrainedSensor
+from mjx_fit.utils.errors import RequestError
 
 NETWORK: Any = object()
 SENSOR = TrainedSensor(NETWORK, read_config(world_file("forge")), "f")
@@ -36,3 +37,10 @@ SENSOR = TrainedSensor(NETWORK, read_config(world_file("forge")), "f")
 )
 def test_only_what_the_sensor_never_saw_is_new(change, new):
     assert SENSOR.differences(read_config(None, [change])) == new
+
+
+def test_a_changed_network_is_named_whatever_else_differs():
+    changed = read_config(None, ["scene.friction=0.6", "sensor.width=16"])
+    with pytest.raises(RequestError, match=r"^config: sensor\.width is 64 there and 16 here"):
+        SENSOR.adapt(changed)
+    assert SENSOR.adapt(read_config(None, ["scene.friction=0.6"])).scene.friction == 0.6
