@@ -19,7 +19,7 @@ from mjx_fit.training.checkpoint import load_sensor
 from mjx_fit.utils import resources
 from mjx_fit.utils.errors import RequestError
 
-REQUESTS = "0d521e26a86a846daf4045b4fd5555bf"
+REQUESTS = "7f6d735e6cf8fc81e3c397551f4cb7f8"
 """Digest of two requests as they were stored when the paper's sensor and training were the defaults."""
 
 

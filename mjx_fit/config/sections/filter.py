@@ -24,5 +24,5 @@ class FilterConfig:
     """
 
     gate: Annotated[float, Field(ge=0, le=0.99999)] = 0.99
-    correlation: Annotated[float, Field(ge=0, le=0.95)] = 0.25
-    match_temperature: Annotated[float, Field(ge=0.1, le=100)] = 1.28
+    correlation: Annotated[float, Field(ge=0, le=0.95)] = 0.1
+    match_temperature: Annotated[float, Field(ge=0.1, le=100)] = 1.14
