@@ -176,9 +176,9 @@ def _add_hole(
 
 
 def _strip_visual_geoms(spec: mujoco.MjSpec) -> None:
-    """Remove visual elements, since engines compute the pose of every geom in every step."""
+    """Remove visual elements: engines compute the pose of every geom, and copy the model for each world."""
     seen = [geom for geom in spec.geoms if not geom.contype and not geom.conaffinity]
-    for element in (*seen, *spec.lights, *spec.cameras):
+    for element in (*seen, *spec.lights, *spec.cameras, *spec.textures):
         spec.delete(element)
 
 
