@@ -1,5 +1,11 @@
-"""Draw the figures of this page and print its table rows: ``python experiments/paper/page.py``."""
+"""Draw the figures of this page and print its table rows, world by world.
 
+    python experiments/paper/page.py [WORLD ...]
+
+Each world has a folder of result files; the figures go there. Default: all of them.
+"""
+
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -15,7 +21,7 @@ from mjx_fit.report.figures import assembly, single_hole
 HERE = Path(__file__).parent
 CAP = 30
 ALONE = ("assembly_match", "assembly_hard", "assembly_humble", "assembly_full")
-"""Results compared with assembly_covariance, trial by trial."""
+"""Results compared with assembly_covariance, or assembly where that was not run, trial by trial."""
 GROUPS = {
     "attempt": ("matched", "mismatched"),
     "position": tuple("012345"),
@@ -25,17 +31,19 @@ GROUPS = {
 """Groups of a summary that are printed, by experiment."""
 
 
-def main() -> None:
-    found = {path.stem: results.read(path) for path in sorted(HERE.glob("*.json")) if _is_result(path)}
+def main(folder: Path) -> None:
+    print(f"\nWorld: {folder.name}")
+    found = {path.stem: results.read(path) for path in sorted(folder.glob("*.json")) if _is_result(path)}
     for name, result in found.items():
         _print(name, result)
         if result.experiment == "position":
             _print_paired(result)
         for kind, draw in _figures(result).items():
-            script.draw(HERE / f"{name}_{kind}.png", draw)
+            script.draw(folder / f"{name}_{kind}.png", draw)
+    others = found.get("assembly_covariance", found.get("assembly"))
     for name in ALONE:
-        if name in found:
-            _print_against(name, found[name], found["assembly_covariance"])
+        if name in found and others is not None:
+            _print_against(name, found[name], others)
 
 
 def _print_against(name: str, alone: Result, others: Result) -> None:
@@ -102,4 +110,5 @@ def _words(row: Row) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    for world in sys.argv[1:] or sorted(path.name for path in HERE.iterdir() if path.is_dir()):
+        main(HERE / world)

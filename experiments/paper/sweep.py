@@ -4,7 +4,7 @@
 
 One setting changes at a time; the outcome model depends on the belief's covariance. The priors do not change:
 σ = 1 cm for every detector, and success by distance as for a clearance of 1 mm. Result files go to FOLDER,
-the table and the figure next to this file. Rerun the command to resume.
+the table and the figure to the folder of the world, ``home``. Rerun the command to resume.
 """
 
 import argparse
@@ -24,7 +24,7 @@ from mjx_fit.report.figures import style
 from mjx_fit.training.sensor_loader import load_trained_sensor
 from mjx_fit.utils import process_setup, resources
 
-HERE = Path(__file__).parent
+HERE = Path(__file__).parent / "home"
 METHODS = "full,oracle"
 SWEEPS: dict[str, tuple[str, tuple[float, ...], float, str]] = {
     "task.n_holes": ("Holes", (2, 5, 8), 1, "{:g}"),

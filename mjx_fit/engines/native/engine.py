@@ -103,7 +103,7 @@ class NativeEngine:
         horizon: int,
         goal: Goal | None = None,
     ) -> Rollout:
-        """Simulate one action of up to 512 attempts from any state; only the row of that action is filled.
+        """Simulate one action of up to 64 attempts from any state; only the row of that action is filled.
 
         The policy acts from its initial state, without earlier measurements.
 
