@@ -8,11 +8,11 @@ from typing import Any
 from places import EXPERIMENTS
 
 RIGHT = {
-    "assembly": EXPERIMENTS / "paper" / "assembly.json",
-    "attempt": EXPERIMENTS / "paper" / "attempt.json",
+    "assembly": EXPERIMENTS / "paper" / "as-2026-11" / "assembly.json",
+    "attempt": EXPERIMENTS / "paper" / "as-2026-11" / "attempt.json",
     "calibration": EXPERIMENTS / "learning" / "sequences.json",
-    "insertion": EXPERIMENTS / "paper" / "insertion.json",
-    "position": EXPERIMENTS / "paper" / "position.json",
+    "insertion": EXPERIMENTS / "paper" / "as-2026-11" / "insertion.json",
+    "position": EXPERIMENTS / "paper" / "as-2026-11" / "position.json",
 }
 TRIALS = 3
 """Of each method: enough for everything that is drawn, and fast."""

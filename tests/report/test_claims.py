@@ -162,6 +162,6 @@ def test_a_legend_names_only_what_the_page_has(tmp_path: Path):
 
 
 def test_no_figure_shows_a_formula_as_text():
-    result = results.read(EXPERIMENTS / "paper" / "position.json")
+    result = results.read(EXPERIMENTS / "paper" / "as-2026-11" / "position.json")
     for name, _, draw in catalogue.of_result(result):
         assert "mathdefault" not in picture(name, name, draw).svg

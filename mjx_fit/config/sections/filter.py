@@ -12,7 +12,7 @@ from mjx_fit.config.sections.fields import STRICT
 class FilterConfig:
     """Safeguards of the belief updates against wrong readings; off in the paper.
 
-    The defaults were fitted for the weights that ship (``experiments/robust/safeguards.py``).
+    Correlation and temperature were fitted for the weights that ship (``experiments/robust/safeguards.py``).
 
     Attributes:
         gate: Probability of acceptance. 0: any reading is accepted. A reading outside the region of this

@@ -6,7 +6,7 @@ same for all pairs of a world, and few pairs touch at a time. A contact between 
 MuJoCo's C engine: the incident face clipped against the face of least overlap. Where the C engine finds a
 contact between edges and reports one point, this module gives the clipped points of the faces, as MJX does
 for nearly aligned boxes: somewhat more and stiffer contact at about a quarter of the C engine's points
-(experiments/physics/parity.py).
+(experiments/physics/parity_step.py).
 
 The peg must be within 45 degrees of upright and of the socket's axes, as in any valid attempt.
 
