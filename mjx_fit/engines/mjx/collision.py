@@ -2,15 +2,12 @@
 
 MJX's own box collision handles arbitrary boxes, one pair at a time. This module exploits that all boxes of
 the peg rotate together and those of the socket are axis-aligned: the axes of the separating axis test are the
-same for all pairs of a world, and few pairs touch at a time. A contact between faces gives the same result as
-MuJoCo's C engine: the incident face clipped against the face of least overlap. Where the C engine finds a
-contact between edges and reports one point, this module gives the clipped points of the faces, as MJX does
-for nearly aligned boxes: somewhat more and stiffer contact at about a quarter of the C engine's points
-(experiments/physics/parity_step.py).
+same for all pairs of a world, and few pairs touch at a time. Contacts are those of MuJoCo's C engine: the
+incident face clipped against the face of least overlap, or one point where two edges cross
+(``mjx_fit.engines.mjx.edges``; experiments/physics/parity_step.py compares).
 
-The peg must be within 45 degrees of upright and of the socket's axes, as in any valid attempt.
-
-The worlds, ``b``, are the last axis of all arrays: see ``mjx_fit.utils.linalg``.
+The peg must be within 45 degrees of upright and of the socket's axes, as in any valid attempt. The
+worlds, ``b``, are the last axis of all arrays: see ``mjx_fit.utils.linalg``.
 """
 
 from functools import reduce
@@ -19,6 +16,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Float
 
+from mjx_fit.engines.mjx.edges import LEAST_SHARE, Crossing, crossing
 from mjx_fit.types import Array
 from mjx_fit.utils.linalg import cross, largest, times, total
 
@@ -106,7 +104,8 @@ def deepest_points(
     nearest = largest(_least(along), boxes, MOST_PAIRS)
     peg_at, plate_at, peg_size, plate_size = jnp.split(jnp.moveaxis(nearest, 0, 1), 4)
     pairs = _reference(peg_at, plate_at, peg_size, plate_size, peg_frame_plate)
-    return _deepest(pairs, *_candidates(pairs), count)
+    edges = crossing(peg_at, plate_at, peg_size, plate_size, peg_frame_plate)
+    return _deepest(*_or_edges(pairs, *_candidates(pairs), edges), count)
 
 
 def _overlaps(between, peg_half, plate_half, frame):
@@ -203,6 +202,20 @@ def _under_corner(a, b, face, edge, other):
     scale = 1 / (edge[1] * other[2] - edge[2] * other[1])
     u, v = (y * other[2] - z * other[1]) * scale, (z * edge[1] - y * edge[2]) * scale
     return jnp.stack([face[0] + u * edge[0] + v * other[0], a, b]), (abs(u) <= 1) & (abs(v) <= 1)
+
+
+def _or_edges(pairs: _Overlap, depth, place, edges: Crossing):
+    """Replace the candidates of pairs that overlap least along two edges by the point where these cross."""
+    crossed = edges.depth < LEAST_SHARE * pairs.depth
+    only = jnp.where(jnp.arange(len(depth))[:, None, None] == 0, edges.depth, 0.0)
+    half = jnp.stack([edges.depth / 2, *pairs.half[1:]])  # the point is in the middle of the overlap
+    pairs = pairs._replace(
+        depth=jnp.minimum(pairs.depth, edges.depth),
+        half=jnp.where(crossed, half, pairs.half),
+        origin=jnp.where(crossed, edges.pos, pairs.origin),
+        normal=jnp.where(crossed, edges.normal, pairs.normal),
+    )
+    return pairs, jnp.where(crossed, only, depth), jnp.where(crossed, 0.0, place)
 
 
 def _deepest(pairs: _Overlap, depth, place, count: int) -> Points:
