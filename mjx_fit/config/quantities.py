@@ -57,3 +57,6 @@ MEASURED = {
     "delay_s": "pose",
 }
 """Sizes of measurement errors that each reading can draw, and their sections."""
+
+NUMERICAL = ("max_contacts",)
+"""Keys of the world that limit the arithmetic of one engine: with enough slots the world is the same."""

@@ -4,7 +4,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from mjx_fit.config.quantities import MEASURED, QUANTITIES
+from mjx_fit.config.quantities import MEASURED, NUMERICAL, QUANTITIES
 from mjx_fit.config.randomized import difference, not_covered
 from mjx_fit.config.schema import Config, config_differences
 from mjx_fit.sensors.contact_sensor import ContactSensor
@@ -73,7 +73,7 @@ class TrainedSensor:
 def _is_constant(section: str, key: str) -> bool:
     """Return True for what traces depend on and what is the same in all worlds and readings."""
     seen = section in _SECTIONS or (section == "task" and key in _OF_THE_TASK)
-    return seen and key not in QUANTITIES and key not in MEASURED
+    return seen and key not in QUANTITIES and key not in MEASURED and key not in NUMERICAL
 
 
 def away_from_training(differences: Sequence[str]) -> str:

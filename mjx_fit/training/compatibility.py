@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field, TypeAdapter
 from typing_extensions import TypedDict
 
-from mjx_fit.config.quantities import QUANTITIES
+from mjx_fit.config.quantities import NUMERICAL, QUANTITIES
 from mjx_fit.config.randomized import difference, not_covered
 from mjx_fit.config.schema import Config, config_differences, config_from_stored
 from mjx_fit.data.episode import Episode
@@ -143,4 +143,4 @@ def require_world(request: dict[str, Any], config: Config) -> None:
 
 def _is_constant(section: str, key: str) -> bool:
     """Return True for what is the same in all worlds of a configuration; quantities have ranges."""
-    return section in WORLD and key not in QUANTITIES
+    return section in WORLD and key not in QUANTITIES and key not in NUMERICAL

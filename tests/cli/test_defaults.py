@@ -19,7 +19,7 @@ from mjx_fit.training.checkpoint import load_sensor
 from mjx_fit.utils import resources
 from mjx_fit.utils.errors import RequestError
 
-REQUESTS = "7f6d735e6cf8fc81e3c397551f4cb7f8"
+REQUESTS = "fc30d7ae63a4e07b911f5167b947cb17"
 """Digest of two requests as they were stored when the paper's sensor and training were the defaults."""
 
 
@@ -78,8 +78,10 @@ def test_train_without_a_preset_is_the_training_that_ships():
     cpu = read_config(resources.folder("configs") / "cpu.yaml")
     assert cpu == Config()
     assert (ships.sensor, ships.train) == (cpu.sensor, cpu.train)
+    forge = read_config(world_file("forge"))
     for section in ("scene", "control", "arm", "wrist", "detector", "randomize"):
-        assert getattr(ships, section) == getattr(read_config(world_file("forge")), section), section
+        differing = config_differences(ships, forge, lambda where, key, own=section: where == own)
+        assert all("max_contacts" in one for one in differing), section  # slots of MJX; data are from C
 
 
 def test_presets_mean_what_they_meant():

@@ -32,6 +32,7 @@ SENSOR = TrainedSensor(NETWORK, read_config(world_file("forge")), "f")
         ("task.attempt_actions=50", ["task.attempt_actions is 100 there and 50 here"]),
         ("task.outcome_model=covariance", []),  # of the estimator, not of the traces
         ("filter.gate=0", []),
+        ("scene.max_contacts=8", []),  # of MJX alone
         ("train.epochs=3", []),
     ],
 )

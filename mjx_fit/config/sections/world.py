@@ -46,7 +46,8 @@ class SceneConfig:
             (deep_impedance slip_time_s); null: equal to ``contact_time_s``. MuJoCo's convex friction cone
             lifts a peg that slides at speed v with the force D μ b v; where this exceeds the push, the peg
             loses contact (experiments/physics/sliding.py).
-        max_contacts: Contact slots per world in MJX.
+        max_contacts: Contact slots per world in MJX. A pressed peg has up to 24 points in C; if slots are too
+            few, the deepest points count, and torques differ.
     """
 
     robot: RobotName = "panda"
@@ -62,7 +63,7 @@ class SceneConfig:
     contact_impedance: Annotated[float, Field(ge=0.1, le=0.99)] = 0.3
     deep_impedance: Annotated[float, Field(ge=0.1, le=0.99)] = 0.95
     slip_time_s: Annotated[float, Field(ge=0.004, le=0.5)] | None = 0.05
-    max_contacts: Annotated[int, Field(ge=4, le=64, json_schema_extra={"unit": "contacts"})] = 8
+    max_contacts: Annotated[int, Field(ge=4, le=64, json_schema_extra={"unit": "contacts"})] = 24
 
     @model_validator(mode="after")
     def _names_differ(self) -> "SceneConfig":
