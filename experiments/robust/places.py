@@ -38,12 +38,14 @@ def main() -> None:
     results: dict[str, object] = {"attempts": ATTEMPTS}
     for (peg, hole), place in product(permutations(range(len(names)), 2), PLACES_MM):
         key = f"{names[peg]} in {names[hole]}, {place[0]} and {place[1]} mm"
-        results[key] = _scores(network, engine, (peg, hole), np.array(place) / MM_PER_M)
+        results[key] = _scores(network, engine, config, (peg, hole), np.array(place) / MM_PER_M)
     script.save(Path(__file__).with_suffix(".json"), results)
 
 
-def _scores(network: ContactSensor, engine: Engine, pair: tuple[int, int], place_m: np.ndarray) -> dict:
-    config, ids, root = engine.config, np.arange(ATTEMPTS), root_key(0, "places")
+def _scores(
+    network: ContactSensor, engine: Engine, config: Config, pair: tuple[int, int], place_m: np.ndarray
+) -> dict[str, float]:
+    ids, root = np.arange(ATTEMPTS), root_key(0, "places")
     drawn = draw_places(root, ids, config)
     off = place_m * np.random.default_rng(0).choice([-1, 1], (ATTEMPTS, 2))
     peg, hole = (np.full(ATTEMPTS, kind) for kind in pair)
