@@ -66,7 +66,7 @@ def simulation_scene(config: SceneConfig) -> Scene:
         spec = _arm_on_table(config)
         _add_peg(spec, config, peg)
         _add_hole(spec, config, hole, "hole", (0.5, 0.0), mocap=True)
-        _strip_visual_geoms(spec)
+        _strip_visuals(spec)
         if config.slip_time_s is not None:
             _add_pairs(spec, config, len(peg.centre), len(hole.centre))
         models.append(spec.compile())
@@ -175,7 +175,7 @@ def _add_hole(
         )
 
 
-def _strip_visual_geoms(spec: mujoco.MjSpec) -> None:
+def _strip_visuals(spec: mujoco.MjSpec) -> None:
     """Remove visual elements: engines compute the pose of every geom, and copy the model for each world."""
     seen = [geom for geom in spec.geoms if not geom.contype and not geom.conaffinity]
     for element in (*seen, *spec.lights, *spec.cameras, *spec.textures):

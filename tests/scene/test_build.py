@@ -33,6 +33,14 @@ def test_arm_has_the_published_masses_and_limits(scene):
     assert model.opt.timestep == 0.002
 
 
+def test_the_simulated_scene_has_nothing_to_look_at(scene):
+    """Every random world has a copy of its model: with textures 1.2 MB instead of some 20 kB."""
+    for model in scene.models:
+        assert (model.nlight, model.ncam, model.ntex) == (0, 0, 0)
+        assert (model.geom_contype | model.geom_conaffinity).all()
+        assert mujoco.mj_sizeModel(model) < 50_000
+
+
 def test_forward_kinematics_at_home_is_the_vendors(scene):
     """At q = 0 the modified DH chain ends at x = 0.088, z = 0.333 + 0.316 + 0.384 - 0.107 (flange)."""
     model = scene.models[0]
