@@ -73,9 +73,9 @@ def crossing(
         jnp.stack([jnp.where(axis == i, 1.0, 0.0) for i in range(3)]) for axis in (peg_axis, plate_axis)
     )
     facing = total(frame * normal[:, None])
-    corner = jnp.sign(facing) * peg_half * (1 - on_peg)
-    peg_edge = peg_at + total(frame * corner, 1)
-    plate_edge = plate_at - jnp.sign(normal) * plate_half * (1 - on_plate)
+    # Where a corner lies along its own edge does not matter: the edges are taken as lines.
+    peg_edge = peg_at + total(frame * (jnp.sign(facing) * peg_half), 1)
+    plate_edge = plate_at - jnp.sign(normal) * plate_half
     pos = _midway(peg_edge, total(frame * on_peg, 1), plate_edge, on_plate)
     return Crossing(depth, pos, normal)
 
