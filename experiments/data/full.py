@@ -26,7 +26,8 @@ EPISODES = 3000
 def main(folder: Path) -> None:
     if folder.exists():
         sys.exit(f"{folder} already exists: a finished collection cannot be timed")
-    argv = ["collect", "--out", str(folder), "--episodes", str(EPISODES)]
+    argv = ["collect", "--out", str(folder), "--policy", "random", "--actions", "200"]
+    argv += ["--episodes", str(EPISODES)]
     began = time.monotonic()
     subprocess.run([sys.executable, "-m", "mjx_fit", *argv], check=True)
     seconds = time.monotonic() - began
