@@ -38,9 +38,10 @@ def main() -> None:
             what: shared.quantiles(_relative(in_mjx[what], in_c[what]), (0.5, 0.75, 0.9, 1))
             for what in ("qacc_smooth", "qacc")
         }
-        results[name]["force_error_n"] = shared.quantiles(
-            np.linalg.norm((in_mjx["sensordata"] - in_c["sensordata"])[:, :3], axis=1), (0.5, 0.75, 0.9, 1)
-        )
+        wrench = in_mjx["sensordata"] - in_c["sensordata"]
+        for what, columns in (("force_error_n", slice(3)), ("torque_error_nm", slice(3, 6))):
+            error = np.linalg.norm(wrench[:, columns], axis=1)
+            results[name][what] = shared.quantiles(error, (0.5, 0.75, 0.9, 1))
         results[name]["force_n"] = shared.quantiles(
             np.linalg.norm(in_c["sensordata"][:, :3], axis=1), (0.5, 0.9)
         )
