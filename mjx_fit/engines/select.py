@@ -1,9 +1,12 @@
 """Select an engine by name."""
 
+import sys
+
 import jax
 
 from mjx_fit.config.randomized import distributions
 from mjx_fit.config.schema import Config
+from mjx_fit.config.sections.world import SceneConfig
 from mjx_fit.control.policies import Policy
 from mjx_fit.control.policy_file import require_policy
 from mjx_fit.engines.interface import Engine
@@ -56,4 +59,18 @@ def make_engine(name: str = "auto", config: Config | None = None, policy: Policy
     drawn = distributions(config.randomize, GEOMETRY)
     ranges = {name: distribution.support for name, distribution in drawn.items()}
     require_linear(config.scene, ranges, "config: randomize")
-    return (MjxEngine if resolve(name) == "mjx" else NativeEngine)(config, granted_cpus.cpus(), policy)
+    chosen = resolve(name)
+    if chosen == "mjx":
+        _say_if_slots_are_few(config.scene)
+    return (MjxEngine if chosen == "mjx" else NativeEngine)(config, granted_cpus.cpus(), policy)
+
+
+def _say_if_slots_are_few(scene: SceneConfig) -> None:
+    """Print a note to stderr if MJX may have to drop contact points that the C engine keeps."""
+    enough = SceneConfig().max_contacts
+    if scene.max_contacts < enough:
+        print(
+            f"mjx: scene.max_contacts is {scene.max_contacts}: a pressed peg has up to {enough} contact "
+            "points; only the deepest count, and torques differ from those of native",
+            file=sys.stderr,
+        )

@@ -123,6 +123,8 @@ def require_new(run: Path, data: Episode, fingerprint: str) -> None:
 def require_world(request: dict[str, Any], config: Config) -> None:
     """Check that the data come from the world of the configuration.
 
+    Contact slots are a property of the world only in data that MJX has collected.
+
     Args:
         request: Request that the data set was collected with.
         config: Configuration, with its sections in ``WORLD`` and ``randomize`` in use.
@@ -132,7 +134,10 @@ def require_world(request: dict[str, Any], config: Config) -> None:
             has values there that it never has here.
     """
     there = config_from_stored(request["config"])
-    differences = config_differences(there, config, _is_constant)
+    exempt = () if request["engine"] == "mjx" else NUMERICAL
+    differences = config_differences(
+        there, config, lambda section, key: _is_constant(section, key) and key not in exempt
+    )
     differences += [difference(name, there, config) for name in not_covered(config, there, QUANTITIES)]
     if differences:
         raise RequestError(
@@ -143,4 +148,4 @@ def require_world(request: dict[str, Any], config: Config) -> None:
 
 def _is_constant(section: str, key: str) -> bool:
     """Return True for what is the same in all worlds of a configuration; quantities have ranges."""
-    return section in WORLD and key not in QUANTITIES and key not in NUMERICAL
+    return section in WORLD and key not in QUANTITIES

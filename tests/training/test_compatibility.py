@@ -59,8 +59,11 @@ def test_data_of_another_world_are_refused(folder, tmp_path):
         with pytest.raises(RequestError, match=rf"--data: .*{key} is .* there and {value:g} here"):
             train_from([folder], config, Run(tmp_path / "run", seed=0))
     assert not (tmp_path / "run").exists()
+    request = read_manifest(folder).request
     for other in ("wrist.force_noise_n=0.2", "scene.max_contacts=8"):  # neither is a property of the world
-        compatibility.require_world(read_manifest(folder).request, read_config(None, [other]))
+        compatibility.require_world(request, read_config(None, [other]))
+    with pytest.raises(RequestError, match=r"scene\.max_contacts is 24 there and 8 here"):
+        compatibility.require_world({**request, "engine": "mjx"}, read_config(None, ["scene.max_contacts=8"]))
 
 
 def test_data_of_other_shapes_are_refused(collect, tmp_path):

@@ -46,8 +46,9 @@ class SceneConfig:
             (deep_impedance slip_time_s); null: equal to ``contact_time_s``. MuJoCo's convex friction cone
             lifts a peg that slides at speed v with the force D μ b v; where this exceeds the push, the peg
             loses contact (experiments/physics/sliding.py).
-        max_contacts: Contact slots per world in MJX. A pressed peg has up to 24 points in C; if slots are too
-            few, the deepest points count, and torques differ.
+        max_contacts: Contact slots per world in MJX. A pressed peg of the default shapes has up to 24 points
+            in C, one of three or four rectangles up to 33; if slots are too few, the deepest points count,
+            and torques differ.
     """
 
     robot: RobotName = "panda"

@@ -16,12 +16,12 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Float
 
-from mjx_fit.engines.mjx.edges import LEAST_SHARE, Crossing, crossing
+from mjx_fit.engines.mjx.edges import Crossing, crossing, outdo
 from mjx_fit.types import Array
 from mjx_fit.utils.linalg import cross, largest, times, total
 
-MOST_PAIRS = 6
-"""Number of box pairs tested for contact, by largest overlap; usually one to three touch."""
+MOST_PAIRS, PAIRS_PER_BOX = 6, 3
+"""Box pairs tested for contact, by largest overlap: 6, or 3 per box of the peg; up to 6 and 9 were seen."""
 
 
 class Points(NamedTuple):
@@ -101,7 +101,7 @@ def deepest_points(
     peg_size, plate_size = of_pairs(peg.half, plate.half)
     along = _overlaps(peg_at - plate_at, peg_size, plate_size, peg_frame_plate)
     boxes = jnp.concatenate([peg_at, plate_at, peg_size, plate_size])
-    nearest = largest(_least(along), boxes, MOST_PAIRS)
+    nearest = largest(_least(along), boxes, max(MOST_PAIRS, PAIRS_PER_BOX * len(peg.centre)))
     peg_at, plate_at, peg_size, plate_size = jnp.split(jnp.moveaxis(nearest, 0, 1), 4)
     pairs = _reference(peg_at, plate_at, peg_size, plate_size, peg_frame_plate)
     edges = crossing(peg_at, plate_at, peg_size, plate_size, peg_frame_plate)
@@ -206,7 +206,7 @@ def _under_corner(a, b, face, edge, other):
 
 def _or_edges(pairs: _Overlap, depth, place, edges: Crossing):
     """Replace the candidates of pairs that overlap least along two edges by the point where these cross."""
-    crossed = edges.depth < LEAST_SHARE * pairs.depth
+    crossed = outdo(edges, pairs.depth, pairs.normal)
     only = jnp.where(jnp.arange(len(depth))[:, None, None] == 0, edges.depth, 0.0)
     half = jnp.stack([edges.depth / 2, *pairs.half[1:]])  # the point is in the middle of the overlap
     pairs = pairs._replace(

@@ -6,17 +6,19 @@ common normal of two edges. MuJoCo's C engine then reports a single point.
 The worlds, ``b``, are the last axis of all arrays: see ``mjx_fit.utils.linalg``.
 """
 
-from itertools import permutations
+from itertools import product
 from typing import NamedTuple
 
 import jax.numpy as jnp
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from mjx_fit.types import Array
 from mjx_fit.utils.linalg import cross, total
 
-LEAST_SHARE = 0.95
-"""Edges touch, not faces, where their overlap is below this share of the faces' (measured, C MuJoCo 3.17)."""
+NEARLY_PARALLEL = 3e-4
+"""Sine of the angle between two edges below which their common normal is lost in single precision."""
+_ALIGNED, _SHARE = 0.99, 0.95
+"""Where the normals of edges and faces agree to this cosine, edges need an overlap below this share."""
 
 
 class Crossing(NamedTuple):
@@ -42,8 +44,7 @@ def crossing(
 ) -> Crossing:
     """Find the edges of least overlap of pairs of boxes.
 
-    Edges along the same axis of both boxes are left out: a peg stands nearly upright, so they are nearly
-    parallel, and their common normal is lost in rounding.
+    Edges that are nearly parallel are left out.
 
     Args:
         peg_at: Centres of the peg's boxes, relative to the socket's origin, m.
@@ -55,14 +56,16 @@ def crossing(
     between = peg_at - plate_at
     frame = frame[:, :, None]
     found = jnp.full((6, *between.shape[1:]), jnp.inf)
-    for peg_axis, plate_axis in permutations(range(3), 2):
+    for peg_axis, plate_axis in product(range(3), repeat=2):
         along_plate = jnp.eye(3)[plate_axis][:, None, None]
         normal = cross(jnp.broadcast_to(along_plate, frame[:, peg_axis].shape), frame[:, peg_axis])
-        normal = normal / jnp.sqrt(total(normal**2))
+        sine = jnp.sqrt(total(normal**2))
+        crossed = sine > NEARLY_PARALLEL
+        normal = normal / jnp.where(crossed, sine, 1.0)
         facing = total(frame * normal[:, None])
         reach = total(abs(normal) * plate_half) + total(abs(facing) * peg_half)
         apart = total(normal * between)
-        depth = reach - abs(apart)
+        depth = jnp.where(crossed, reach - abs(apart), jnp.inf)
         towards = jnp.where(apart > 0, -1.0, 1.0) * normal
         axes = (jnp.full(depth.shape, float(axis)) for axis in (peg_axis, plate_axis))
         new = jnp.stack([depth, *axes, *towards])
@@ -80,10 +83,24 @@ def crossing(
     return Crossing(depth, pos, normal)
 
 
+def outdo(edges: Crossing, depth: Float[Array, "k b"], normal: Float[Array, "3 k b"]) -> Bool[Array, "k b"]:
+    """Check whether edges touch instead of faces, by the rule of MuJoCo's C engine.
+
+    The smaller overlap counts; where the normals nearly agree, faces are preferred.
+
+    Args:
+        edges: Edges of least overlap.
+        depth: Least overlap along the axes of faces, m.
+        normal: Normal of that face.
+    """
+    aligned = abs(total(edges.normal * normal)) > _ALIGNED
+    return edges.depth < jnp.where(aligned, _SHARE, 1.0) * depth
+
+
 def _midway(start, along, other_start, other_along) -> Float[Array, "3 k b"]:
     """Return the point midway between the closest points of two lines with unit directions."""
     gap, cos = start - other_start, total(along * other_along)
     one, other = total(along * gap), total(other_along * gap)
-    square = 1 - cos**2
+    square = total(cross(along, other_along) ** 2)
     place = start + (cos * other - one) / square * along
     return 0.5 * (place + other_start + (other - cos * one) / square * other_along)
