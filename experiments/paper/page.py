@@ -110,5 +110,5 @@ def _words(row: Row) -> str:
 
 
 if __name__ == "__main__":
-    for world in sys.argv[1:] or sorted(path.name for path in HERE.iterdir() if path.is_dir()):
+    for world in sys.argv[1:] or sorted(path.name for path in HERE.iterdir() if any(path.glob("*.json"))):
         main(HERE / world)

@@ -3,7 +3,7 @@
     python experiments/robust/safeguards.py RUN HOME FORGE
 
 HOME and FORGE are data sets of five consecutive attempts at a hole that start from the posterior of RUN,
-collected without safeguards. Their readings are chained anew under each setting; only the mismatched holes
+collected without safeguards. Their readings are chained again under each setting; only the mismatched holes
 count, where all attempts fail.
 
 - ρ: of those whose 90 % ellipse holds 85 to 95 % of the holes after each attempt in both worlds, the one with
@@ -202,14 +202,14 @@ Losses = dict[str, dict[float, Loss]]
 def _losses(chains: Chains, config: Config, own: slice) -> Losses:
     """Compute what ρ and the temperature are fitted by: see the top of this file."""
 
-    def uncovered(correlation: float) -> Loss:
+    def loss_of(correlation: float) -> Loss:
         scores = _scores(chains, replace(NONE, correlation=correlation), config, own)
         held, (low, high) = np.round(scores.coverage_90, 2), COVERED
         beyond = max(low - held.min(), held.max() - high, 0.0)
         return Loss(round(float(beyond), 2), round(float(np.mean(scores.nll)), 4))
 
     return {
-        "correlation": {value: uncovered(value) for value in CORRELATIONS},
+        "correlation": {value: loss_of(value) for value in CORRELATIONS},
         "match_temperature": {value: Loss(0.0, _match_nll(chains, value, own)) for value in TEMPERATURES},
     }
 

@@ -1,11 +1,11 @@
 """What commands do when no option says otherwise, and what may not change with it."""
 
-import hashlib
 import json
 from pathlib import Path
 
 import pytest
-from places import EARLIER_RUN
+import yaml
+from places import EARLIER_RUN, EXPERIMENTS
 
 from mjx_fit.cli import main, train_command
 from mjx_fit.cli.parser import parser
@@ -18,9 +18,6 @@ from mjx_fit.data.plan import Plan, plan_of
 from mjx_fit.training.checkpoint import load_sensor
 from mjx_fit.utils import resources
 from mjx_fit.utils.errors import RequestError
-
-REQUESTS = "fc30d7ae63a4e07b911f5167b947cb17"
-"""Digest of two requests as they were stored when the paper's sensor and training were the defaults."""
 
 
 @pytest.fixture
@@ -60,14 +57,20 @@ def test_steps_is_another_name_of_actions(planned, capsys):
 
 def test_stored_requests_do_not_follow_the_defaults():
     """Bytes of shards and digests of manifests hold them; the key is still ``steps``."""
-    cpu = read_config(resources.folder("configs") / "cpu.yaml")
-    asked = [
-        Plan(12, 7, "mixed", "native", 3, 4, 2).request(Config()),
-        Plan(actions=5, policy="random", engine="native").request(cpu),
-    ]
-    assert hashlib.md5((json.dumps(asked) + "\n").encode()).hexdigest() == REQUESTS
+    stored = yaml.safe_load((EARLIER_RUN / "config.yaml").read_text())
+    request = Plan(12, 7, "mixed", "native", 3, 4, 2).request(read_stored_config(EARLIER_RUN / "config.yaml"))
+    kept = json.loads(json.dumps(request))["config"]
+    followed = {
+        f"{section}.{key}": kept[section][key]
+        for section, keys in stored.items()
+        for key, value in keys.items()
+        if section not in ("sensor", "train") and key in kept[section] and kept[section][key] != value
+    }
+    assert followed == {}
+    assert (kept["sensor"]["noise"], kept["train"]["epochs"]) == ("peg", 5000)  # the paper's, in all requests
+    assert stored["scene"]["contact_width_m"] != Config().scene.contact_width_m
 
-    plan = plan_of(Manifest(asked[0], (1, 3), {}, ()))
+    plan = plan_of(Manifest(request, (1, 3), {}, ()))
     assert plan == Plan(12, 7, "mixed", "native", 3, 4, 2, shard_index=1, num_shards=3)
     assert "--actions 7 --policy mixed" in plan.command(Path("d"))
     assert "--steps" not in plan.command(Path("d"))
@@ -79,9 +82,11 @@ def test_train_without_a_preset_is_the_training_that_ships():
     assert cpu == Config()
     assert (ships.sensor, ships.train) == (cpu.sensor, cpu.train)
     forge = read_config(world_file("forge"))
-    same = ("scene", "control", "arm", "wrist", "detector", "randomize")
+    same = ("scene", "control", "arm", "wrist", "pose", "detector", "randomize", "filter")
     differing = config_differences(ships, forge, lambda section, key: section in same)
     assert differing == ["scene.max_contacts is 8 there and 24 here"]  # slots of MJX; the data are from C
+    fitted = json.loads((EXPERIMENTS / "robust" / "safeguards.json").read_text())["fitted"]
+    assert fitted == {key: getattr(ships.filter, key) for key in fitted}
 
 
 def test_presets_mean_what_they_meant():

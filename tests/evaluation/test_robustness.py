@@ -17,7 +17,8 @@ from mjx_fit.evaluation import robustness
 from mjx_fit.evaluation.perturbations import PERTURBATIONS, chosen_perturbations
 from mjx_fit.evaluation.request import Request
 from mjx_fit.evaluation.robustness import summarise
-from mjx_fit.report.figures.robustness import by_perturbation
+from mjx_fit.evaluation.statistics import Row
+from mjx_fit.report.figures.robustness import Series, by_perturbation, compared
 from mjx_fit.sensors.pose import from_down
 from mjx_fit.types import Felt, Rollout
 from mjx_fit.utils.errors import RequestError
@@ -132,6 +133,18 @@ def test_the_summary_by_hand():
     assert rows["runaway", "home"].value == 0.5
     assert rows["match_auroc", "home:1"].value == 1.0
     assert by_perturbation(list(rows.values())).axes[0].get_yticklabels()[0].get_text() == "home"
+
+
+def test_sensors_are_compared_over_all_perturbations_that_any_has():
+    def rows(names, value):
+        return {name: Row("full", "any", f"{name}:1", value, value - 0.1, value + 0.1, 9) for name in names}
+
+    both, one = rows(("home", "tilt"), 0.5), rows(("home", "noise"), 0.7)
+    figure = compared([Series("a", "C0", "o", both, both), Series("b", "C1", "s", both, one)])
+    assert [label.get_text() for label in figure.axes[0].get_yticklabels()] == ["home", "tilt", "noise"]
+    markers = [line for line in figure.axes[1].get_lines() if line.get_marker() == "s"]
+    assert [float(np.ravel(line.get_xdata())[0]) for line in markers] == [0.7, 0.7]
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["a", "b"]
 
 
 class PretendSensor:

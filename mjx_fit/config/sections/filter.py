@@ -16,7 +16,7 @@ class FilterConfig:
 
     Attributes:
         gate: Probability of acceptance. 0: any reading is accepted. A reading outside the region of this
-            probability, under the belief and its own R, widens the belief instead of moving it for certain
+            probability, under the belief and its own R, moves the belief as before but makes it less certain
             (``mjx_fit.filters.kalman.gated``).
         correlation: Correlation of readings. That of their errors at one hole, ρ; later readings then count
             less (``mjx_fit.filters.kalman.correlated``); 0: independent, as in the paper.

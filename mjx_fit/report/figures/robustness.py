@@ -62,7 +62,7 @@ def compared(
     coverage_label: str = "Coverage of the 90 % ellipse",
 ) -> Figure:
     """Draw the position error (left) and the coverage (right) of several series by perturbation."""
-    names = list(dict.fromkeys(name for one in series for name in one.error_mm))
+    names = list(dict.fromkeys(name for one in series for name in (*one.error_mm, *one.coverage_90)))
     figure = Figure(figsize=(8.5, 0.7 + 0.27 * len(names)), layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True)
     for number, one in enumerate(series):
