@@ -8,7 +8,10 @@ import pytest
 from hypothesis import assume, event, given, settings
 from hypothesis import strategies as st
 
+from mjx_fit.config.sections.world import SceneConfig
 from mjx_fit.engines.mjx import collision
+from mjx_fit.scene.build import simulation_scene
+from mjx_fit.scene.variation import box_ids
 
 PEG = np.array([0.02, 0.0125, 0.035])
 PLATE = np.array([[0.04, 0.03, 0.02], [0.01, 0.03, 0.02]])
@@ -165,6 +168,40 @@ def test_all_pairs_of_a_peg_of_four_boxes_touch():
 
     touching = dist(jnp.array([[0.0], [0.0], [0.0199]]), jnp.eye(3)[..., None]) < 0
     assert touching.sum() == 32
+
+
+def test_points_stay_on_the_boxes_where_edges_are_equally_deep():
+    """A world diverged: two axes from two roundings of one choice, and a point kilometres away."""
+    scene = simulation_scene(SceneConfig())
+    model = scene.models[3]  # a rectangle in a cross
+    pos = np.array([-0.00146442, -0.00147405, 0.06998096])
+    frame = np.array(
+        [
+            [9.99999816e-01, -2.37272077e-04, -5.58832477e-04],
+            [-2.37223225e-04, -9.99999968e-01, 8.74836113e-05],
+            [-5.58853216e-04, -8.73510272e-05, -9.99999840e-01],
+        ]
+    )
+
+    @jax.jit
+    def found(pos, frame):
+        ids = (box_ids(scene, name, count) for name, count in (("peg_box", 2), ("hole_box", 9)))
+        fields = ((model.geom_pos[own], model.geom_size[own]) for own in ids)
+        peg, plate = (
+            collision.Boxes(*(jnp.tile(jnp.asarray(field, jnp.float32)[..., None], 64) for field in both))
+            for both in fields
+        )
+        return collision.deepest_points(peg, plate, pos, frame, 24)
+
+    rng = np.random.default_rng(0)
+    for _ in range(30):
+        points = found(
+            jnp.asarray(pos[:, None] + rng.normal(0, 1e-9, (3, 64)), jnp.float32),
+            jnp.asarray(frame[..., None] * (1 + rng.normal(0, 6e-8, (3, 3, 64))), jnp.float32),
+        )
+        touching = np.asarray(points.dist) < 0
+        assert touching.sum(0).min() >= 10
+        assert np.abs(np.asarray(points.pos_plate).swapaxes(1, 2)[touching]).max() < 0.1
 
 
 def test_apart_is_no_contact(ours):

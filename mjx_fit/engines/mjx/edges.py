@@ -55,32 +55,51 @@ def crossing(
     """
     between = peg_at - plate_at
     frame = frame[:, :, None]
-    found = jnp.full((6, *between.shape[1:]), jnp.inf)
-    for peg_axis, plate_axis in product(range(3), repeat=2):
+    least, number = jnp.full(between.shape[1:], jnp.inf), jnp.zeros(between.shape[1:])
+    for i, (peg_axis, plate_axis) in enumerate(_AXES):
         along_plate = jnp.eye(3)[plate_axis][:, None, None]
-        normal = cross(jnp.broadcast_to(along_plate, frame[:, peg_axis].shape), frame[:, peg_axis])
-        sine = jnp.sqrt(total(normal**2))
-        crossed = sine > NEARLY_PARALLEL
-        normal = normal / jnp.where(crossed, sine, 1.0)
-        facing = total(frame * normal[:, None])
-        reach = total(abs(normal) * plate_half) + total(abs(facing) * peg_half)
-        apart = total(normal * between)
-        depth = jnp.where(crossed, reach - abs(apart), jnp.inf)
-        towards = jnp.where(apart > 0, -1.0, 1.0) * normal
-        axes = (jnp.full(depth.shape, float(axis)) for axis in (peg_axis, plate_axis))
-        new = jnp.stack([depth, *axes, *towards])
-        found = jnp.where(depth < found[0], new, found)
-    depth, peg_axis, plate_axis, *normal = found
-    normal = jnp.stack(normal)
+        normal, sine = _common_normal(along_plate, frame[:, peg_axis])
+        depth = _reach(normal, frame, peg_half, plate_half) - abs(total(normal * between))
+        depth = jnp.where(sine > NEARLY_PARALLEL, depth, jnp.inf)
+        least, number = jnp.where(depth < least, depth, least), jnp.where(depth < least, i, number)
+    # All that follows comes from one number. A compiler may compute a choice more than once, rounded
+    # differently, and two axes from two choices between equal depths may be those of parallel edges.
     on_peg, on_plate = (
-        jnp.stack([jnp.where(axis == i, 1.0, 0.0) for i in range(3)]) for axis in (peg_axis, plate_axis)
+        jnp.stack(
+            [
+                sum(jnp.where(number == i, 1.0, 0.0) for i, pair in enumerate(_AXES) if pair[k] == axis)
+                for axis in range(3)
+            ]
+        )
+        for k in range(2)
     )
+    along_peg = total(frame * on_peg, 1)
+    normal, _ = _common_normal(on_plate, along_peg)
+    apart = total(normal * between)
+    normal = jnp.where(apart > 0, -1.0, 1.0) * normal
     facing = total(frame * normal[:, None])
     # Where a corner lies along its own edge does not matter: the edges are taken as lines.
     peg_edge = peg_at + total(frame * (jnp.sign(facing) * peg_half), 1)
     plate_edge = plate_at - jnp.sign(normal) * plate_half
-    pos = _midway(peg_edge, total(frame * on_peg, 1), plate_edge, on_plate)
-    return Crossing(depth, pos, normal)
+    pos = _midway(peg_edge, along_peg, plate_edge, on_plate)
+    return Crossing(least, pos, normal)
+
+
+_AXES = tuple(product(range(3), repeat=2))
+"""Axes of peg and socket along which two edges can lie."""
+
+
+def _common_normal(one: Float[Array, "3 *n"], other: Float[Array, "3 *m"]):
+    """Return the unit normal of two unit vectors, and the sine of their angle; any vector if it is tiny."""
+    normal = cross(*jnp.broadcast_arrays(one, other))
+    sine = jnp.sqrt(total(normal**2))
+    return normal / jnp.maximum(sine, NEARLY_PARALLEL), sine
+
+
+def _reach(normal, frame, peg_half, plate_half) -> Float[Array, "k b"]:
+    """Return the sum of the half extents of both boxes along a unit vector."""
+    facing = total(frame * normal[:, None])
+    return total(abs(normal) * plate_half) + total(abs(facing) * peg_half)
 
 
 def outdo(edges: Crossing, depth: Float[Array, "k b"], normal: Float[Array, "3 k b"]) -> Bool[Array, "k b"]:
