@@ -149,10 +149,17 @@ def test_a_wall_pushes_sideways(in_c, ours, tilt):
         assert np.linalg.det(frame) == pytest.approx(1, abs=1e-6)
 
 
-def test_frames_are_orthonormal_and_right_handed(ours):
-    frame = np.asarray(ours(jnp.array([0.03, 0.02, 0.0349]), jnp.eye(3)).frame)[0, :, :, 0]
-    assert frame @ frame.T == pytest.approx(np.eye(3), abs=1e-6)
-    assert np.linalg.det(frame) == pytest.approx(1, abs=1e-6)
+def test_frames_are_orthonormal_and_right_handed():
+    """For normals in all directions, those along the axes included: a world diverged where one was not."""
+    normals = np.random.default_rng(0).normal(0, 1, (3, 200))
+    normals[:, :6] = [[1, -1, 0, 0, 0, 0], [0, 0, 1, -1, 0, 0], [0, 0, 0, 0, 1, -1]]
+    normals /= np.linalg.norm(normals, axis=0)
+    frames = np.moveaxis(
+        np.asarray(collision._frame(jnp.asarray(normals, jnp.float32)[..., None]))[..., 0], -1, 0
+    )
+    assert frames[:, 0] == pytest.approx(normals.T, abs=1e-6)
+    assert frames @ frames.swapaxes(1, 2) == pytest.approx(np.tile(np.eye(3), (200, 1, 1)), abs=2e-6)
+    assert np.linalg.det(frames) == pytest.approx(1, abs=2e-6)
 
 
 def test_all_pairs_of_a_peg_of_four_boxes_touch():

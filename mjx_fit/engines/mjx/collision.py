@@ -18,7 +18,7 @@ from jaxtyping import Float
 
 from mjx_fit.engines.mjx.edges import Crossing, crossing, outdo
 from mjx_fit.types import Array
-from mjx_fit.utils.linalg import cross, largest, times, total
+from mjx_fit.utils.linalg import largest, times, total
 
 MOST_PAIRS, PAIRS_PER_BOX = 6, 3
 """Box pairs tested for contact, by largest overlap: 6, or 3 per box of the peg; up to 6 and 9 were seen."""
@@ -236,13 +236,12 @@ def _deepest(pairs: _Overlap, depth, place, count: int) -> Points:
 
 
 def _frame(normal: Float[Array, "3 n b"]) -> Float[Array, "3 3 n b"]:
-    """Complete a normal to a frame with two arbitrary tangents."""
+    """Complete a normal to a frame with two tangents, without a division by zero (Duff et al., JCGT 2017)."""
     x, y, z = normal
-    zero = jnp.zeros_like(x)
-    upright = abs(z) > 0.5
-    tangent = jnp.where(upright, jnp.stack([z, zero, -x]), jnp.stack([y, -x, zero]))
-    tangent = tangent / jnp.sqrt(total(tangent**2))
-    return jnp.stack([normal, tangent, cross(normal, tangent)])
+    sign = jnp.where(z < 0, -1.0, 1.0)
+    scale = -1 / (sign + z)
+    tangent = jnp.stack([1 + sign * x**2 * scale, sign * x * y * scale, -sign * x])
+    return jnp.stack([normal, tangent, jnp.stack([x * y * scale, sign + y**2 * scale, -y])])
 
 
 def _least(along):
