@@ -3,9 +3,11 @@
     python experiments/robust/page.py
 
 Reads those of ``robustness.json``, ``robustness_unrandomised.json`` and ``robustness_before.json`` that
-exist, and ``robustness_2000.json``. Values by attempt, by distance and of single holes come from the trials.
+exist, and ``robustness_2000.json``; ``robustness_other_engine.json`` replaces a row of the first. Values by
+attempt, by distance and of single holes come from the trials.
 """
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +37,8 @@ def main() -> None:
     for name, (label, colour, marker) in SENSORS.items():
         if (path := HERE / f"{name}.json").exists():
             result = results.read(path)
+            if name == "robustness":
+                result = _with_rows_of(result, results.read(HERE / "robustness_other_engine.json"))
             summary = result.summary
             _print(label, summary)
             _print_trials(result)
@@ -44,6 +48,14 @@ def main() -> None:
     _print_trials(results.read(HERE / "robustness_2000.json"))
     labels = "Position error after one attempt (mm)", "Coverage of the 90 % ellipse after five"
     script.draw(HERE / "robustness.png", lambda: robustness.compared(series, *labels))
+
+
+def _with_rows_of(result: Result, newer: Result) -> Result:
+    """Replace the perturbations of a result that another one has measured again."""
+    again = {trial["perturbation"] for trial in newer.trials}
+    rows = [row for row in result.summary if row.group.partition(":")[0] not in again]
+    trials = [trial for trial in result.trials if trial["perturbation"] not in again]
+    return replace(result, summary=rows + newer.summary, trials=trials + newer.trials)
 
 
 def _print(label: str, summary: list[Row]) -> None:
