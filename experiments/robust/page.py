@@ -93,6 +93,7 @@ def _print_trials(result: Result) -> None:
         for i in np.flatnonzero(run_away(error[:, 1:], squared[:, 1:])):
             pair = " in ".join(own[i]["pair"])
             print(f"  runs away: trial {own[i]['trial']}, {pair}, errors in cm {error[i].tolist()}")
+            print(f"    squared Mahalanobis distances {squared[i].tolist()}")
 
 
 def _shown(rows: dict[tuple[str, str], Row], metric: str, name: str) -> str:

@@ -150,7 +150,7 @@ def test_a_wall_pushes_sideways(in_c, ours, tilt):
 
 
 def test_frames_are_orthonormal_and_right_handed():
-    """For normals in all directions, those along the axes included: a world diverged where one was not."""
+    """Take normals in all directions, also along the axes: a world diverged where a frame was not finite."""
     normals = np.random.default_rng(0).normal(0, 1, (3, 200))
     normals[:, :6] = [[1, -1, 0, 0, 0, 0], [0, 0, 1, -1, 0, 0], [0, 0, 0, 0, 1, -1]]
     normals /= np.linalg.norm(normals, axis=0)

@@ -65,13 +65,7 @@ def crossing(
     # All that follows comes from one number. A compiler may compute a choice more than once, rounded
     # differently, and two axes from two choices between equal depths may be those of parallel edges.
     on_peg, on_plate = (
-        jnp.stack(
-            [
-                sum(jnp.where(number == i, 1.0, 0.0) for i, pair in enumerate(_AXES) if pair[k] == axis)
-                for axis in range(3)
-            ]
-        )
-        for k in range(2)
+        jnp.stack([jnp.where(axis == i, 1.0, 0.0) for i in range(3)]) for axis in (number // 3, number % 3)
     )
     along_peg = total(frame * on_peg, 1)
     normal, _ = _common_normal(on_plate, along_peg)
@@ -86,7 +80,7 @@ def crossing(
 
 
 _AXES = tuple(product(range(3), repeat=2))
-"""Axes of peg and socket along which two edges can lie."""
+"""Axes of peg and socket along which two edges can lie; number n is (n // 3, n % 3)."""
 
 
 def _common_normal(one: Float[Array, "3 *n"], other: Float[Array, "3 *m"]):
