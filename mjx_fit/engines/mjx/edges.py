@@ -9,7 +9,9 @@ The worlds, ``b``, are the last axis of all arrays: see ``mjx_fit.utils.linalg``
 from itertools import product
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Bool, Float
 
 from mjx_fit.types import Array
@@ -55,17 +57,24 @@ def crossing(
     """
     between = peg_at - plate_at
     frame = frame[:, :, None]
-    least, number = jnp.full(between.shape[1:], jnp.inf), jnp.zeros(between.shape[1:])
-    for i, (peg_axis, plate_axis) in enumerate(_AXES):
-        along_plate = jnp.eye(3)[plate_axis][:, None, None]
-        normal, sine = _common_normal(along_plate, frame[:, peg_axis])
+
+    def shallower(found, axes):
+        least, number = found
+        i, on_peg, on_plate = axes
+        normal, sine = _common_normal(on_plate[:, None, None], total(frame * on_peg[:, None, None], 1))
         depth = _reach(normal, frame, peg_half, plate_half) - abs(total(normal * between))
-        depth = jnp.where(sine > NEARLY_PARALLEL, depth, jnp.inf)
-        least, number = jnp.where(depth < least, depth, least), jnp.where(depth < least, i, number)
-    # All that follows comes from one number. A compiler may compute a choice more than once, rounded
-    # differently, and two axes from two choices between equal depths may be those of parallel edges.
+        better = (sine > NEARLY_PARALLEL) & (depth < least)
+        return (jnp.where(better, depth, least), jnp.where(better, i, number)), None
+
+    # One number is chosen, once, as the result of a scan. Computed in several kernels, a choice between equal
+    # depths may be rounded differently, and the axes of two choices may be those of parallel edges.
+    peg_axis, plate_axis = np.array(_AXES).T
+    axes = jnp.arange(9.0), jnp.eye(3)[peg_axis], jnp.eye(3)[plate_axis]
+    none = jnp.full(between.shape[1:], jnp.inf), jnp.zeros(between.shape[1:])
+    (least, number), _ = jax.lax.scan(shallower, none, axes)
     on_peg, on_plate = (
-        jnp.stack([jnp.where(axis == i, 1.0, 0.0) for i in range(3)]) for axis in (number // 3, number % 3)
+        jnp.stack([sum(jnp.where(number == i, 1.0, 0.0) for i in range(9) if axis[i] == k) for k in range(3)])
+        for axis in (peg_axis, plate_axis)
     )
     along_peg = total(frame * on_peg, 1)
     normal, _ = _common_normal(on_plate, along_peg)
@@ -80,7 +89,7 @@ def crossing(
 
 
 _AXES = tuple(product(range(3), repeat=2))
-"""Axes of peg and socket along which two edges can lie; number n is (n // 3, n % 3)."""
+"""Axes of peg and socket along which two edges can lie"""
 
 
 def _common_normal(one: Float[Array, "3 *n"], other: Float[Array, "3 *m"]):
