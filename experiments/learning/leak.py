@@ -1,6 +1,8 @@
 """Check that the sensor uses only its measurements: exchange them and test for remaining information.
 
-    python experiments/learning/leak.py TRAINING TEST RUN      spiral data, and the run to check
+    python experiments/learning/leak.py TRAINING TEST RUN OUT.json     spiral data, the run to check, the result
+
+The readings have the errors of TEST's world, in training too.
 
 Each attempt keeps its estimate, hole, peg and commanded path; wrench, contact, height, orientation,
 velocities and tracking lag come from another attempt. The result must contain no information about the hole.
@@ -22,8 +24,9 @@ import numpy as np
 import shared
 from jaxtyping import Float
 
-from mjx_fit.config.schema import Config, config_from_tree, config_to_tree
+from mjx_fit.config.schema import Config, config_from_stored, config_from_tree, config_to_tree
 from mjx_fit.data.episode import Episode
+from mjx_fit.data.manifest import read_manifest
 from mjx_fit.evaluation import held_out
 from mjx_fit.report import script
 from mjx_fit.training.checkpoint import load_sensor
@@ -36,10 +39,12 @@ EPOCHS = 20
 RESAMPLES = 1000
 
 
-def main(training: Path, test: Path, run: Path) -> None:
+def main(training: Path, test: Path, run: Path, out: Path) -> None:
     train_as_is, test_as_is = shared.first_attempts(training), shared.first_attempts(test)
     train_exchanged, test_exchanged = (exchanged(data, seed=7) for data in (train_as_is, test_as_is))
-    sensor, config = load_sensor(run)
+    sensor, of_run = load_sensor(run)
+    stored = config_from_stored(read_manifest(test).request["config"])
+    config = replace(stored, sensor=of_run.sensor, train=of_run.train)
     results = {
         "n_training": len(train_as_is.episode),
         "n": len(test_as_is.episode),
@@ -62,7 +67,7 @@ def main(training: Path, test: Path, run: Path) -> None:
         error = _errors(trained, judged, config)
         prior = np.linalg.norm(_offset(judged), axis=1)
         results[name] = {"error_cm": shared.mean_of(error), "gain_cm": shared.mean_of(prior - error)}
-    script.save(Path(__file__).parent / "leak.json", results)
+    script.save(out, results)
 
 
 def exchanged(data: Episode, seed: int) -> Episode:
@@ -135,7 +140,7 @@ def _errors(sensor, data: Episode, config: Config) -> Float[np.ndarray, " n"]:
 
 
 if __name__ == "__main__":
-    if len(sys.argv) != 4:
-        sys.exit(f"usage: python {sys.argv[0]} TRAINING TEST RUN")
+    if len(sys.argv) != 5:
+        sys.exit(f"usage: python {sys.argv[0]} TRAINING TEST RUN OUT.json")
     process_setup.configure()
     main(*map(Path, sys.argv[1:]))
