@@ -1,6 +1,6 @@
 """Check that the sensor uses only its measurements: exchange them and test for remaining information.
 
-    python experiments/learning/leak.py TRAINING TEST RUN OUT.json     spiral data, the run to check, the result
+    python experiments/learning/leak.py TRAINING TEST RUN OUT.json     spiral data, the run, the result
 
 The readings have the errors of TEST's world, in training too.
 
