@@ -1,13 +1,16 @@
 """Exchange one channel of the measurements at a time among attempts: which ones carry the information?
 
-    python experiments/robust/channels.py RUN DATA      spiral data that the run was not trained on
+    python experiments/robust/channels.py RUN DATA OUT.json [--orientation-noise-deg SIGMA]
+
+DATA are spiral attempts that the run was not trained on. The readings have the errors of their world, but for
+the white noise of the orientation if that is given.
 
 Each failed first attempt gets one channel of another attempt, row by row, and keeps everything else; the
 sensor's noise comes after that. The position error grows by what the sensor took from this channel. ``gain``
 is this growth, paired by attempt: 0 for a channel without information.
 """
 
-import sys
+import argparse
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -69,10 +72,13 @@ CHANNELS: dict[str, Change] = {
 """Places and commands in the plane are left: they are the path, not a measurement of the hole."""
 
 
-def main(run: Path, folder: Path) -> None:
+def main(run: Path, folder: Path, out: Path, orientation_noise_deg: float | None) -> None:
     sensor = load_trained_sensor(run)
     stored = config_from_stored(read_manifest(folder).request["config"])
     config = replace(stored, sensor=sensor.config.sensor)
+    if orientation_noise_deg is not None:
+        pose = replace(config.pose, orientation_noise_rad=float(np.deg2rad(orientation_noise_deg)))
+        config = replace(config, pose=pose)
     data = reader.load(folder)
     actions = config.task.attempt_actions
     ids = held_out.failed_attempts(data, actions)
@@ -89,6 +95,7 @@ def main(run: Path, folder: Path) -> None:
     error, area = scored(data)
     results = {
         "n": len(ids),
+        "orientation_noise_deg": float(np.rad2deg(config.pose.orientation_noise_rad)),
         "std_in_an_attempt": _spread(felt.trace, ids),
         "as_it_was": {"error_mm": _mean(error), "auroc": area},
     }
@@ -96,7 +103,7 @@ def main(run: Path, folder: Path) -> None:
         changed, its_area = scored(_exchanged(data, ids, change))
         results[name] = {"error_mm": _mean(changed), "gain_mm": _mean(changed - error), "auroc": its_area}
         print(name, results[name], flush=True)
-    script.save(Path(__file__).with_suffix(".json"), results)
+    script.save(out, results)
 
 
 def _exchanged(data: Episode, ids: Int[np.ndarray, "n"], change: Change) -> Episode:
@@ -141,7 +148,10 @@ def _mean(values: Float[np.ndarray, " n"]) -> dict[str, float]:
 
 
 if __name__ == "__main__":
-    if len(sys.argv) != 3:
-        sys.exit(f"usage: python {sys.argv[0]} RUN DATA")
+    parser = argparse.ArgumentParser(description=__doc__)
+    for name in ("run", "data", "out"):
+        parser.add_argument(name, type=Path)
+    parser.add_argument("--orientation-noise-deg", type=float)
+    args = parser.parse_args()
     process_setup.configure()
-    main(*map(Path, sys.argv[1:]))
+    main(args.run, args.data, args.out, args.orientation_noise_deg)
