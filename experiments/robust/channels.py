@@ -1,4 +1,4 @@
-"""Exchange one channel of the measurements at a time among attempts: which ones carry the information?
+"""Exchange one channel of the measurements at a time among attempts: on which does the sensor rely?
 
     python experiments/robust/channels.py RUN DATA OUT.json [--orientation-noise-deg SIGMA]
 
@@ -6,8 +6,8 @@ DATA are spiral attempts that the run was not trained on. The readings have the 
 the white noise of the orientation if that is given.
 
 Each failed first attempt gets one channel of another attempt, row by row, and keeps everything else; the
-sensor's noise comes after that. The position error grows by what the sensor took from this channel. ``gain``
-is this growth, paired by attempt: 0 for a channel without information.
+sensor's noise comes after that. ``gain_mm`` is the growth of the position error, paired by attempt: 0 for a
+channel that the sensor does not use. A channel that contradicts the others can make it worse than none would.
 """
 
 import argparse

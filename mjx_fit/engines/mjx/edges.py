@@ -89,7 +89,7 @@ def crossing(
 
 
 _AXES = tuple(product(range(3), repeat=2))
-"""Axes of peg and socket along which two edges can lie"""
+"""Axes of peg and socket along which two edges can lie."""
 
 
 def _common_normal(one: Float[Array, "3 *n"], other: Float[Array, "3 *m"]):
