@@ -138,7 +138,7 @@ def filter_loss(observed: tuple[Tensor, ...], sample: dict[str, Tensor]) -> Tens
     type_logp = (sample["type_logp"] + likelihood).log_softmax(-1)
     type_nll = -type_logp.gather(1, sample["hole_type"][:, None])[:, 0]
     match_nll = -o_logp.gather(1, (sample["hole_type"] == sample["peg_type"]).long()[:, None])[:, 0]
-    return position + torch.where(sample["failed"], type_nll + match_nll, 0.0)
+    return position + torch.where(sample["judged"], type_nll + match_nll, 0.0)
 
 
 def copy_weights(sensor: contact_sensor.ContactSensor, twin: ContactSensor) -> None:
@@ -194,7 +194,7 @@ def inputs_of(
         "offset": _tensor(sample.hole_pos_world - sample.prior.pos_mean_world) / METRES_PER_CM,
         "type_logp": _tensor(sample.prior.type_logp),
         "hole_type": _tensor(sample.hole_type).long(),
-        "failed": _tensor(sample.failed),
+        "judged": _tensor(sample.judged),
         "peg_type": peg_type,
     }
     return inputs, truth

@@ -17,7 +17,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
 from mjx_fit.config.schema import Config
-from mjx_fit.config.sections.world import SceneConfig
+from mjx_fit.config.sections.scene import SceneConfig
 from mjx_fit.control import policies
 from mjx_fit.data.schedule import draw_attempts
 from mjx_fit.engines.native.engine import NativeEngine

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from mjx_fit.config.sections.world import SceneConfig
+from mjx_fit.config.sections.scene import SceneConfig
 from mjx_fit.evaluation import results
 from mjx_fit.report import script
 from mjx_fit.report.figures import calibration as figures

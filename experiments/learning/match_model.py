@@ -20,7 +20,7 @@ import shared
 from jaxtyping import Float, Int
 from scipy.special import log_softmax
 
-from mjx_fit.config.sections.world import SceneConfig
+from mjx_fit.config.sections.scene import SceneConfig
 from mjx_fit.data import reader
 from mjx_fit.data.episode import Episode
 from mjx_fit.evaluation import held_out

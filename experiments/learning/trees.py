@@ -15,7 +15,7 @@ import shared
 from jaxtyping import Float
 from sklearn.ensemble import ExtraTreesClassifier, ExtraTreesRegressor  # pyright: ignore[reportMissingImports]
 
-from mjx_fit.config.sections.world import SceneConfig
+from mjx_fit.config.sections.scene import SceneConfig
 from mjx_fit.evaluation.scores import auroc
 from mjx_fit.report import script
 from mjx_fit.types import Reading

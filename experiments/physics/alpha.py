@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
 from mjx_fit.config.schema import Config
-from mjx_fit.config.sections.world import SceneConfig
+from mjx_fit.config.sections.scene import SceneConfig
 from mjx_fit.data.schedule import mismatched_pairs
 from mjx_fit.engines.select import make_engine
 from mjx_fit.evaluation.statistics import wilson

@@ -120,7 +120,7 @@ def _in_mjx(scene: Scene, states: dict[str, np.ndarray]) -> dict[str, np.ndarray
     models, axes = Models.of(scene).of_worlds(states["pair"])
 
     def one(model, qpos, qvel, qacc_warmstart, ctrl, mocap_pos):
-        data = mjx.make_data(model).replace(qpos=qpos, qvel=qvel, qacc_warmstart=qacc_warmstart)
+        data = mjx.make_data(model.mjx).replace(qpos=qpos, qvel=qvel, qacc_warmstart=qacc_warmstart)
         data = accelerate(model, observe(model, data.replace(ctrl=ctrl, mocap_pos=mocap_pos[None])))
         return data.qacc_smooth, data.qacc, data.sensordata, data._impl.contact.pos, data._impl.contact.dist
 

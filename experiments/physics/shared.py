@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from mjx_fit.config.files import read_config
+from mjx_fit.config.part_sets import parts_file
 from mjx_fit.config.schema import Config
 from mjx_fit.config.worlds import world_file
 from mjx_fit.data.schedule import draw_places
@@ -30,18 +31,20 @@ def begin() -> None:
 
 
 def config(*changes: str) -> Config:
-    """Return the configuration of the world given by ``--world NAME``, the default world without it."""
-    return read_config(world_file(_world()), changes)
+    """Return the configuration of ``--world NAME`` and ``--parts NAME``, the defaults without them."""
+    asked = _asked()
+    return read_config([*world_file(asked.world), *parts_file(asked.parts)], changes)
 
 
-def _world() -> str | None:
+def _asked() -> argparse.Namespace:
     parser = argparse.ArgumentParser(allow_abbrev=False)
     parser.add_argument("--world")
-    return parser.parse_known_args()[0].world
+    parser.add_argument("--parts")
+    return parser.parse_known_args()[0]
 
 
 def _suffix() -> str:
-    return f"_{_world()}" if _world() else ""
+    return "".join(f"_{name}" for name in (_asked().parts, _asked().world) if name)
 
 
 def save(name: str, results: dict[str, Any]) -> None:

@@ -63,7 +63,8 @@ def main() -> None:
 
 def _press(scene: Scene, config: Config, chain, torque, rng: np.random.Generator, i: int) -> dict:
     """Press one peg for ``SECONDS`` and compare the last reading with the commanded force."""
-    model = scene.models[pair_index(i % 3, (i // 3) % 3, scene.n_types)]
+    pair = i % scene.n_types, (i // scene.n_types) % scene.n_types
+    model = scene.models[pair_index(*pair, scene.n_types)]
     data = mujoco.MjData(model)
     hole = rng.uniform(*np.array(PANDA.workspace_m).T)
     angle = rng.uniform(0, 2 * np.pi)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NoReturn
 
 from mjx_fit.cli.path_argument import path
 from mjx_fit.config.files import read_config
+from mjx_fit.config.part_sets import PART_SETS, parts_file
 from mjx_fit.config.schema import Config
 from mjx_fit.config.worlds import WORLDS, world_file
 from mjx_fit.utils.errors import RequestError, shortened
@@ -76,11 +77,16 @@ def with_policy(parser: argparse.ArgumentParser, names: str, default: str | None
 
 
 def with_config(parser: argparse.ArgumentParser) -> None:
-    """Add the world and the configuration."""
+    """Add the world, the parts and the configuration."""
     parser.add_argument(
         "--world",
         metavar="NAME",
         help="preset of the physics and the measurements: " + ", ".join(WORLDS) + f" (default {WORLDS[0]})",
+    )
+    parser.add_argument(
+        "--parts",
+        metavar="NAME|FILE.yaml",
+        help="parts of the scene: " + ", ".join(PART_SETS) + f", or a file (default {PART_SETS[0]})",
     )
     parser.add_argument(
         "--config",
@@ -101,7 +107,7 @@ def with_config(parser: argparse.ArgumentParser) -> None:
 
 
 def config_of(args: argparse.Namespace, preset: str | None = None) -> Config:
-    """Read the configuration of a command line, on top of a world and a preset.
+    """Read the configuration of a command line, on top of a world, parts and a preset.
 
     Raises:
         RequestError: A file cannot be read, or a key, a value or the seed is invalid.
@@ -112,7 +118,8 @@ def config_of(args: argparse.Namespace, preset: str | None = None) -> Config:
     if hasattr(args, "seed"):  # before sensors and data are read
         require_seed(args.seed)
     preset_file = [] if preset is None else [resources.folder("configs") / f"{preset}.yaml"]
-    return read_config([*world_file(args.world), *preset_file, *args.config], args.set)
+    presets = [*world_file(args.world), *parts_file(args.parts), *preset_file]
+    return read_config([*presets, *args.config], args.set)
 
 
 def run_of(args: argparse.Namespace) -> Path:

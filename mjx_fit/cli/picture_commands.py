@@ -83,10 +83,10 @@ def _played(args: argparse.Namespace) -> "Generator[Recording]":
     from mjx_fit.evaluation import playback, results
     from mjx_fit.training.sensor_loader import load_trained_sensor
 
-    asked = args.world or args.config or args.set or args.seed or args.engine != "auto"
+    asked = args.world or args.parts or args.config or args.set or args.seed or args.engine != "auto"
     if args.result is not None and asked:
         raise RequestError(
-            "--world, --config, --set, --seed, --engine: cannot be combined with a result file, "
+            "--world, --parts, --config, --set, --seed, --engine: cannot be combined with a result file, "
             "which stores its own"
         )
     pick = playback.Pick(args.method, args.trial, args.attempt)

@@ -7,13 +7,16 @@ settings, at the ends of the ranges and of these rules, one at a time and combin
 import math
 from collections.abc import Iterator
 
+from mjx_fit.config.sections.scene import SceneConfig
 from mjx_fit.config.sections.task import TaskConfig
-from mjx_fit.config.sections.world import ControlConfig, RandomConfig, SceneConfig, SpiralConfig
+from mjx_fit.config.sections.world import ControlConfig, RandomConfig, SpiralConfig
 from mjx_fit.utils.errors import require, shown
 from mjx_fit.utils.rates import STEP_S
 
 MOST_DAMPING = 0.6
 """Largest share of a velocity that damping may remove in one simulation step."""
+ABOVE_FLOOR_M = 0.001
+"""Least distance between the depth of an insertion and the floor of the hole, m."""
 MOST_PUSH_MPS2 = 10.0
 """Largest stiffness over inertia times push: four times the default, about 60 N."""
 MOST_STICKING_S = 0.04
@@ -29,13 +32,19 @@ product of pull, friction and push (also an acceleration) was 90, by 38° where 
 def require_steady(
     scene: SceneConfig, control: ControlConfig, spiral: SpiralConfig, random: RandomConfig, task: TaskConfig
 ) -> None:
-    """Check that the controller is stable in steps of 2 ms, that pushes keep contact, and that spirals slide.
+    """Check that the controller is stable, pushes keep contact, spirals slide, and insertions end in time.
 
     Raises:
         RequestError: Values that are valid on their own are invalid in combination.
     """
     for field, value, most, because in _rules(scene, control, spiral, random):
         require(f"config: {field}", value, 0, round(most, 6), because)
+    shortest = min(scene.contact_time_of(shape) for shape in scene.shapes)
+    why = f"a contact time of {shortest:.6g} s must last two steps"
+    require("config: scene.steps_per_torque", scene.physics_steps, scene.least_physics_steps, 20, why)
+    most = round(scene.hole_depth_m - ABOVE_FLOOR_M, 6)
+    why = f"with scene.hole_depth_m {scene.hole_depth_m} the peg stands on the floor"
+    require("config: task.insertion_depth_m", task.insertion_depth_m, 0, most, why)
     leap = min(max(1.0, 2 * math.pi * spiral.turns / task.attempt_actions), 2.0)
     _require_upright(scene, control, spiral.push_m, "spiral.radius_m", spiral.radius_m, leap)
 

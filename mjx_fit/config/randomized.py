@@ -9,7 +9,8 @@ from mjx_fit.config.quantities import MEASURED, QUANTITIES
 from mjx_fit.config.schema_errors import members, plain_and_limits
 from mjx_fit.config.sections.measurement import PoseConfig, WristConfig
 from mjx_fit.config.sections.randomize import Distribution, RandomizeConfig
-from mjx_fit.config.sections.world import ArmConfig, ControlConfig, SceneConfig
+from mjx_fit.config.sections.scene import SceneConfig
+from mjx_fit.config.sections.world import ArmConfig, ControlConfig
 from mjx_fit.utils.errors import RequestError
 
 if TYPE_CHECKING:
@@ -62,11 +63,13 @@ def extremes(config: "Config") -> Iterator["Config"]:
     supports = {
         name: one.support for name, one in distributions(config.randomize).items() if name in _COMBINED
     }
+    steps = config.scene.physics_steps  # one number for all worlds
     for values in product(*supports.values()) if supports else ():
         corner = config
         for name, value in zip(supports, values, strict=True):
             section = QUANTITIES[name].section
-            changed = dataclasses.replace(getattr(corner, section), **{name: value})
+            own = {name: value} | ({"steps_per_torque": steps} if section == "scene" else {})
+            changed = dataclasses.replace(getattr(corner, section), **own)
             corner = dataclasses.replace(corner, **{section: changed})
         yield corner
 

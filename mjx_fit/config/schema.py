@@ -17,13 +17,13 @@ from mjx_fit.config.sections.first import FIRST_VALUES
 from mjx_fit.config.sections.learning import SensorConfig, TrainConfig
 from mjx_fit.config.sections.measurement import PoseConfig, WristConfig
 from mjx_fit.config.sections.randomize import RandomizeConfig
+from mjx_fit.config.sections.scene import SceneConfig
 from mjx_fit.config.sections.task import TaskConfig
 from mjx_fit.config.sections.world import (
     ArmConfig,
     ControlConfig,
     DetectorConfig,
     RandomConfig,
-    SceneConfig,
     SequenceConfig,
     SpiralConfig,
 )

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, NotRequired
 from pydantic import ConfigDict, Field, TypeAdapter
 from typing_extensions import TypedDict
 
-from mjx_fit.config.sections.world import MOST_TYPES
+from mjx_fit.config.sections.scene import MOST_TYPES
 from mjx_fit.control.policy_file import NAME
 from mjx_fit.utils import bounded_json
 

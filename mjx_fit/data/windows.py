@@ -15,6 +15,7 @@ from jaxtyping import Bool, Float, Int, Key
 from mjx_fit.config.schema import Config
 from mjx_fit.data.episode import Episode, happened
 from mjx_fit.data.mirror import mirror_belief, mirror_place, mirror_reading
+from mjx_fit.filters.outcome_model import enters_others
 from mjx_fit.sensors.force_torque import Window, read_window
 from mjx_fit.types import Array, Belief, Reading, pytree
 
@@ -31,15 +32,16 @@ class Sample:
         prior: The belief before the attempt: μ0, Σ0, ξ0.
         hole_type: True type of the hole.
         hole_pos_world: True position of the hole, m.
-        failed: False where the window contains the insertion. Such a window carries no information about
-            P(o_match | type, peg, failure), and the histogram filter already uses the outcome.
+        judged: False where the window contains the insertion of a peg that fits its own holes alone. Such a
+            window carries no information about P(o_match | type, peg, outcome), and the histogram filter
+            already uses the outcome. A peg that enters other holes may be in one of them.
     """
 
     reading: Reading
     prior: Belief
     hole_type: Int[Array, "*batch"]
     hole_pos_world: Float[Array, "*batch 2"]
-    failed: Bool[Array, "*batch"]
+    judged: Bool[Array, "*batch"]
 
 
 def usable(data: Episode) -> Bool[np.ndarray, "episodes"]:
@@ -121,6 +123,7 @@ def _sample_one(episode: Episode, key: Key[Array, ""], config: Config) -> tuple[
     drawn = jax.random.randint(count_key, (), train.min_window, train.max_window + 1)
     count = jnp.minimum(drawn, rollout.felt.length)
     start = jax.random.randint(start_key, (), 0, rollout.felt.length - count + 1)
+    settled = jnp.asarray(~enters_others(config))[rollout.felt.peg_type]
     sample = Sample(
         reading=read_window(
             rollout.felt,
@@ -131,7 +134,7 @@ def _sample_one(episode: Episode, key: Key[Array, ""], config: Config) -> tuple[
         prior=_prior(episode, prior_key, config.scene.n_types),
         hole_type=rollout.truth.hole_type,
         hole_pos_world=rollout.truth.hole_pos_world,
-        failed=~(rollout.truth.inserted & (start + count == rollout.felt.length)),
+        judged=~(rollout.truth.inserted & (start + count == rollout.felt.length) & settled),
     )
     return sample, jax.random.bernoulli(side_key)
 

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from mjx_fit.config.schema import Config
-from mjx_fit.config.sections.world import SceneConfig
+from mjx_fit.config.sections.scene import SceneConfig
 from mjx_fit.control import operational_space
 from mjx_fit.control.kinematics import Chain, inverse
 from mjx_fit.control.operational_space import ArmState

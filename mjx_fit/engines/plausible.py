@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from mjx_fit.config.sections.world import SceneConfig
+from mjx_fit.config.sections.scene import SceneConfig
 from mjx_fit.scene.parts import plate_top_m
 from mjx_fit.scene.robot import Robot
 from mjx_fit.types import Array, Rollout

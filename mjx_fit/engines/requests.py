@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from mjx_fit.config.randomized import allowed_range
-from mjx_fit.config.sections.world import SceneConfig
+from mjx_fit.config.sections.scene import SceneConfig
 from mjx_fit.control.policies import NAMES
 from mjx_fit.scene.robot import ROBOTS
 from mjx_fit.scene.variation import GEOMETRY, require_linear

@@ -6,7 +6,7 @@ import jax
 
 from mjx_fit.config.randomized import distributions
 from mjx_fit.config.schema import Config
-from mjx_fit.config.sections.world import SceneConfig
+from mjx_fit.config.sections.scene import SceneConfig
 from mjx_fit.control.policies import Policy
 from mjx_fit.control.policy_file import require_policy
 from mjx_fit.engines.interface import Engine

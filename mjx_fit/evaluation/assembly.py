@@ -10,7 +10,7 @@ from mjx_fit.evaluation import parts, result_file, results
 from mjx_fit.evaluation.request import Request
 from mjx_fit.evaluation.results import Result
 from mjx_fit.scene.scenarios import draw_trials
-from mjx_fit.task.assembly import rounds, update_of_rows
+from mjx_fit.task.assembly import confirmation_of_rows, rounds, update_of_rows
 from mjx_fit.task.assembly_state import Table
 from mjx_fit.task.methods import ASSEMBLY, Method, chosen
 from mjx_fit.training.sensor_loader import TrainedSensor
@@ -55,6 +55,7 @@ def _assembly(
     pieces = parts.pieces(trials, len(picked), engine.name)
     network = sensor.network if sensor else None
     update = update_of_rows(config, picked, len(pieces[0]), network)
+    confirm = confirmation_of_rows(config, picked, len(pieces[0]), network)
     pegs_each = len(picked) * config.task.n_holes
     before = min(parts.kept(out) * len(pieces[0]), trials) * pegs_each
     with Progress(
@@ -64,7 +65,7 @@ def _assembly(
         def work(ids: Int[np.ndarray, "n"]) -> parts.Rows:
             table = Table(config, picked, draw_trials(config, request.seed, ids), request.seed)
             reporting = Reporting(engine, config, result_file.broken(out) / f"trials-{ids[0]:06d}")
-            for _ in rounds(table, reporting, update):
+            for _ in rounds(table, reporting, update, confirm):
                 pegs = before + int(table.pegs_done.sum())
                 left = f"{table.active.sum()} of {len(table.active)} assemblies open"
                 progress(min(pegs, trials * pegs_each), left)

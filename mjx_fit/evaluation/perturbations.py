@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mjx_fit.config.schema import Config, config_from_tree, config_to_tree
-from mjx_fit.config.sections.world import SceneConfig
+from mjx_fit.config.sections.scene import SceneConfig
 from mjx_fit.sensors.pose import start_of, turned
 from mjx_fit.types import Felt
 from mjx_fit.utils.errors import RequestError, shown

@@ -14,7 +14,7 @@ from mjx_fit.evaluation import parts, result_file
 from mjx_fit.evaluation.recording import Recording, Step, require_attempt
 from mjx_fit.evaluation.results import Result
 from mjx_fit.scene.scenarios import draw_trials
-from mjx_fit.task.assembly import Round, rounds, update_of_rows
+from mjx_fit.task.assembly import Round, confirmation_of_rows, rounds, update_of_rows
 from mjx_fit.task.assembly_state import Table
 from mjx_fit.task.methods import ASSEMBLY, Method, chosen
 from mjx_fit.training.sensor_loader import TrainedSensor
@@ -169,11 +169,12 @@ def _play(of: _Assemblies, pick: Pick, engine: Engine, sensor: TrainedSensor | N
         sensor.say_if_away(config, "playing")
     drawn, place = draw_trials(config, of.seed, ids), int(np.flatnonzero(ids == pick.trial)[0])
     table, update = Table(config, methods, drawn, of.seed), update_of_rows(config, methods, len(ids), network)
+    confirm = confirmation_of_rows(config, methods, len(ids), network)
     row = [one.name for one in methods].index(pick.method) * len(ids) + place
     table.leave_out_all_but(row)
     world = drawn.hole_type[place], drawn.hole_pos_world[place], drawn.peg_type[place]
     empty = Recording(pick.method, pick.trial, config, *world, steps=())
-    return _steps(empty, table, row, rounds(table, engine, update), pick.attempt)
+    return _steps(empty, table, row, rounds(table, engine, update, confirm), pick.attempt)
 
 
 def _steps(

@@ -6,7 +6,7 @@ from typing import Annotated, Any, NotRequired
 from pydantic import Field, TypeAdapter
 from typing_extensions import TypedDict
 
-from mjx_fit.config.sections.world import MOST_TYPES, SceneConfig
+from mjx_fit.config.sections.scene import MOST_TYPES, SceneConfig
 from mjx_fit.evaluation import trial_rows
 from mjx_fit.evaluation.trial_rows import STRICT, Name, Number, Whole
 from mjx_fit.utils import bounded_json
@@ -148,7 +148,7 @@ def _other_length(column: str, found: list, wanted: int, of: str) -> Iterator[st
 
 def _assembly(trial: dict[str, Any], first: dict[str, Any], _: set[str]) -> Iterator[str]:
     yield from _other_length("pegs", trial["pegs"], len(first["pegs"]), "the first trial")
-    for column in ("attempts", "human", *(trial.keys() & {"inserted_wrongly"})):
+    for column in ("attempts", "human", *(trial.keys() & {"inserted_wrongly", "pulled_out"})):
         yield from _other_length(column, trial[column], len(trial["pegs"]), "pegs")
     of_attempts = trial.keys() & {
         "tried", "chance", "next_best", "match_probability", "error_cm", "peak_force_n", "match_after",

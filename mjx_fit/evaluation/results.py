@@ -110,14 +110,15 @@ def summarise_assembly(trials: list[dict[str, Any]]) -> list[Row]:
     has no spread under a bootstrap: its interval is Wilson's for that many *trials*, which also bounds the
     rate of pegs under any dependence within a trial. ``inserted_wrongly`` is the share of all pegs that the
     robot put into holes of another type, computed in the same way and omitted if no trial of any method has
-    such a peg. ``attempts_ratio`` is the ratio of the attempts of ``full`` for all pegs to those of another
+    such a peg; ``pulled_out``, likewise, is the mean number of times that a peg was pulled out again.
+    ``attempts_ratio`` is the ratio of the attempts of ``full`` for all pegs to those of another
     method, its group, in the trials that both have.
 
     Args:
         trials: Rows as in ``trial_rows.AssemblyTrial``.
     """
     rows, needed = [], {}
-    wrongly = any("inserted_wrongly" in trial for trial in trials)
+    wrongly, pulled = (any(name in trial for trial in trials) for name in ("inserted_wrongly", "pulled_out"))
     for method, own in by_method(trials).items():
         clusters = [trial["trial"] for trial in own]
         total = np.cumsum([trial["attempts"] for trial in own], axis=1)
@@ -134,6 +135,9 @@ def summarise_assembly(trials: list[dict[str, Any]]) -> list[Row]:
         if wrongly:
             rate = clustered_rate(pegs_inserted_wrongly(own).ravel(), of_peg)
             rows.append(Row.of(method, "inserted_wrongly", "all", rate, human.size))
+        if pulled:
+            times = np.array([np.mean(trial.get("pulled_out", 0.0)) for trial in own])
+            rows.append(Row.of(method, "pulled_out", "all", bootstrap_mean(times, clusters), human.size))
     for other in needed if "full" in needed else []:
         both = sorted(needed["full"].keys() & needed[other].keys())
         if other != "full" and both:

@@ -9,7 +9,7 @@ from typing import (
 from pydantic import AfterValidator, ConfigDict, Field, TypeAdapter
 from typing_extensions import TypedDict
 
-from mjx_fit.config.sections.world import MOST_TYPES
+from mjx_fit.config.sections.scene import MOST_TYPES
 
 MAX_PEGS, MAX_ATTEMPTS, MAX_ACTIONS = 100, 10_000, 10**6
 LARGEST = 1e12
@@ -36,7 +36,8 @@ class AssemblyTrial(TypedDict):
     """One trial of the assembly experiment; lists run over the pegs in the order of grasping.
 
     A peg that a human inserted (``human``) has the maximum number of attempts. ``inserted_wrongly``, present
-    only if true for some peg, marks pegs that the robot put into holes of another type. ``holes`` are the
+    only if true for some peg, marks pegs that the robot put into holes of another type; ``pulled_out``,
+    present only if there is any, counts how often an inserted peg was pulled out again. ``holes`` are the
     shapes of the holes. The remaining lists have an entry for each peg and attempt: the hole ``tried``, its
     match probability and position error before (``match_probability``, ``error_cm``) and after the attempt
     (``match_after``, ``error_after_cm``), the predicted probability of success (``chance``), the highest one
@@ -52,6 +53,7 @@ class AssemblyTrial(TypedDict):
     attempts: list[Count]
     human: list[bool]
     inserted_wrongly: NotRequired[list[bool]]
+    pulled_out: NotRequired[list[Whole]]
     holes: NotRequired[Annotated[list[Name], Field(min_length=1, max_length=MAX_PEGS)]]
     tried: NotRequired[list[list[Whole]]]
     chance: NotRequired[list[list[Probability]]]

@@ -9,6 +9,8 @@ from jaxtyping import Float, Int
 
 from mjx_fit.types import Array
 
+_LEAST_ALPHA = 1e-9
+
 
 def update(
     type_logp: Float[Array, "*batch C"], likelihood_logp: Float[Array, "*batch C"]
@@ -52,6 +54,16 @@ def failure_logp(
         success_probability: Probability α[c_peg, c] in [0, 1) of inserting a peg into a hole of type c.
     """
     return jnp.log1p(-row_of_peg(peg_type, success_probability))
+
+
+def insertion_logp(
+    peg_type: Int[Array, "*batch"], success_probability: Float[Array, "*#batch C C"]
+) -> Float[Array, "*batch C"]:
+    """Compute the log of the outcome model for an insertion, T(β = 1 | c, c_peg) = α[c_peg, c].
+
+    A type that the peg cannot enter keeps a negligible probability, so that a wrong α leaves a posterior.
+    """
+    return jnp.log(jnp.maximum(row_of_peg(peg_type, success_probability), _LEAST_ALPHA))
 
 
 def row_of_peg(

@@ -1,7 +1,8 @@
 """Success probability α of the outcome model for each pair of peg and hole types.
 
-The paper uses one number per shape, for holes that match the peg, and zero for mismatches. The true success
-rate depends on the error of the estimate: a spiral that starts 1 mm off hardly ever fails, one that starts
+The paper uses one number per shape, for holes that match the peg, and zero for mismatches: its pegs fit no
+other hole. A peg that does, by geometry, counts as going in as often as into its own. The true success rate
+depends on the error of the estimate: a spiral that starts 1 mm off hardly ever fails, one that starts
 2 cm off always does. The second model averages the success rate by distance over the position belief.
 """
 
@@ -9,11 +10,11 @@ import math
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from mjx_fit.config.schema import Config
-from mjx_fit.config.sections.task import TaskConfig
 from mjx_fit.filters.kalman import scale_tril
+from mjx_fit.scene.fits import fitting
 from mjx_fit.types import Array
 
 RINGS, ANGLES = 24, 8
@@ -33,7 +34,7 @@ def success_probability(config: Config, pos_cov: Float[Array, "*batch 2 2"]) -> 
         pos_cov: Covariance Σ of the belief, m².
     """
     task, variance = config.task, config.detector.prior_std_m**2
-    matrix = jnp.asarray(constant_matrix(task))
+    matrix = jnp.asarray(constant_matrix(config))
     constant = jnp.broadcast_to(matrix, (*pos_cov.shape[:-2], *matrix.shape))
     if task.outcome_model == "constant":
         return constant
@@ -47,10 +48,19 @@ def success_probability(config: Config, pos_cov: Float[Array, "*batch 2 2"]) -> 
     return jnp.where(keeps, constant, jnp.stack(rates, axis=-1)[..., None, :])
 
 
-def constant_matrix(task: TaskConfig) -> Float[np.ndarray, "C C"]:
-    """Convert ``task.success_probability`` to a matrix α[c_peg, c]; one number per shape is its diagonal."""
-    alphas = np.asarray(task.success_probability, np.float32)
-    return alphas if alphas.ndim == 2 else np.diag(alphas)
+def constant_matrix(config: Config) -> Float[np.ndarray, "C C"]:
+    """Convert ``task.success_probability`` to a matrix α[c_peg, c].
+
+    One number per shape holds for every hole that the peg fits.
+    """
+    alphas = np.asarray(config.task.success_probability, np.float32)
+    return alphas if alphas.ndim == 2 else alphas[:, None] * fitting(config.scene)
+
+
+def enters_others(config: Config) -> Bool[np.ndarray, "C"]:
+    """Tell for each peg whether it may enter holes of other types."""
+    alpha = constant_matrix(config)
+    return np.asarray((alpha * ~np.eye(len(alpha), dtype=bool)).any(1))
 
 
 def _standard_normal() -> Float[np.ndarray, "k 2"]:

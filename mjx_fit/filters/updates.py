@@ -67,8 +67,9 @@ def update_type(
     success_probability: Float[Array, "*#batch C C"],
     *,
     hard: bool,
+    inserted: bool = False,
 ) -> Belief:
-    """Update the type belief after a failed attempt, Algorithm 3.
+    """Update the type belief after a failed attempt, Algorithm 3, or after an insertion.
 
     Args:
         belief: Prior belief.
@@ -77,8 +78,10 @@ def update_type(
         success_probability: Success probability α[c_peg, c] of the outcome model; zeros to learn from the
             observation alone.
         hard: Use the arg max of h_match instead of averaging over its probabilities.
+        inserted: True: the peg went in, as deep as an insertion.
     """
-    likelihood_logp = histogram.failure_logp(peg_type, success_probability)
+    outcome_logp = histogram.insertion_logp if inserted else histogram.failure_logp
+    likelihood_logp = outcome_logp(peg_type, success_probability)
     if observation is not None:
         likelihood_logp += histogram.match_logp(
             observation.match_logits, observation.match_model_logp, hard=hard

@@ -1,15 +1,14 @@
-"""Compilation of models/*.xml and shapes to MuJoCo models whose elements are addressed by name.
+"""Compilation of models/*.xml and parts to MuJoCo models whose elements are addressed by name.
 
 The simulation scene contains one arm and one socket on a mocap body, so that the hole's position is part of
-the state. All peg-hole pairs compile to models of the same layout that differ only in positions and sizes of
-boxes, so a batch may mix them. Spare boxes of simpler shapes are buried in their own material, where nothing
-can touch them.
+the state. All peg-hole pairs compile to models of the same layout that differ only in their geoms, so a batch
+may mix them. Spare boxes of simpler parts are buried in their own material, where nothing can touch them.
 """
 
 # MuJoCo's extension module has no stubs.
 # pyright: reportAttributeAccessIssue=false
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -17,16 +16,17 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
+from mjx_fit.config.sections.scene import SceneConfig
 from mjx_fit.config.sections.shape import Shape
-from mjx_fit.config.sections.world import SceneConfig
-from mjx_fit.scene.parts import HANGING, Boxes, hole_boxes, peg_boxes, plate_top_m
+from mjx_fit.scene.contact_options import HOLE_BIT, PEG_BIT, add_pairs, contact_options, touching
+from mjx_fit.scene.outline import require_possible
+from mjx_fit.scene.parts import HANGING, plate_top_m
+from mjx_fit.scene.pieces import Piece, Ring, padded, peg_pieces, socket_pieces
 from mjx_fit.scene.robot import ROBOTS, Robot
 from mjx_fit.utils import resources
 from mjx_fit.utils.errors import RequestError
+from mjx_fit.utils.rates import STEP_S
 
-MakeBoxes = Callable[[Shape, SceneConfig, float], Boxes]
-_PEG_BIT, _HOLE_BIT = 1, 2
-_SPARE_HALF_M = 0.001
 _PLACED_ABOVE_FLOOR_M = 0.002
 
 
@@ -61,16 +61,51 @@ def pair_index(peg_type, hole_type, n_types: int):
 
 def simulation_scene(config: SceneConfig) -> Scene:
     """Compile the simulation scene, one arm, one peg and one socket, for all pairs."""
-    models = []
-    for peg, hole in product(padded_boxes(peg_boxes, config), padded_boxes(hole_boxes, config)):
-        spec = _arm_on_table(config)
-        _add_peg(spec, config, peg)
-        _add_hole(spec, config, hole, "hole", (0.5, 0.0), mocap=True)
-        _strip_visuals(spec)
-        if config.slip_time_s is not None:
-            _add_pairs(spec, config, len(peg.centre), len(hole.centre))
-        models.append(spec.compile())
-    return Scene(tuple(models), config, ROBOTS[config.robot])
+    for shape in config.shapes:
+        require_possible(shape, config)
+    pegs, holes = (padded(make, config) for make in (peg_pieces, socket_pieces))
+    sides = (list(zip(config.shapes, pieces, strict=True)) for pieces in (pegs, holes))
+    specs = [
+        _pair_spec(touching(config, (peg_shape, hole_shape)), peg, hole)
+        for (peg_shape, peg), (hole_shape, hole) in product(*sides)
+    ]
+    return Scene(_alike(specs), config, ROBOTS[config.robot])
+
+
+def _pair_spec(config: SceneConfig, peg: list[Piece], hole: list[Piece]) -> mujoco.MjSpec:
+    spec = _arm_on_table(config)
+    spec.option.timestep = STEP_S / config.physics_steps
+    _add_peg(spec, config, peg)
+    _add_hole(spec, config, hole, "hole", (0.5, 0.0), mocap=True)
+    _strip_visuals(spec)
+    if config.slip_time_s is not None:
+        add_pairs(spec, config, len(peg), len(hole))
+    return spec
+
+
+def _alike(specs: list[mujoco.MjSpec]) -> tuple[mujoco.MjModel, ...]:
+    """Compile models whose simulations a batch may mix.
+
+    Their state holds one flag for each node of all trees of bounding volumes, which have 2 n - 1 nodes for a
+    mesh of n faces. Unused meshes add the nodes that a model lacks.
+    """
+    models = [spec.compile() for spec in specs]
+    most = max(model.nbvh for model in models)
+    for i, (spec, model) in enumerate(zip(specs, models, strict=True)):
+        missing = most - model.nbvh
+        for nodes in (1, missing - 1) if missing and missing % 2 == 0 else (missing,):
+            if nodes:
+                _add_unused_mesh(spec, f"unused_{nodes}", (nodes + 1) // 2)
+        if missing:
+            models[i] = spec.compile()
+    return tuple(models)
+
+
+def _add_unused_mesh(spec: mujoco.MjSpec, name: str, n_faces: int) -> None:
+    faces = np.resize([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]], (n_faces, 3))
+    corners = np.vstack([np.zeros(3), np.eye(3)])
+    mesh = spec.add_mesh(name=name, uservert=corners.ravel(), userface=faces.ravel())
+    mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
 
 
 def picture_scene(
@@ -83,11 +118,11 @@ def picture_scene(
     """
     spec = _arm_on_table(config)
     for shape in config.shapes:
-        _add_picture_peg(spec.body("peg"), peg_boxes(shape, config), f"hand_{shape.name}")
+        _add_picture_peg(spec, "peg", peg_pieces(shape, config), f"hand_{shape.name}")
     for i, (kind, position) in enumerate(zip(hole_types, hole_pos_world, strict=True)):
-        _add_hole(spec, config, hole_boxes(config.shapes[kind], config), f"hole{i}", position, mocap=False)
+        _add_hole(spec, config, socket_pieces(config.shapes[kind], config), f"hole{i}", position, mocap=False)
         for shape in config.shapes:
-            _add_picture_peg(spec.body(f"hole{i}"), _placed(shape, config), f"placed_{i}_{shape.name}")
+            _add_picture_peg(spec, f"hole{i}", _placed(shape, config), f"placed_{i}_{shape.name}")
     return spec.compile()
 
 
@@ -134,45 +169,46 @@ def _arm_on_table(config: SceneConfig) -> mujoco.MjSpec:
     return spec
 
 
-def _add_peg(spec: mujoco.MjSpec, config: SceneConfig, boxes: Boxes) -> None:
-    for i, (centre, half) in enumerate(zip(boxes.centre, boxes.half, strict=True)):
-        spec.body("peg").add_geom(
-            name=f"peg_box{i}", pos=centre, size=half, material="peg", **_contact(config, _PEG_BIT, _HOLE_BIT)
-        )
+def _add_peg(spec: mujoco.MjSpec, config: SceneConfig, pieces: list[Piece]) -> None:
+    for i, piece in enumerate(pieces):
+        look = {"material": "peg", **contact_options(config, PEG_BIT, HOLE_BIT)}
+        add_piece(spec, "peg", f"peg_{i}", piece, look)
 
 
-def _add_picture_peg(body: mujoco.MjsBody, boxes: Boxes, name: str) -> None:
-    for i, (centre, half) in enumerate(zip(boxes.centre, boxes.half, strict=True)):
-        body.add_geom(
-            name=f"{name}_{i}",
-            type=mujoco.mjtGeom.mjGEOM_BOX,
-            pos=centre,
-            size=half,
-            contype=0,
-            conaffinity=0,
-        )
+def _add_picture_peg(spec: mujoco.MjSpec, body: str, pieces: list[Piece], name: str) -> None:
+    for i, piece in enumerate(pieces):
+        add_piece(spec, body, f"{name}_{i}", piece, {"contype": 0, "conaffinity": 0})
 
 
-def _placed(shape: Shape, config: SceneConfig) -> Boxes:
-    """Return the boxes of a peg inserted in its hole, in the frame of the socket's upper face."""
-    boxes = peg_boxes(shape, config)
+def _placed(shape: Shape, config: SceneConfig) -> list[Piece]:
+    """Return the pieces of a peg inserted in its hole, in the frame of the socket's upper face."""
     face_m = config.peg_length_m + _PLACED_ABOVE_FLOOR_M - config.hole_depth_m
-    return Boxes(boxes.centre * HANGING + [0, 0, face_m], boxes.half)
+    hanging = [
+        [Ring(ring.corners[::-1] * HANGING[:2], face_m - ring.height_m) for ring in piece.rings[::-1]]
+        for piece in peg_pieces(shape, config)
+    ]
+    return [Piece(tuple(rings)) for rings in hanging]
 
 
 def _add_hole(
-    spec: mujoco.MjSpec, config: SceneConfig, boxes: Boxes, name: str, position, mocap: bool
+    spec: mujoco.MjSpec, config: SceneConfig, pieces: list[Piece], name: str, position, mocap: bool
 ) -> None:
-    body = spec.worldbody.add_body(name=name, pos=[*position, plate_top_m(config)], mocap=mocap)
-    for i, (centre, half) in enumerate(zip(boxes.centre, boxes.half, strict=True)):
-        material = "floor" if i == 0 else "plate"
-        body.add_geom(
-            name=f"{name}_box{i}",
-            pos=centre,
-            size=half,
-            material=material,
-            **_contact(config, _HOLE_BIT, _PEG_BIT),
-        )
+    spec.worldbody.add_body(name=name, pos=[*position, plate_top_m(config)], mocap=mocap)
+    for i, piece in enumerate(pieces):
+        below = piece.rings[-1].height_m <= -config.hole_depth_m
+        look = {"material": "floor" if below else "plate", **contact_options(config, HOLE_BIT, PEG_BIT)}
+        add_piece(spec, name, f"{name}_{i}", piece, look)
+
+
+def add_piece(spec: mujoco.MjSpec, body: str, name: str, piece: Piece, look: dict) -> None:
+    """Add a piece to a body: as a box if it is one, or as the mesh of its convex hull."""
+    if piece.box is not None:
+        centre, half = piece.box
+        spec.body(body).add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_BOX, pos=centre, size=half, **look)
+        return
+    mesh = spec.add_mesh(name=name, uservert=piece.corners.ravel())
+    mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
+    spec.body(body).add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, **look)
 
 
 def _strip_visuals(spec: mujoco.MjSpec) -> None:
@@ -180,59 +216,3 @@ def _strip_visuals(spec: mujoco.MjSpec) -> None:
     seen = [geom for geom in spec.geoms if not geom.contype and not geom.conaffinity]
     for element in (*seen, *spec.lights, *spec.cameras, *spec.textures):
         spec.delete(element)
-
-
-def _contact(config: SceneConfig, contype: int, conaffinity: int) -> dict:
-    return {
-        "type": mujoco.mjtGeom.mjGEOM_BOX,
-        "contype": contype,
-        "conaffinity": conaffinity,
-        "condim": 3,
-        "density": 0,
-        "friction": [config.friction, 0.005, 0.0001],
-        "solref": [config.contact_time_s, config.contact_damping],
-        "solimp": [
-            config.contact_impedance,
-            config.deep_impedance,
-            config.contact_width_m,
-            0.5,
-            2.0,
-        ],
-    }
-
-
-def _add_pairs(spec: mujoco.MjSpec, config: SceneConfig, n_peg: int, n_hole: int) -> None:
-    """Add all pairs of boxes explicitly: MuJoCo stores the time constant of friction with a pair only."""
-    of_box = _contact(config, _PEG_BIT, _HOLE_BIT)
-    slide, spin, roll = of_box["friction"]
-    for i, j in product(range(n_peg), range(n_hole)):
-        spec.add_pair(
-            geomname1=f"peg_box{i}",
-            geomname2=f"hole_box{j}",
-            condim=of_box["condim"],
-            friction=[slide, slide, spin, roll, roll],
-            solref=of_box["solref"],
-            solimp=of_box["solimp"],
-            solreffriction=[config.slip_time_s, 1.0],
-        )
-
-
-def padded_boxes(make: MakeBoxes, config: SceneConfig, scale: float = 1.0) -> list[Boxes]:
-    """Create the boxes of all pegs, or of all sockets, padded to the same number.
-
-    Args:
-        make: ``peg_boxes`` or ``hole_boxes``.
-        config: Configuration of the scene.
-        scale: Factor of the cross-sections.
-    """
-    boxes = [make(shape, config, scale) for shape in config.shapes]
-    n = max(len(one.centre) for one in boxes)
-    return [_padded(one, n) for one in boxes]
-
-
-def _padded(boxes: Boxes, n: int) -> Boxes:
-    """Pad to n boxes with tiny ones inside the last real box."""
-    spare = n - len(boxes.centre)
-    centre = np.vstack([boxes.centre, np.repeat(boxes.centre[-1:], spare, 0)])
-    half = np.vstack([boxes.half, np.repeat(np.minimum(boxes.half[-1:], _SPARE_HALF_M), spare, 0)])
-    return Boxes(centre, half)

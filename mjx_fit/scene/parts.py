@@ -12,8 +12,8 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Float
 
+from mjx_fit.config.sections.scene import SceneConfig
 from mjx_fit.config.sections.shape import Shape
-from mjx_fit.config.sections.world import SceneConfig
 
 FLOOR_THICKNESS_M = 0.01
 START_HEIGHT_M = 0.002
@@ -27,18 +27,22 @@ class Boxes:
     """Axis-aligned boxes.
 
     Attributes:
-        centre: Centres (n, 3), m.
-        half: Half sizes (n, 3), m.
+        low: Lower corners (n, 3), m.
+        high: Upper corners (n, 3), m.
     """
 
-    centre: Float[np.ndarray, "n 3"]
-    half: Float[np.ndarray, "n 3"]
+    low: Float[np.ndarray, "n 3"]
+    high: Float[np.ndarray, "n 3"]
 
-    @staticmethod
-    def between(low: list, high: list) -> "Boxes":
-        """Create boxes from their corners ``low`` and ``high``, both (n, 3)."""
-        low_, high_ = np.asarray(low, float), np.asarray(high, float)
-        return Boxes((low_ + high_) / 2, (high_ - low_) / 2)
+    @property
+    def centre(self) -> Float[np.ndarray, "n 3"]:
+        """Centres, m."""
+        return (self.low + self.high) / 2
+
+    @property
+    def half(self) -> Float[np.ndarray, "n 3"]:
+        """Half sizes, m."""
+        return (self.high - self.low) / 2
 
 
 def plate_top_m(scene: SceneConfig) -> float:
@@ -57,7 +61,7 @@ def peg_boxes(shape: Shape, scene: SceneConfig, scale: float = 1.0) -> Boxes:
     rectangles = _scaled(shape, scale)
     low = [[x0, -y1, 0.0] for x0, _, _, y1 in rectangles]
     high = [[x1, -y0, scene.peg_length_m] for _, y0, x1, _ in rectangles]
-    return Boxes.between(low, high)
+    return Boxes(np.array(low), np.array(high))
 
 
 def hole_boxes(shape: Shape, scene: SceneConfig, scale: float = 1.0) -> Boxes:
@@ -92,7 +96,7 @@ def hole_boxes(shape: Shape, scene: SceneConfig, scale: float = 1.0) -> Boxes:
     for x0, y0, x1, y1 in _left_over(open_):
         low.append([x0, y0, bottom])
         high.append([x1, y1, 0])
-    return Boxes.between(low, high)
+    return Boxes(np.array(low, float), np.array(high, float))
 
 
 def _scaled(shape: Shape, scale: float) -> list["_Rectangle"]:

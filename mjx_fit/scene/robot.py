@@ -1,6 +1,6 @@
 """Robot descriptions: everything the library needs to know about an arm. The Panda is included.
 
-Add an arm as another ``Robot`` in ``ROBOTS``, its name in ``config.sections.world.RobotName`` and its MJCF in
+Add an arm as another ``Robot`` in ``ROBOTS``, its name in ``config.sections.scene.RobotName`` and its MJCF in
 ``models/``: a chain of hinges, each about its z axis, with torque motors, and a body ``peg`` that
 starts at the face of the F/T sensor.
 """

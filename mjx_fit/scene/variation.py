@@ -14,9 +14,9 @@ from itertools import product
 import numpy as np
 from jaxtyping import Float, Int
 
-from mjx_fit.config.sections.world import SceneConfig
-from mjx_fit.scene.build import MakeBoxes, Scene, padded_boxes
-from mjx_fit.scene.parts import hole_boxes, peg_boxes
+from mjx_fit.config.sections.scene import SceneConfig
+from mjx_fit.scene.build import Scene
+from mjx_fit.scene.pieces import MakePieces, padded, peg_pieces, socket_pieces
 from mjx_fit.types import Array
 from mjx_fit.types.physics import Physics
 from mjx_fit.utils.errors import RequestError
@@ -26,7 +26,7 @@ CONTACT = ("friction", "contact_time_s", "contact_damping")
 _STEPS = {"clearance_m": 1e-6, "part_scale": 1e-4}
 GEOMETRY = tuple(_STEPS)
 """Quantities that change positions and sizes of boxes."""
-_MAKERS: tuple[MakeBoxes, MakeBoxes] = (peg_boxes, hole_boxes)
+_MAKERS: tuple[MakePieces, MakePieces] = (peg_pieces, socket_pieces)
 _TOLERANCE_M = 1e-7
 
 Boxes = Float[np.ndarray, "shapes boxes 6"]
@@ -44,6 +44,12 @@ class Slope:
 
     pos: Float[np.ndarray, "pairs geoms 3"]
     size: Float[np.ndarray, "pairs geoms 3"]
+
+
+def longest_contact_times(scene: SceneConfig) -> Float[np.ndarray, "pairs"]:
+    """Return the longest time constant of each pair's contact, s: draws beyond it do not count."""
+    limits = [scene.contact_time_limit_of(shape) for shape in scene.shapes]
+    return np.minimum.outer(limits, limits).ravel()
 
 
 def slopes(scene: Scene) -> dict[str, Slope]:
@@ -89,13 +95,19 @@ def _values_at(scene: SceneConfig) -> dict[str, float]:
     return {"clearance_m": scene.clearance_m, "part_scale": 1.0}
 
 
-def _boxes(make: MakeBoxes, scene: SceneConfig, values: dict[str, float]) -> Boxes:
+def _boxes(make: MakePieces, scene: SceneConfig, values: dict[str, float]) -> Boxes:
     other = replace(scene, clearance_m=float(values["clearance_m"]))
-    boxes = padded_boxes(make, other, float(values["part_scale"]))
-    return np.stack([np.concatenate([one.centre, one.half], axis=1) for one in boxes])
+    parts = padded(make, other, float(values["part_scale"]))
+    boxes = [[piece.box for piece in pieces] for pieces in parts]
+    if any(box is None for row in boxes for box in row):
+        raise RequestError(
+            f"config: randomize: {' and '.join(GEOMETRY)} cannot be drawn: a shape has sides that are not "
+            "along the axes"
+        )
+    return np.array([[np.concatenate(box) for box in row if box is not None] for row in boxes])
 
 
-def _rate(make: MakeBoxes, scene: SceneConfig, name: str) -> Boxes:
+def _rate(make: MakePieces, scene: SceneConfig, name: str) -> Boxes:
     """Return the derivative of the boxes with respect to a quantity, by a finite difference."""
     at, step = _values_at(scene), _STEPS[name]
     if name == "clearance_m" and at[name] > 0.001:
@@ -116,7 +128,7 @@ def _changes_order(what: str, scene: SceneConfig) -> RequestError:
 def _by_geom(scene: Scene, peg: Float[np.ndarray, "n 6"], hole: Float[np.ndarray, "m 6"]) -> np.ndarray:
     """Arrange the derivatives of one peg and one socket by geom (geoms, 6); those of others are zero."""
     rates = np.zeros((scene.models[0].ngeom, 6))
-    for prefix, own in (("peg_box", peg), ("hole_box", hole)):
+    for prefix, own in (("peg_", peg), ("hole_", hole)):
         rates[box_ids(scene, prefix, len(own))] = own
     return rates
 

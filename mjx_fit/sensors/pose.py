@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Float, Key
 
 from mjx_fit.config.sections.measurement import PoseConfig
-from mjx_fit.config.sections.world import SceneConfig
+from mjx_fit.config.sections.scene import SceneConfig
 from mjx_fit.scene.parts import START_HEIGHT_M, plate_top_m
 from mjx_fit.types import Array, Felt, StartPose, Trace
 from mjx_fit.utils.arrays import is_off

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation, Slerp
 
-from mjx_fit.config.sections.world import SceneConfig
+from mjx_fit.config.sections.scene import SceneConfig
 from mjx_fit.scene.robot import PANDA, Robot
 from mjx_fit.sensors.pose import start_of
 from mjx_fit.sensors.sensor_log import (

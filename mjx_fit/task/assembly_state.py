@@ -1,18 +1,19 @@
 """State of many assemblies at once; a row is one trial under one method.
 
-A peg that enters a hole of another type fills that hole unnoticed: the robot grasps the next peg, and the
-attempts count as usual. This peg is *inserted wrongly*: neither a success nor a human intervention. The hole
-of its own type stays empty, so a later peg whose hole is taken ends in any empty hole or needs a human, who
-puts it into the first empty hole.
+A peg may enter a hole of another type. A method that learns the type judges by what it felt: if the hole is
+more likely another's than the peg's own, it pulls the peg out again, and the attempt has failed; so may a
+peg be pulled out of its own hole. Otherwise the peg stays and fills the hole: the robot grasps the next peg,
+and the attempts count as usual. In a hole of another type it is *inserted wrongly*: neither a success nor a
+human intervention. The hole of its own type stays empty, so a later peg whose hole is taken ends in any empty
+hole or needs a human, who puts it into the first empty hole.
 """
 
-from dataclasses import dataclass
 from operator import attrgetter
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Int
 
 from mjx_fit.config.schema import Config
 from mjx_fit.filters.outcome_model import success_probability
@@ -20,52 +21,13 @@ from mjx_fit.filters.updates import initial_belief
 from mjx_fit.scene.scenarios import Trials
 from mjx_fit.sensors.force_torque import peak_force
 from mjx_fit.task import greedy
+from mjx_fit.task.assembly_snapshot import EMPTY, KEPT_FROM, Choice, State
 from mjx_fit.task.attempt_log import Diary, believed
 from mjx_fit.task.attempt_loop import Tried, Try, spirals_at
 from mjx_fit.task.methods import Method, of_rows
 from mjx_fit.task.oracle import reveal_hole, reveal_match
 from mjx_fit.types import Belief, Rollout
 from mjx_fit.utils.randomness import root_key
-
-EMPTY = -1
-"""Content of an empty hole."""
-
-
-@dataclass(frozen=True)
-class State:
-    """State of all R rows, n holes each.
-
-    Attributes:
-        active: Whether each row has pegs left.
-        peg: Number of the peg in hand, from 0.
-        beliefs: Current belief about every hole, (R, n).
-        content: Type of the peg that the robot or a human put into each hole; -1 if empty.
-    """
-
-    active: Bool[np.ndarray, "R"]
-    peg: Int[np.ndarray, "R"]
-    beliefs: Belief
-    content: Int[np.ndarray, "R n"]
-
-    @property
-    def filled(self) -> Bool[np.ndarray, "R n"]:
-        """Whether each hole is filled."""
-        return self.content != EMPTY
-
-
-@dataclass(frozen=True)
-class Choice:
-    """Next hole of each row, with the probabilities that led to the choice.
-
-    Attributes:
-        hole: Index of the chosen hole.
-        chance: Predicted success probability of the attempt.
-        next_best: Highest success probability among the other empty holes; NaN if there are no others.
-    """
-
-    hole: Int[np.ndarray, "R"]
-    chance: Float[np.ndarray, "R"]
-    next_best: Float[np.ndarray, "R"]
 
 
 class Table:
@@ -90,6 +52,7 @@ class Table:
         self._tries = np.zeros((n_rows, n), np.int32)
         self._attempts = np.zeros((n_rows, n), int)
         self._human, self._wrongly = np.zeros((n_rows, n), bool), np.zeros((n_rows, n), bool)
+        self._pulled_out = np.zeros((n_rows, n), int)
         self._diary = Diary(n_rows, n)
         self.pegs_done = np.zeros(n_rows, int)
         self._root = root_key(seed, "assembly: attempts")
@@ -132,12 +95,12 @@ class Table:
 
     def learn(self, tried: Tried) -> None:
         """Store the posteriors about the tried holes, and reveal the truth to the upper-bound methods."""
-        chosen, rows = self.choice.hole, np.arange(len(self._trial))
-        open_rows = rows[self.active]
-        for leaf, new in zip(jax.tree.leaves(self._beliefs), jax.tree.leaves(tried.beliefs), strict=True):
-            leaf[open_rows, chosen[open_rows]] = np.asarray(new)[open_rows]
-        happened = tried.rollouts
-        failed = self.active & np.asarray(happened.truth.valid & ~happened.truth.inserted)
+        chosen, rows, happened = self.choice.hole, np.arange(len(self._trial)), tried.rollouts
+        kept = self._kept(tried)
+        self._store(rows[self.active], tried.beliefs)
+        if tried.confirmed is not None:
+            self._store(rows[self.active & np.asarray(happened.truth.inserted) & ~kept], tried.confirmed)
+        failed = self.active & np.asarray(happened.truth.valid) & ~kept
         told = rows[failed & self._of("learns_truth")]
         reveal_hole(self._beliefs, self._world, (told, chosen[told]))
         told = rows[failed & self._of("learns_match")]
@@ -148,9 +111,11 @@ class Table:
         """Count the attempts, fill holes, call a human at the attempt limit, and advance to the next pegs."""
         chosen = self.choice.hole
         rows, happened = np.flatnonzero(self.active), tried.rollouts
-        inserted, wrongly = np.asarray(happened.truth.inserted), np.asarray(happened.inserted_wrongly)
+        inserted = self._kept(tried)
+        wrongly = inserted & np.asarray(happened.inserted_wrongly)
         peg, hole = self.pegs_done[rows], chosen[rows]
         self._attempts[rows, peg] += 1
+        self._pulled_out[rows, peg] += (np.asarray(happened.truth.inserted) & ~inserted)[rows]
         self._tries[rows, hole] += 1
         helped = ~inserted[rows] & (self._attempts[rows, peg] == self._config.task.max_attempts)
         # The human fills the first empty hole of the peg's type, or else the first empty one.
@@ -175,6 +140,7 @@ class Table:
                 "attempts": self._attempts[row].tolist(),
                 "human": self._human[row].tolist(),
                 **({"inserted_wrongly": self._wrongly[row].tolist()} if self._wrongly[row].any() else {}),
+                **({"pulled_out": self._pulled_out[row].tolist()} if self._pulled_out[row].any() else {}),
                 "holes": [names[hole] for hole in self._world["hole_type"][row]],
                 **self._diary.of(row),
             }
@@ -184,6 +150,23 @@ class Table:
     def _belief_about(self, chosen: Int[np.ndarray, "R"]) -> Belief:
         """Return the current belief of each row about one hole."""
         return jax.tree.map(lambda leaf: leaf[np.arange(len(chosen)), chosen], self._beliefs)
+
+    def _kept(self, tried: Tried) -> Bool[np.ndarray, "R"]:
+        """Tell whose peg is in and stays: by the truth, by the posterior, or always, as the method learns."""
+        inserted = np.asarray(tried.rollouts.truth.inserted)
+        if tried.confirmed is None:
+            return inserted
+        right = np.asarray(tried.rollouts.succeeded)
+        match = np.take_along_axis(np.asarray(tried.confirmed.type_logp), self._peg()[:, None], axis=1)[:, 0]
+        judged = np.where(self._of("learns_type"), match >= np.log(KEPT_FROM), True)
+        told = self._of("learns_truth") | self._of("learns_match")
+        return inserted & np.where(told, right, judged)
+
+    def _store(self, rows: Int[np.ndarray, "k"], beliefs: Belief) -> None:
+        """Store the beliefs of some rows about the holes that they tried."""
+        chosen = self.choice.hole[rows]
+        for leaf, new in zip(jax.tree.leaves(self._beliefs), jax.tree.leaves(beliefs), strict=True):
+            leaf[rows, chosen] = np.asarray(new)[rows]
 
     def _note(self, rollouts: Rollout, before: Belief) -> None:
         """Log the choice, the belief before and after the attempt, and the peak force."""

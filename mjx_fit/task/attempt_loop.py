@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int, Key
 
 from mjx_fit.control.policies import SPIRAL
 from mjx_fit.engines.interface import Engine
-from mjx_fit.task.estimator import Update, after_failures
+from mjx_fit.task.estimator import Update, after_failures, after_insertions
 from mjx_fit.types import Array, Attempt, Belief, Rollout
 from mjx_fit.types.physics import AS_CONFIGURED, Physics
 
@@ -39,15 +39,21 @@ class Tried:
         asked: Attempts of the round.
         rollouts: Rollout of each row, (R,); meaningless for an inactive row.
         beliefs: Posterior of each row, (R,); likewise.
+        confirmed: Posterior of the rows whose peg went in, (R,); None: an insertion is not questioned.
     """
 
     asked: Try
     rollouts: Rollout
     beliefs: Belief
+    confirmed: Belief | None = None
 
 
 def attempt_rounds(
-    next_try: Callable[[], Try | None], engine: Engine, update: Update, actions: int
+    next_try: Callable[[], Try | None],
+    engine: Engine,
+    update: Update,
+    actions: int,
+    confirm: Update | None = None,
 ) -> Iterator[Tried]:
     """Simulate rounds of attempts and update the beliefs after each, until no attempt is left.
 
@@ -57,13 +63,16 @@ def attempt_rounds(
         engine: Simulates the attempts of all active rows together.
         update: The belief update.
         actions: Maximum number of actions in one attempt.
+        confirm: The belief update after an insertion; None: insertions are not questioned.
     """
     while (asked := next_try()) is not None:
         rollouts = engine.run(asked.attempts, actions, asked.active)
-        beliefs = asked.beliefs
+        beliefs, confirmed = asked.beliefs, None
         if asked.noise_keys is not None:
-            beliefs = after_failures(update, beliefs, rollouts, asked.noise_keys)
-        yield Tried(asked, rollouts, beliefs)
+            beliefs = after_failures(update, asked.beliefs, rollouts, asked.noise_keys)
+            if confirm is not None:
+                confirmed = after_insertions(confirm, asked.beliefs, rollouts, asked.noise_keys)
+        yield Tried(asked, rollouts, beliefs, confirmed)
 
 
 def spirals_at(

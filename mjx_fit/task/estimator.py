@@ -32,14 +32,18 @@ def filter_update(
     sensor: ContactSensor | None,
     learns_position: Bool[np.ndarray, "n"] | bool = True,
     learns_type: Bool[np.ndarray, "n"] | bool = True,
+    *,
+    inserted: bool = False,
 ) -> Update:
-    """Make the update of position and type from the failure itself and from the sensor's observation.
+    """Make the update of position and type from the outcome itself and from the sensor's observation.
 
     Args:
         config: Defines α, the noise of the F/T sensor and the height of the socket.
         sensor: The trained sensor; None: no row uses its trace.
         learns_position: Whether the trace updates the position; one value for all rows, or one per row.
-        learns_type: Whether the trace updates the type, likewise; the failure itself always does.
+        learns_type: Whether the trace updates the type, likewise; the outcome itself always does.
+        inserted: Outcome of the attempts: False for failures; True for insertions, to tell whether the hole
+            is the peg's own.
 
     Example:
         >>> import mjx_fit as mf
@@ -55,7 +59,7 @@ def filter_update(
 
     def learn(state, beliefs, felt, keys, learns_position, learns_type):
         alpha = success_probability(config, beliefs.pos_cov)
-        updated = update_type(beliefs, None, felt.peg_type, alpha, hard=hard)
+        updated = update_type(beliefs, None, felt.peg_type, alpha, hard=hard, inserted=inserted)
         if graph is None:
             return updated
         observation = nnx.merge(graph, state)(readings(felt, keys, config))
@@ -64,7 +68,7 @@ def filter_update(
             logits = observation.match_logits / config.filter.match_temperature
             observation = replace(observation, match_logits=logits)
         moved = update_position(beliefs, observation, config.filter, config.detector.prior_std_m)
-        typed = update_type(beliefs, observation, felt.peg_type, alpha, hard=hard)
+        typed = update_type(beliefs, observation, felt.peg_type, alpha, hard=hard, inserted=inserted)
         return Belief(
             pos_mean_world=where_rows(learns_position, moved.pos_mean_world, beliefs.pos_mean_world),
             pos_cov=where_rows(learns_position, moved.pos_cov, beliefs.pos_cov),
@@ -111,6 +115,21 @@ def after_failures(update: Update, beliefs: Belief, rollouts: Rollout, keys: Key
     length = np.where(failed, rollouts.felt.length, 0).astype(np.int32)
     learnt = update(beliefs, replace(rollouts.felt, length=length), keys)
     return jax.tree.map(lambda new, old: where_rows(failed, new, old), learnt, beliefs)
+
+
+def after_insertions(confirm: Update, beliefs: Belief, rollouts: Rollout, keys: Key[Array, "n"]) -> Belief:
+    """Return the beliefs after simulated attempts: the posterior after insertions, else the prior.
+
+    Args:
+        confirm: Update after an insertion.
+        beliefs: Beliefs before the attempts, (n,).
+        rollouts: The attempts, (n,).
+        keys: Seeds of the noise.
+    """
+    inserted = np.asarray(rollouts.truth.inserted)
+    length = np.where(inserted, rollouts.felt.length, 0).astype(np.int32)
+    learnt = confirm(beliefs, replace(rollouts.felt, length=length), keys)
+    return jax.tree.map(lambda new, old: where_rows(inserted, new, old), learnt, beliefs)
 
 
 def readings(

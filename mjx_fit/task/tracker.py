@@ -6,7 +6,6 @@ ground truth. It calls the same update functions as the experiments.
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -19,19 +18,17 @@ from mjx_fit.engines.requests import require_count
 from mjx_fit.filters.outcome_model import success_probability
 from mjx_fit.filters.updates import initial_belief
 from mjx_fit.scene.robot import ROBOTS
-from mjx_fit.sensors.resampling import felt_from_log
 from mjx_fit.sensors.sensor_log import SensorLog
 from mjx_fit.sensors.trained_sensor import TrainedSensor
 from mjx_fit.task import greedy
-from mjx_fit.task.estimator import filter_update
+from mjx_fit.task.assembly_snapshot import KEPT_FROM
+from mjx_fit.task.estimator import Update, filter_update
 from mjx_fit.task.estimator_input import require_beliefs, require_places
+from mjx_fit.task.logged_attempt import AtHole, attempt_of, padded, require_own
 from mjx_fit.task.saved_beliefs import FORMAT, SavedBeliefs, read_beliefs, write_beliefs
 from mjx_fit.types import Belief, Felt
 from mjx_fit.utils import numerics
 from mjx_fit.utils.errors import RequestError, shown
-
-MOST_OFF_START_M = 1e-4
-"""Largest offset of an attempt's start from the estimate, m: the innovation is relative to the start."""
 
 
 class BeliefTracker:
@@ -85,7 +82,9 @@ class BeliefTracker:
             pose=self._config.pose.without_errors(),
             randomize=RandomizeConfig(),
         )
-        self._update = filter_update(as_logged, sensor.network)
+        self._update, self._confirm = (
+            filter_update(as_logged, sensor.network, inserted=inserted) for inserted in (False, True)
+        )
 
     def choose(self, peg: str) -> int:
         """Choose the empty hole with the highest insertion probability for this peg; ties: the least tried.
@@ -130,22 +129,48 @@ class BeliefTracker:
                 another peg, another start position or a filled hole. The beliefs stay unchanged.
         """
         hole = self._require_hole(hole)
+        after = self._learn(self._update, hole, self._read(hole, felt))
+        self.tries[hole] += 1
+        return after
+
+    def judge_insertion(self, hole: int, felt: Felt | SensorLog) -> bool:
+        """Update the belief about a hole that a peg went into, and tell whether it is the peg's own.
+
+        A peg may enter holes of other types, where it has more room, and the trace tells. If the answer is
+        False, pull the peg out and go on with ``choose``; else call ``fill``.
+
+        Args:
+            hole: The hole that the peg is in.
+            felt: Measurements of the attempt, see ``update``.
+
+        Returns:
+            Whether the hole matches the peg with at least the probability ``KEPT_FROM``.
+
+        Raises:
+            RequestError: As in ``update``.
+        """
+        hole = self._require_hole(hole)
+        felt = self._read(hole, felt)
+        after = self._learn(self._confirm, hole, felt)
+        own = bool(after.type_logp[int(felt.peg_type)] >= np.log(KEPT_FROM))
+        self.tries[hole] += not own
+        return own
+
+    def _read(self, hole: int, felt: Felt | SensorLog) -> Felt:
+        """Return the measurements of an attempt at a hole, checked."""
+        there = AtHole(hole, self.estimate(hole), bool(self.filled[hole]), self._peg)
         if isinstance(felt, SensorLog):
-            if self._peg is None:
-                raise RequestError("update: no peg is in hand: call choose(peg=...) before the attempt")
-            felt = felt_from_log(felt, self._peg, self.estimate(hole), self._robot)
-            if felt.start is None and self._config.sensor.pose == "start":
-                raise RequestError(
-                    "log: pose_time_s: the poses cannot be used: expected one at rest in free space, before "
-                    "the first command; this sensor reads poses relative to it"
-                )
-        self._require_own(hole, felt)
+            felt = attempt_of(felt, there, self._robot, at_rest=self._config.sensor.pose == "start")
+        require_own(felt, there, self._config.scene.names)
+        return felt
+
+    def _learn(self, update: Update, hole: int, felt: Felt) -> Belief:
+        """Replace the belief about a hole by its posterior, and return it."""
         before = jax.tree.map(lambda leaf: leaf[hole : hole + 1], self.belief)
         rows = max(self._config.task.attempt_actions, len(felt.trace.action_world))
-        batch = jax.tree.map(lambda leaf: np.asarray(leaf)[None], _padded(felt, rows))
-        after = jax.tree.map(np.asarray, self._update(before, batch, numerics.key(0)[None]))
+        batch = jax.tree.map(lambda leaf: np.asarray(leaf)[None], padded(felt, rows))
+        after = jax.tree.map(np.asarray, update(before, batch, numerics.key(0)[None]))
         self.belief = jax.tree.map(lambda leaf, new: _with_row(leaf, hole, new[0]), self.belief, after)
-        self.tries[hole] += 1
         return jax.tree.map(lambda leaf: leaf[0], after)
 
     def fill(self, hole: int) -> None:
@@ -213,30 +238,6 @@ class BeliefTracker:
 
     def _require_hole(self, hole: int) -> int:
         return require_count("hole", hole, 0, len(self.filled) - 1)
-
-    def _require_own(self, hole: int, felt: Felt) -> None:
-        """Check that an attempt belongs to this hole; any other would silently corrupt the belief."""
-        names, peg = self._config.scene.names, int(felt.peg_type)
-        if self._peg not in (None, peg):
-            raise RequestError(f"update: peg_type: {peg} cannot be used: {names[self._peg]} is in hand")
-        if self.filled[hole]:
-            raise RequestError(f"update: hole {hole} cannot be used: it is filled")
-        start, estimate = np.asarray(felt.estimate_world), self.estimate(hole)
-        if not np.linalg.norm(start - estimate) <= MOST_OFF_START_M:
-            raise RequestError(
-                f"update: estimate_world: {np.round(start, 5).tolist()} cannot be used: an attempt at hole "
-                f"{hole} must start from {np.round(estimate, 5).tolist()}"
-            )
-
-
-def _padded(felt: Felt, rows: int) -> Felt:
-    """Pad the attempt to a fixed number of rows, so that most attempts share one compilation."""
-
-    def pad(leaf: Any) -> np.ndarray:
-        leaf = np.asarray(leaf)
-        return np.pad(leaf, [(0, rows - len(leaf)), *[(0, 0)] * (leaf.ndim - 1)])
-
-    return replace(felt, trace=jax.tree.map(pad, felt.trace))
 
 
 def _with_row(leaf: np.ndarray, row: int, value: np.ndarray) -> np.ndarray:

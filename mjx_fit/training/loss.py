@@ -18,7 +18,7 @@ from mjx_fit.types import Array, Belief, Observation, pytree
 class Loss:
     """Loss terms in nats, per window or averaged.
 
-    The type terms are zero for a window that contains the insertion.
+    The type terms are zero for a window that contains an insertion which leaves no doubt about the type.
 
     Attributes:
         total: Sum of the five terms; the training objective.
@@ -104,8 +104,8 @@ def _after_update(
         prior,
         sample.hole_pos_world,
         [_type_nll(one, sample) for one in (belief, prior)],
-        jnp.where(sample.failed & is_match, -match_logp[..., 1], 0),
-        jnp.where(sample.failed & ~is_match, -match_logp[..., 0], 0),
+        jnp.where(sample.judged & is_match, -match_logp[..., 1], 0),
+        jnp.where(sample.judged & ~is_match, -match_logp[..., 0], 0),
     )
     return belief, loss
 
@@ -133,4 +133,4 @@ def weighted_sum(losses: Loss, weight: Float[Array, "batch *length"]) -> Loss:
 
 def _type_nll(belief: Belief, sample: Sample) -> Float[Array, "*batch"]:
     logp = jnp.take_along_axis(belief.type_logp, sample.hole_type[..., None], axis=-1)[..., 0]
-    return jnp.where(sample.failed, -logp, 0)
+    return jnp.where(sample.judged, -logp, 0)

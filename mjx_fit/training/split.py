@@ -10,6 +10,7 @@ from mjx_fit.config.schema import Config
 from mjx_fit.data.episode import Episode
 from mjx_fit.data.split import split_sequences
 from mjx_fit.data.windows import usable
+from mjx_fit.scene.outline import is_its_own_mirror_image
 from mjx_fit.sensors.encoder import WRENCH_AXES
 from mjx_fit.utils.errors import RequestError
 from mjx_fit.utils.rates import SUBSTEPS
@@ -84,7 +85,9 @@ def require_symmetric(config: Config) -> None:
     Raises:
         RequestError: ``train.mirror`` is set, and a shape is not its own mirror image.
     """
-    lopsided = [shape.name for shape in config.scene.shapes if not shape.is_its_own_mirror_image]
+    lopsided = [
+        shape.name for shape in config.scene.shapes if not is_its_own_mirror_image(shape, config.scene)
+    ]
     if config.train.mirror and lopsided:
         raise RequestError(
             f"config: train.mirror: True cannot be used: the shape {lopsided[0]!r} is not mirror-symmetric"

@@ -19,7 +19,7 @@ from mjx_fit.filters.kalman import scale_tril
 from mjx_fit.scene.build import picture_scene
 from mjx_fit.scene.parts import plate_top_m
 from mjx_fit.scene.robot import ROBOTS
-from mjx_fit.task.assembly_state import EMPTY
+from mjx_fit.task.assembly_snapshot import EMPTY
 from mjx_fit.utils.type_colours import TYPE_RGB
 from mjx_fit.viz.timeline import Moment
 

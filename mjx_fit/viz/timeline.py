@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Int
 from mjx_fit.evaluation.recording import Recording, Step
 from mjx_fit.scene.parts import START_HEIGHT_M, plate_top_m
 from mjx_fit.scene.robot import ROBOTS
-from mjx_fit.task.assembly_state import EMPTY
+from mjx_fit.task.assembly_snapshot import EMPTY
 from mjx_fit.types import Belief
 from mjx_fit.utils.errors import require
 from mjx_fit.utils.rates import ACTION_S

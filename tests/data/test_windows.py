@@ -62,7 +62,7 @@ def test_windows_are_consecutive_rows_of_their_episode(seed):
         assert mask[i, :count].all()
         assert min(4, lengths[i]) <= count <= min(10, lengths[i])
         assert starts[i] + count <= lengths[i]
-        assert bool(sample.failed[i]) == (not (inserted[i] and starts[i] + count == lengths[i]))
+        assert bool(sample.judged[i]) == (not (inserted[i] and starts[i] + count == lengths[i]))
         wrench = data.trace.wrench_sensor[i, rows] - data.tare_sensor[i]
         np.testing.assert_allclose(reading.wrench_sensor[i, :count], wrench, rtol=1e-5, atol=1e-5)
         origin = np.append(data.estimate_world[i], plate_top_m(CONFIG.scene))
@@ -97,8 +97,8 @@ def test_every_length_and_every_start_is_drawn(many):
 def test_both_kinds_of_windows_come_from_inserted_interactions(many):
     inserted = np.asarray(DATA.rollout.truth.inserted)
     assert inserted.sum() >= 2
-    assert 0 < many.failed[:, inserted].mean() < 1
-    assert many.failed[:, ~inserted].all()
+    assert 0 < many.judged[:, inserted].mean() < 1
+    assert many.judged[:, ~inserted].all()
 
 
 def test_draws_depend_on_key_and_episode_and_not_on_the_batch(many):

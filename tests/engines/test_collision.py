@@ -8,7 +8,7 @@ import pytest
 from hypothesis import assume, event, given, settings
 from hypothesis import strategies as st
 
-from mjx_fit.config.sections.world import SceneConfig
+from mjx_fit.config.sections.scene import SceneConfig
 from mjx_fit.engines.mjx import collision
 from mjx_fit.scene.build import simulation_scene
 from mjx_fit.scene.variation import box_ids
@@ -155,7 +155,7 @@ def test_frames_are_orthonormal_and_right_handed():
     normals[:, :6] = [[1, -1, 0, 0, 0, 0], [0, 0, 1, -1, 0, 0], [0, 0, 0, 0, 1, -1]]
     normals /= np.linalg.norm(normals, axis=0)
     frames = np.moveaxis(
-        np.asarray(collision._frame(jnp.asarray(normals, jnp.float32)[..., None]))[..., 0], -1, 0
+        np.asarray(collision.frames(jnp.asarray(normals, jnp.float32)[..., None]))[..., 0], -1, 0
     )
     assert frames[:, 0] == pytest.approx(normals.T, abs=1e-6)
     assert frames @ frames.swapaxes(1, 2) == pytest.approx(np.tile(np.eye(3), (200, 1, 1)), abs=2e-6)
@@ -192,7 +192,7 @@ def test_points_stay_on_the_boxes_where_edges_are_equally_deep():
 
     @jax.jit
     def found(pos, frame):
-        ids = (box_ids(scene, name, count) for name, count in (("peg_box", 2), ("hole_box", 9)))
+        ids = (box_ids(scene, name, count) for name, count in (("peg_", 2), ("hole_", 9)))
         fields = ((model.geom_pos[own], model.geom_size[own]) for own in ids)
         peg, plate = (
             collision.Boxes(*(jnp.tile(jnp.asarray(field, jnp.float32)[..., None], 64) for field in both))

@@ -12,7 +12,7 @@ from mujoco import mjx
 from mjx_fit.control.kinematics import chain_of, inverse
 from mjx_fit.engines.mjx import contact
 from mjx_fit.engines.mjx.compiler import compiler_options
-from mjx_fit.engines.mjx.step import Models, accelerate, observe
+from mjx_fit.engines.mjx.step import Models, WorldModel, accelerate, observe
 from mjx_fit.scene.build import Scene
 
 N_FREE = N_CONTACT = 54
@@ -47,10 +47,10 @@ def one_step(scene, states):
     models, axes = Models.of(scene).of_worlds(pair)
 
     def step(model, qpos, qvel, push, mocap):
-        data = mjx.make_data(model).replace(qpos=qpos, qvel=qvel, mocap_pos=mocap[None])
+        data = mjx.make_data(model.mjx).replace(qpos=qpos, qvel=qvel, mocap_pos=mocap[None])
         data = observe(model, data)
         data = accelerate(model, data.replace(ctrl=push + data.qfrc_bias))
-        return data.qacc_smooth, data.qacc, data.sensordata, contact.integrate(model, data).qvel
+        return data.qacc_smooth, data.qacc, data.sensordata, contact.integrate(model.mjx, data).qvel
 
     batched = jax.vmap(step, (axes, 0, 0, 0, 0))
     compiled = jax.jit(lambda *a: batched(models, *a), compiler_options=compiler_options())
@@ -119,8 +119,8 @@ def test_a_corner_on_the_plate_is_one_contact(scene):
     hole = in_c.mocap_pos[0] = np.array([0.5, 0, lowest + 5e-5], np.float32)
     mujoco.mj_forward(model, in_c)
     assert (in_c.contact.dist < 0).sum() == 1
-    on_device = mjx.put_model(model)
-    data = mjx.make_data(on_device).replace(qpos=jnp.asarray(qpos), mocap_pos=jnp.asarray(hole[None]))
+    on_device = WorldModel(mjx.put_model(model), None)
+    data = mjx.make_data(on_device.mjx).replace(qpos=jnp.asarray(qpos), mocap_pos=jnp.asarray(hole[None]))
     distance = jax.jit(observe, compiler_options=compiler_options())(on_device, data)._impl.contact.dist
     assert (distance < 0).sum() == 1
     assert distance.min() == pytest.approx(in_c.contact.dist.min(), rel=0.05)

@@ -18,8 +18,8 @@ from mjx_fit.engines.mjx.step import Models as MjxModels
 from mjx_fit.engines.native.engine import NativeEngine
 from mjx_fit.engines.native.models import Models
 from mjx_fit.engines.select import make_engine
-from mjx_fit.scene.build import padded_boxes, simulation_scene
-from mjx_fit.scene.parts import hole_boxes, peg_boxes
+from mjx_fit.scene.build import simulation_scene
+from mjx_fit.scene.pieces import padded, peg_pieces, socket_pieces
 from mjx_fit.scene.variation import box_ids, slopes
 from mjx_fit.types import Attempt
 from mjx_fit.types.physics import Physics, drawn
@@ -87,16 +87,18 @@ def test_geometry_is_that_of_compiled_models(scale):
     physics = Physics(clearance_m=np.full(9, 0.0023), part_scale=np.full(9, scale))
     for model, pair in zip(Models(scene).of(np.arange(9), physics), range(9), strict=True):
         peg, hole = divmod(pair, 3)
-        for prefix, make, kind in (("peg_box", peg_boxes, peg), ("hole_box", hole_boxes, hole)):
-            boxes = padded_boxes(make, other, scale)[kind]
-            ids = box_ids(scene, prefix, len(boxes.centre))
-            np.testing.assert_allclose(model.geom_pos[ids], boxes.centre, atol=1e-12)
-            np.testing.assert_allclose(model.geom_size[ids], boxes.half, atol=1e-12)
+        for prefix, make, kind in (("peg_", peg_pieces, peg), ("hole_", socket_pieces, hole)):
+            centre, half = map(
+                np.array, zip(*(piece.box for piece in padded(make, other, scale)[kind]), strict=True)
+            )
+            ids = box_ids(scene, prefix, len(centre))
+            np.testing.assert_allclose(model.geom_pos[ids], centre, atol=1e-12)
+            np.testing.assert_allclose(model.geom_size[ids], half, atol=1e-12)
     assert set(slopes(scene)) == {"clearance_m", "part_scale"}
     mjx_models, _ = MjxModels.of(scene).of_worlds(jnp.arange(9), jax.tree.map(jnp.asarray, physics))
     for i, model in enumerate(Models(scene).of(np.arange(9), physics)):
-        np.testing.assert_allclose(mjx_models.geom_size[i], model.geom_size, atol=1e-7)
-        np.testing.assert_allclose(mjx_models.geom_pos[i], model.geom_pos, atol=1e-7)
+        np.testing.assert_allclose(mjx_models.mjx.geom_size[i], model.geom_size, atol=1e-7)
+        np.testing.assert_allclose(mjx_models.mjx.geom_pos[i], model.geom_pos, atol=1e-7)
 
 
 def test_a_changed_clearance_is_simulated_like_a_compiled_one():

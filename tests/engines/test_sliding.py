@@ -12,7 +12,7 @@ from mjx_fit.config.worlds import world_file
 from mjx_fit.control.kinematics import chain_of, inverse
 from mjx_fit.control.policies import PolicyInput, stateless
 from mjx_fit.engines.mjx.compiler import compiler_options
-from mjx_fit.engines.mjx.step import observe
+from mjx_fit.engines.mjx.step import WorldModel, observe
 from mjx_fit.engines.native.engine import NativeEngine
 from mjx_fit.scene.build import simulation_scene
 from mjx_fit.types import Attempt
@@ -83,8 +83,8 @@ def test_both_engines_ask_friction_for_the_same_acceleration():
     hole = in_c.mocap_pos[0] = np.array([0.5, 0, lowest + 5e-5], np.float32)
     mujoco.mj_forward(model, in_c)
     assert in_c.ncon == 1
-    on_device = mjx.put_model(model)
-    data = mjx.make_data(on_device).replace(
+    on_device = WorldModel(mjx.put_model(model), None)
+    data = mjx.make_data(on_device.mjx).replace(
         qpos=jnp.asarray(qpos), qvel=jnp.asarray(qvel), mocap_pos=jnp.asarray(hole[None])
     )
     impl = jax.jit(observe, compiler_options=compiler_options())(on_device, data)._impl

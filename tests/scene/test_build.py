@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mjx_fit.config.sections.scene import RobotName, SceneConfig
 from mjx_fit.config.sections.shape import SHAPES, Shape
-from mjx_fit.config.sections.world import RobotName, SceneConfig
 from mjx_fit.control.kinematics import chain_of, inverse
 from mjx_fit.scene.build import pair_index, picture_scene, place_holes, simulation_scene
 from mjx_fit.scene.parts import hole_boxes, peg_boxes
@@ -57,7 +57,7 @@ def test_each_model_holds_its_pair(scene):
                 ("peg", peg_boxes(SHAPES[peg], scene.config)),
                 ("hole", hole_boxes(SHAPES[hole], scene.config)),
             ):
-                geoms = [model.geom(f"{name}_box{i}") for i in range(len(boxes.centre))]
+                geoms = [model.geom(f"{name}_{i}") for i in range(len(boxes.centre))]
                 assert np.allclose([geom.pos for geom in geoms], boxes.centre)
                 assert np.allclose([geom.size for geom in geoms], boxes.half)
 
@@ -67,9 +67,7 @@ def test_spare_boxes_are_buried(scene):
     spare = 0
     for model in scene.models:
         for body in ("peg", "hole"):
-            geoms = [
-                model.geom(i) for i in range(model.ngeom) if model.geom(i).name.startswith(f"{body}_box")
-            ]
+            geoms = [model.geom(i) for i in range(model.ngeom) if model.geom(i).name.startswith(f"{body}_")]
             big = [geom for geom in geoms if geom.size.max() > 0.0011]
             for geom in geoms:
                 if geom.size.max() <= 0.0011:
@@ -115,10 +113,10 @@ def test_spare_boxes_stay_inside_thin_shapes():
             ("peg", peg_boxes(config.shapes[peg], config)),
             ("hole", hole_boxes(config.shapes[hole], config)),
         ):
-            real, n = model.geom(f"{name}_box{len(boxes.centre) - 1}"), len(boxes.centre)
-            spare = [
-                model.geom(i) for i in range(model.ngeom) if model.geom(i).name.startswith(f"{name}_box")
-            ][n:]
+            real, n = model.geom(f"{name}_{len(boxes.centre) - 1}"), len(boxes.centre)
+            spare = [model.geom(i) for i in range(model.ngeom) if model.geom(i).name.startswith(f"{name}_")][
+                n:
+            ]
             for geom in spare:
                 assert (np.abs(geom.pos - real.pos) + geom.size <= real.size + 1e-9).all()
 
@@ -130,7 +128,7 @@ def test_a_lopsided_peg_hangs_and_stands_as_its_hole_is():
     hole = np.array([0.5, 0.1])
     low, high = np.split(np.array(ell.rectangles), 2, axis=1)
     for model, names in (
-        (simulation_scene(config).models[0], ["peg_box{}"]),
+        (simulation_scene(config).models[0], ["peg_{}"]),
         (picture_scene(config, [0], hole[None]), ["hand_ell_{}", "placed_0_ell_{}"]),
     ):
         data = mujoco.MjData(model)

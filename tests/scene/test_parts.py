@@ -10,10 +10,11 @@ from hypothesis import strategies as st
 
 from mjx_fit.config.files import read_config
 from mjx_fit.config.schema import Config
+from mjx_fit.config.sections.scene import SceneConfig
 from mjx_fit.config.sections.shape import SHAPES, Shape
-from mjx_fit.config.sections.world import SceneConfig
 from mjx_fit.control.policies import SPIRAL
 from mjx_fit.engines.native.engine import NativeEngine
+from mjx_fit.scene.outline import is_its_own_mirror_image
 from mjx_fit.scene.parts import hole_boxes, peg_boxes, plate_top_m
 from mjx_fit.training.split import require_symmetric
 from mjx_fit.types import Attempt
@@ -109,8 +110,8 @@ def test_a_lopsided_peg_goes_into_its_own_hole_alone():
 
 
 def test_a_lopsided_shape_is_not_shown_mirrored():
-    assert all(shape.is_its_own_mirror_image for shape in (*SHAPES, TEE))
-    assert not ELL.is_its_own_mirror_image
+    assert all(is_its_own_mirror_image(shape, SCENE) for shape in (*SHAPES, TEE))
+    assert not is_its_own_mirror_image(ELL, SCENE)
     shapes = [{"name": s.name, "rectangles": [list(r) for r in s.rectangles]} for s in (ELL, *SHAPES[1:])]
     config = read_config(None, [f"scene.shapes={shapes}", "train.mirror=false"])
     assert config.scene.names == ("ell", "rectangle", "square")

@@ -16,9 +16,9 @@ from synthetic import with_truth
 
 from mjx_fit.config.files import read_config
 from mjx_fit.config.schema import Config, config_from_tree, config_from_yaml, config_to_tree, config_to_yaml
+from mjx_fit.config.sections.scene import SceneConfig
 from mjx_fit.config.sections.shape import SHAPES, Shape
 from mjx_fit.config.sections.task import DEFAULT_ALPHA, TaskConfig
-from mjx_fit.config.sections.world import SceneConfig
 from mjx_fit.data.schedule import draw_attempts, pair_of, policy_of
 from mjx_fit.engines.native.engine import NativeEngine
 from mjx_fit.evaluation import attempt, position, results
@@ -76,7 +76,7 @@ def test_policies_alternate_from_one_time_to_the_next_where_a_pair_comes_again_a
 @pytest.mark.parametrize("n", TYPES)
 def test_the_default_rates_of_other_shapes_are_the_mean_of_ours(n):
     config = config_of(n)
-    assert constant_matrix(config.task) == pytest.approx(np.eye(n) * sum(DEFAULT_ALPHA) / 3, abs=1e-6)
+    assert constant_matrix(config) == pytest.approx(np.eye(n) * sum(DEFAULT_ALPHA) / 3, abs=1e-6)
     assert config_from_yaml(config_to_yaml(config)) == config
     assert Config().task.success_probability == DEFAULT_ALPHA
     covariance = replace(config, task=replace(config.task, outcome_model="covariance"))
@@ -137,8 +137,8 @@ def test_a_scene_of_twelve_shapes_has_a_model_for_each_pair_and_runs():
     scene = engine.scene
     assert (scene.n_types, len(scene.models)) == (12, 144)
     model, plain = scene.models[pair_index(11, 4, 12)], simulation_scene(SceneConfig(shapes=shapes(12)[4:5]))
-    assert model.geom("peg_box0").size[0] == pytest.approx(shapes(12)[11].rectangles[0][2])
-    assert model.geom("hole_box1").size == pytest.approx(plain.models[0].geom("hole_box1").size)
+    assert model.geom("peg_0").size[0] == pytest.approx(shapes(12)[11].rectangles[0][2])
+    assert model.geom("hole_1").size == pytest.approx(plain.models[0].geom("hole_1").size)
     attempts = draw_attempts(jax.random.key(0), jnp.arange(20, 24), "spiral", config)
     assert set(np.asarray(attempts.peg_type).tolist()) == {0, 1, 10, 11}
     done = engine.run(attempts, 2)

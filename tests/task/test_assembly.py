@@ -92,7 +92,7 @@ def test_oracle_needs_one_attempt_for_each_peg():
 def test_failure_only_agrees_with_a_plain_loop():
     """Algorithm 1 written out for one trial at a time, with exact beliefs as fractions of counts."""
     trials, _, rows = play("failure_only")
-    alpha = np.diag(constant_matrix(CONFIG.task))
+    alpha = np.diag(constant_matrix(CONFIG))
     for trial, row in enumerate(rows):
         types, pegs = trials.hole_type[trial], trials.peg_type[trial]
         near = np.linalg.norm(trials.estimate_world[trial] - trials.hole_pos_world[trial], axis=1) < 0.005
@@ -175,7 +175,7 @@ def test_the_diary_says_what_was_believed_before_and_after():
         first, trial, peg = row["tried"][0][0], row["trial"], trials.peg_type[row["trial"], 0]
         before, after = (tuple(row[name][0][0] for name in COLUMNS[i : i + 2]) for i in (1, 3))
         assert before == pytest.approx((1 / 3, error[trial, first]), abs=1e-4)
-        a = constant_matrix(CONFIG.task)[peg, peg]
+        a = constant_matrix(CONFIG)[peg, peg]
         matches = float(trials.hole_type[trial, first] == peg)
         assert [row[name][0][0] for name in WHY] == pytest.approx([a / 3, a / 3], abs=1e-4)
         if row["attempts"][0] == 1:
@@ -189,7 +189,7 @@ def test_the_diary_says_what_was_believed_before_and_after():
 def test_the_diary_says_why_a_hole_was_chosen():
     """P(match) × α of the chosen hole, at least that of the next best, which ends with the other holes."""
     _, _, rows = play("failure_only,perfect_sensor,oracle")
-    alpha = dict(zip(CONFIG.scene.names, np.diag(constant_matrix(CONFIG.task)), strict=True))
+    alpha = dict(zip(CONFIG.scene.names, np.diag(constant_matrix(CONFIG)), strict=True))
     for row in rows:
         for number, peg in enumerate(row["pegs"]):
             chance, second = (np.array(row[name][number]) for name in WHY)
@@ -244,7 +244,7 @@ def test_each_method_learns_what_it_may_and_no_more(hard):
     moved = np.asarray(after.pos_mean_world - before.pos_mean_world)
     assert moved == pytest.approx(np.array([[0, 0], [0.003, 0], [0.003, 0], *[[0, 0]] * 3]), abs=1e-6)
     assert np.asarray(after.pos_cov)[:, 0, 0] == pytest.approx([1e-4, 5e-5, 5e-5, 1e-4, 1e-4, 1e-4], rel=1e-4)
-    a = constant_matrix(CONFIG.task)[0, 0]
+    a = constant_matrix(CONFIG)[0, 0]
     temperature = CONFIG.filter.match_temperature
     miss = 0.0 if hard else 1 / (1 + np.exp(1 / temperature))
     likelihood = (1 - miss) * np.array([0.8, 0.3, 0.4]) + miss * np.array([0.2, 0.7, 0.6])
@@ -265,7 +265,7 @@ def test_success_and_broken_worlds_leave_beliefs_alone():
     keys = jax.random.split(jax.random.key(0), 3)
     after = estimator.after_failures(estimator.filter_update(config, None), beliefs, rollout, keys)
     assert np.array_equal(after.type_logp[:2], beliefs.type_logp[:2])
-    a = constant_matrix(config.task)[0, 0]
+    a = constant_matrix(config)[0, 0]
     want = np.array([1 - a, 1, 1]) / (3 - a)
     assert np.exp(after.type_logp[2]) == pytest.approx(want, abs=1e-6)
 
@@ -303,7 +303,7 @@ def test_success_by_covariance_is_the_mean_over_the_belief():
     diagonal = np.diagonal(got, axis1=1, axis2=2)
     assert diagonal[0].min() > 0.8
     assert diagonal[1].max() < 0.4
-    constant = np.tile(constant_matrix(task), (4, 1, 1))
+    constant = np.tile(constant_matrix(then), (4, 1, 1))
     assert np.asarray(success_probability(then, jnp.asarray(cov))) == pytest.approx(constant)
     first = initial_belief(jnp.zeros((4, 2)), config.detector.prior_std_m, 3)
     assert np.asarray(success_probability(config, first.pos_cov)) == pytest.approx(constant)

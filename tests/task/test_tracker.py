@@ -341,3 +341,26 @@ def test_the_script_of_20_lines_tracks_a_log_without_truth(failed, tmp_path):
     done = subprocess.run(argv, capture_output=True, text=True, check=False, timeout=200)
     assert done.returncode == 0, done.stderr
     assert "cm from the detection" in done.stdout
+
+
+def test_an_insertion_is_judged_by_what_was_felt(failed):
+    """A peg that fits another hole, too: the filter decides, and a wrong hole counts as tried."""
+    config = mf.load_sensor().config
+    both = replace(config.task, success_probability=((0.2, 0.2, 0.2),) * 3, success_by_error=None)
+    sensor = mf.load_sensor()
+    tracker = mf.BeliefTracker(sensor, failed.estimate_world, replace(config, task=both))
+    own = {}
+    for hole in range(3):
+        kind = int(failed.peg_type[hole])
+        tracker.choose(tracker._config.scene.names[kind])
+        own[hole] = tracker.judge_insertion(hole, failed[hole])
+        assert own[hole] == (np.exp(tracker.belief.type_logp[hole, kind]) >= 0.5)
+        assert tracker.tries[hole] == (not own[hole])
+        expected = replace(sensor.config, task=both, wrist=SILENT, pose=EXACT, randomize=RandomizeConfig())
+        prior = initial_belief(np.asarray(failed.estimate_world), config.detector.prior_std_m, 3)
+        after = filter_update(expected, sensor.network, inserted=True)(
+            prior, failed, jax.random.split(jax.random.key(0), 3)
+        )
+        np.testing.assert_allclose(
+            tracker.belief.type_logp[hole], after.type_logp[hole], rtol=1e-3, atol=1e-5
+        )

@@ -43,7 +43,7 @@ def make_problem(seed: int = 0) -> tuple[Observation, Sample]:
         prior=prior,
         hole_type=jnp.where(jnp.arange(B) < 4, jnp.arange(B) % 3, (jnp.arange(B) + 1) % 3),
         hole_pos_world=prior.pos_mean_world + jnp.asarray(rng.normal(0, 0.01, (B, 2))),
-        failed=jnp.asarray(np.arange(B) % 4 != 3),
+        judged=jnp.asarray(np.arange(B) % 4 != 3),
     )
     return observation, sample
 
@@ -60,7 +60,7 @@ def loss_by_hand(o: Observation, s: Sample, i: int) -> dict[str, float]:
     prior_type, hole, peg = np.exp(s.prior.type_logp), int(s.hole_type), int(s.reading.peg_type)
     xi = prior_type * (np.exp(o.match_model_logp) @ p_match)
     xi /= xi.sum()
-    failed, matches = bool(s.failed), hole == peg
+    failed, matches = bool(s.judged), hole == peg
     terms = {
         "pos_logdet": 0.5 * np.log(np.linalg.det(cov1)),
         "pos_mahalanobis": 0.5 * error @ np.linalg.inv(cov1) @ error,
@@ -81,7 +81,7 @@ def test_every_term_is_the_papers():
     observation, sample = make_problem()
     losses = jax.jit(filter_loss)(observation, sample)
     matches = np.asarray(sample.hole_type == sample.reading.peg_type)
-    kinds = set(zip(matches.tolist(), np.asarray(sample.failed).tolist(), strict=True))
+    kinds = set(zip(matches.tolist(), np.asarray(sample.judged).tolist(), strict=True))
     assert len(kinds) == 4
     for i in range(B):
         for name, value in loss_by_hand(observation, sample, i).items():
@@ -90,7 +90,7 @@ def test_every_term_is_the_papers():
 
 def test_a_window_with_the_insertion_trains_the_position_only():
     observation, sample = make_problem()
-    sample = replace(sample, failed=jnp.zeros(B, bool))
+    sample = replace(sample, judged=jnp.zeros(B, bool))
     grad = jax.jit(jax.grad(lambda o: filter_loss(o, sample).total.sum()))(observation)
     assert not np.asarray(grad.match_logits).any()
     assert not np.asarray(grad.match_model_logp).any()
@@ -144,7 +144,7 @@ def test_a_chain_is_one_big_gaussian_and_one_product_of_likelihoods():
         hole_pos_world=jnp.broadcast_to(hole, (B, 3, 2)),
         hole_type=jnp.broadcast_to(sample.hole_type[:, :1], (B, 3)),
         prior=replace(sample.prior, pos_mean_world=starts),
-        failed=jnp.ones((B, 3), bool),
+        judged=jnp.ones((B, 3), bool),
     )
     losses = jax.jit(partial(sequence_loss, config=Config()))(observation, sample)
     for i in range(B):
@@ -161,7 +161,7 @@ def test_a_chain_is_one_big_gaussian_and_one_product_of_likelihoods():
             p = np.exp(o.match_logits[k]) / np.exp(o.match_logits[k]).sum()
             xi = xi * (np.exp(o.match_model_logp[k]) @ p)
             peg = int(s.reading.peg_type[k])
-            xi[peg] *= 1 - constant_matrix(Config().task)[peg, peg]
+            xi[peg] *= 1 - constant_matrix(Config())[peg, peg]
             xi = xi / xi.sum()
             assert losses.pos_logdet[i, k] == pytest.approx(0.5 * np.log(np.linalg.det(cov)), abs=1e-3)
             mahalanobis = 0.5 * error @ information @ error

@@ -425,7 +425,7 @@ def every_path_option():
             if isinstance(action.choices, dict):
                 for name, sub in action.choices.items():
                     walk(sub, [*words, name])
-        required = [action for action in parser._actions if _is_path(action) and action.required]
+        required = [action for action in parser._actions if action.required and action.choices is None]
         for action in parser._actions:
             if _is_path(action):
                 others = [one for one in required if one is not action]

@@ -14,8 +14,8 @@ from PIL import Image
 from synthetic import with_truth
 
 from mjx_fit.config.schema import Config
+from mjx_fit.config.sections.scene import SceneConfig
 from mjx_fit.config.sections.shape import SHAPES
-from mjx_fit.config.sections.world import SceneConfig
 from mjx_fit.evaluation import parts, playback, results
 from mjx_fit.evaluation.assembly import assembly
 from mjx_fit.evaluation.playback import Pick

@@ -34,7 +34,7 @@ from mjx_fit.utils.rates import SUBSTEPS
 THREADS = granted_cpus.cpus()
 
 Run = Callable[[], int]
-"""Simulates once and returns the number of physics steps, of active worlds only."""
+"""Simulates once and returns the number of torques, each held for 2 ms, of active worlds only."""
 
 
 @dataclass(frozen=True)
@@ -68,10 +68,11 @@ def _engine(name: str, config: Config, attempts: Attempt, actions: int) -> Run:
 def _raw_batch(config: Config, attempts: Attempt, actions: int) -> Run:
     """Prepare MuJoCo alone on all threads, replaying the torques of ``native`` and so its contacts."""
     torque, engine = _recorded(config, attempts, actions)
+    held = np.repeat(torque, config.scene.physics_steps, axis=1)
 
     def run() -> int:
         batch = engine.batch_at_rest(attempts)
-        batch.rollout(torque.shape[1], torque, record=("sensordata",))
+        batch.rollout(held.shape[1], held, record=("sensordata",))
         return torque.shape[0] * torque.shape[1]
 
     return run
@@ -103,7 +104,8 @@ def _mjx_step(config: Config, attempts: Attempt, actions: int) -> Run:
 
     def world(model, qpos, hole, torque):
         data = placed(model, qpos, hole, engine.scene.plate_top_m)
-        _, wrench = jax.lax.scan(partial(advance, model), data, torque)
+        step = partial(advance, model, steps=engine.scene.config.physics_steps)
+        _, wrench = jax.lax.scan(step, data, torque)
         return wrench.sum()
 
     @partial(jax.jit, compiler_options=compiler_options())
@@ -136,6 +138,7 @@ def _python_loop(config: Config, attempts: Attempt, actions: int) -> Run:
             mujoco.mj_step1(model, data)
             data.ctrl[:] = peer.torque(model, data, goal, config.control)
             mujoco.mj_step2(model, data)
+            mujoco.mj_step(model, data, config.scene.physics_steps - 1)
         return actions * SUBSTEPS
 
     return run

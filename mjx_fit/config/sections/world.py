@@ -1,4 +1,4 @@
-"""Configuration sections of robot, geometry, contact, control, policies, detector and F/T sensor."""
+"""Configuration sections of control, policies, detector and F/T sensor."""
 
 from typing import Annotated, Literal
 
@@ -6,90 +6,11 @@ from pydantic import Field, model_validator
 from pydantic.dataclasses import dataclass
 
 from mjx_fit.config.sections.fields import ACTIONS_UNIT, PER_S2_UNIT, STRICT
-from mjx_fit.config.sections.shape import SHAPES, Shape
 
-RobotName = Literal["panda"]
-"""Keys of ``mjx_fit.scene.robot.ROBOTS``; a test checks that they agree."""
-
-MOST_TYPES = 12
-"""Maximum number of shapes in a scene, limited by the number of distinguishable colours."""
 Push = Annotated[float, Field(ge=0.0005, le=0.02)]
 Wiggle = Annotated[float, Field(ge=0, le=0.01)]
 Tilt = Annotated[float, Field(ge=-0.05, le=0.05)]
 Spread = Annotated[float, Field(ge=0.0001, le=0.02)]
-
-
-@dataclass(frozen=True, config=STRICT)
-class SceneConfig:
-    """Robot, geometry and contact.
-
-    Attributes:
-        robot: Name of the arm. It is defined in ``mjx_fit.scene.robot``.
-        shapes: Cross-sections of pegs and holes. One per type, 1 to 12, with distinct names.
-        clearance_m: Gap between peg and hole per side.
-        plate_half_width_m: Half the side of the square socket. It must cover the largest detector error
-            (2.83 cm), the spiral radius (1.5 cm) and half a peg (2 cm for the default shapes).
-        hole_depth_m: Depth of the hole to its floor.
-        peg_length_m: Length of the peg below the sensor.
-        friction: Coulomb friction, peg and socket. The default is typical of two dry, smooth plastics or
-            metals.
-        contact_time_s: MuJoCo's solref time constant. With ten simulation steps the contact force of a
-            sliding peg is mostly smooth; with three it is a train of single-step spikes.
-        contact_width_m: MuJoCo's solimp width. The impedance changes over this depth; keep it below a quarter
-            of the clearance.
-        contact_damping: MuJoCo's solref damping ratio. 1: critical.
-        contact_impedance: MuJoCo's solimp dmin. The impedance d of a touching contact; its weight D in the
-            solver grows as d / (1 - d).
-        deep_impedance: MuJoCo's solimp dmax. The impedance beyond the depth ``contact_width_m``; a high one
-            bounds the penetration in impacts.
-        slip_time_s: MuJoCo's solreffriction. Friction brakes a sliding peg at the rate b = 2 /
-            (deep_impedance slip_time_s); null: equal to ``contact_time_s``. MuJoCo's convex friction cone
-            lifts a peg that slides at speed v with the force D μ b v; where this exceeds the push, the peg
-            loses contact (experiments/physics/sliding.py).
-        max_contacts: Contact slots per world in MJX. A pressed peg of the default shapes has up to 24 points
-            in C, one of three or four rectangles up to 33; if slots are too few, the deepest points count,
-            and torques differ.
-    """
-
-    robot: RobotName = "panda"
-    shapes: Annotated[tuple[Shape, ...], Field(min_length=1, max_length=MOST_TYPES)] = SHAPES
-    clearance_m: Annotated[float, Field(ge=0.0001, le=0.005)] = 0.001
-    plate_half_width_m: Annotated[float, Field(ge=0.08, le=0.2)] = 0.08
-    hole_depth_m: Annotated[float, Field(ge=0.03, le=0.08)] = 0.035
-    peg_length_m: Annotated[float, Field(ge=0.05, le=0.15)] = 0.07
-    friction: Annotated[float, Field(ge=0, le=2)] = 0.3
-    contact_time_s: Annotated[float, Field(ge=0.004, le=0.05)] = 0.01
-    contact_width_m: Annotated[float, Field(ge=0.00001, le=0.001)] = 0.0001
-    contact_damping: Annotated[float, Field(ge=0.5, le=5)] = 1.0
-    contact_impedance: Annotated[float, Field(ge=0.1, le=0.99)] = 0.3
-    deep_impedance: Annotated[float, Field(ge=0.1, le=0.99)] = 0.95
-    slip_time_s: Annotated[float, Field(ge=0.004, le=0.5)] | None = 0.05
-    max_contacts: Annotated[int, Field(ge=4, le=64, json_schema_extra={"unit": "contacts"})] = 24
-
-    @model_validator(mode="after")
-    def _names_differ(self) -> "SceneConfig":
-        if len(set(self.names)) < self.n_types:
-            raise ValueError(f"shapes: {', '.join(self.names)} cannot be used: the names must differ")
-        return self
-
-    @model_validator(mode="after")
-    def _stiffer_with_depth(self) -> "SceneConfig":
-        if self.contact_impedance > self.deep_impedance:
-            raise ValueError(
-                f"contact_impedance: {self.contact_impedance} is invalid: expected at most deep_impedance "
-                f"({self.deep_impedance})"
-            )
-        return self
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the shapes."""
-        return tuple(shape.name for shape in self.shapes)
-
-    @property
-    def n_types(self) -> int:
-        """Number of shapes, C."""
-        return len(self.shapes)
 
 
 @dataclass(frozen=True, config=STRICT)

@@ -232,11 +232,11 @@ def _deepest(pairs: _Overlap, depth, place, count: int) -> Points:
     height = of_pair(pairs.side) * (of_pair(pairs.half[0]) - deep / 2)
     pos = of_pair(pairs.origin) + times(of_pair(pairs.basis), jnp.stack([height, y, z]))
     dist = jnp.where(deep > 0, -deep, 1.0)
-    return Points(dist, pos.swapaxes(0, 1), jnp.moveaxis(_frame(of_pair(pairs.normal)), 2, 0))
+    return Points(dist, pos.swapaxes(0, 1), jnp.moveaxis(frames(of_pair(pairs.normal)), 2, 0))
 
 
-def _frame(normal: Float[Array, "3 n b"]) -> Float[Array, "3 3 n b"]:
-    """Complete a normal to a frame with two tangents, without a division by zero (Duff et al., JCGT 2017)."""
+def frames(normal: Float[Array, "3 n b"]) -> Float[Array, "3 3 n b"]:
+    """Complete normals to frames with two tangents, without a division by zero (Duff et al., JCGT 2017)."""
     x, y, z = normal
     sign = jnp.where(z < 0, -1.0, 1.0)
     scale = -1 / (sign + z)

@@ -16,7 +16,8 @@ import numpy as np
 from jaxtyping import Int
 from mujoco import mjx
 
-from mjx_fit.engines.mjx import collision, friction_cones, newton_solver
+from mjx_fit.engines.mjx import collision, friction_cones, newton_solver, outline_contact
+from mjx_fit.engines.mjx.outlines import Outlines
 from mjx_fit.utils.linalg import cholesky_factor, cholesky_solve, worlds_last
 
 
@@ -38,17 +39,27 @@ def require_supported(model: mujoco.MjModel) -> None:
             raise ValueError(f"the MJX engine requires {what}")
 
 
-def collide(model: mjx.Model, data: mjx.Data) -> mjx.Data:
-    """Find the deepest contact points between peg and socket; see ``mjx.collision``."""
-    peg, plate = _geoms(model, "peg_box"), _geoms(model, "hole_box")
+def collide(model: mjx.Model, outlines: Outlines | None, data: mjx.Data) -> mjx.Data:
+    """Find the deepest contact points between peg and socket; see ``mjx.collision``.
+
+    Args:
+        model: The model.
+        outlines: Outlines of peg and hole; None: they consist of the model's boxes.
+        data: State with current positions.
+    """
+    peg, plate = _geoms(model, "peg_"), _geoms(model, "hole_")
     peg_body, plate_body = (int(model.geom_bodyid[geoms[0]]) for geoms in (peg, plate))
     contact = data._impl.contact
-    points = worlds_last(partial(collision.deepest_points, count=len(contact.dist)))(
-        collision.Boxes(model.geom_pos[peg], model.geom_size[peg]),
-        collision.Boxes(model.geom_pos[plate], model.geom_size[plate]),
-        data.xpos[peg_body] - data.xpos[plate_body],
-        data.xmat[peg_body],
-    )
+    pose = data.xpos[peg_body] - data.xpos[plate_body], data.xmat[peg_body]
+    count = len(contact.dist)
+    if outlines is None:
+        points = worlds_last(partial(collision.deepest_points, count=count))(
+            collision.Boxes(model.geom_pos[peg], model.geom_size[peg]),
+            collision.Boxes(model.geom_pos[plate], model.geom_size[plate]),
+            *pose,
+        )
+    else:
+        points = worlds_last(partial(outline_contact.touching_points, count=count))(*outlines, *pose)
     slide, spin, roll = jnp.maximum(model.geom_friction[peg[0]], mujoco.mjMINMU)  # as in the C engine
     # All boxes share the same friction and stiffness, so one box represents its body.
     contact = contact.replace(

@@ -19,7 +19,7 @@ from mjx_fit.control.kinematics import chain_of
 from mjx_fit.control.policies import Policy
 from mjx_fit.engines import attempt_rules, policy_runner
 from mjx_fit.engines.mjx.compiler import compiler_options
-from mjx_fit.engines.mjx.step import Models, accelerate, advance, placed
+from mjx_fit.engines.mjx.step import Models, WorldModel, accelerate, advance, placed
 from mjx_fit.engines.plausible import at_limit
 from mjx_fit.engines.requests import ANY_POLICY, MOST_THREADS, require_attempts, require_count
 from mjx_fit.engines.threads import on_threads, silence_mujoco
@@ -146,7 +146,7 @@ class World:
 
     def rollout(
         self,
-        model: mjx.Model,
+        model: WorldModel,
         qpos: Float[Array, "joints"],
         attempt: Attempt,
         active: Bool[Array, ""],
@@ -201,7 +201,7 @@ class World:
         return Rollout(felt, truth)
 
     def drive(
-        self, model: mjx.Model, data: mjx.Data, goal: Goal, next_world: Float[Array, "3"], physics: Physics
+        self, model: WorldModel, data: mjx.Data, goal: Goal, next_world: Float[Array, "3"], physics: Physics
     ) -> tuple[mjx.Data, Goal, Float[Array, "50 6"]]:
         """Drive the TCP to the next commanded goal for one action: 50 steps of control and physics.
 
@@ -218,20 +218,21 @@ class World:
         def substep(carry, number):
             data, goal = carry
             goal, now = goal_during(goal, next_world, number, self.config.control, physics)
-            data, wrench = advance(model, data, torque(arm_state(model, data, self.scene), now, physics))
+            wanted = torque(arm_state(model, data, self.scene), now, physics)
+            data, wrench = advance(model, data, wanted, self.scene.config.physics_steps)
             return (data, goal), wrench
 
         (data, goal), wrench = jax.lax.scan(substep, (data, goal), jnp.arange(SUBSTEPS))
         return data, after(goal, next_world), wrench
 
 
-def arm_state(model: mjx.Model, data: mjx.Data, scene: Scene) -> operational_space.ArmState:
+def arm_state(model: WorldModel, data: mjx.Data, scene: Scene) -> operational_space.ArmState:
     """Return the controller's inputs from data with current position and velocity stages."""
     tip = scene.models[0].site(scene.robot.tool_site).id
     return operational_space.ArmState(
         qpos=data.qpos,
         qvel=data.qvel,
-        mass_matrix=mjx.full_m(model, data),
+        mass_matrix=mjx.full_m(model.mjx, data),
         bias=data.qfrc_bias,
         tip_pos_world=data.site_xpos[tip],
         tip_frame_world=data.site_xmat[tip],
@@ -240,6 +241,6 @@ def arm_state(model: mjx.Model, data: mjx.Data, scene: Scene) -> operational_spa
     )
 
 
-def _free_reading(model: mjx.Model, data: mjx.Data) -> Float[Array, "6"]:
+def _free_reading(model: WorldModel, data: mjx.Data) -> Float[Array, "6"]:
     """Compute the reading of the F/T sensor at rest in free space."""
     return accelerate(model, data.replace(ctrl=data.qfrc_bias)).sensordata

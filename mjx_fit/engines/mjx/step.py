@@ -7,8 +7,9 @@ step is split in two: ``observe`` ends one step, ``accelerate`` begins the next.
 # MuJoCo's extension module has no stubs.
 # pyright: reportAttributeAccessIssue=false
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -17,47 +18,69 @@ from jaxtyping import Float, Int
 from mujoco import mjx
 
 from mjx_fit.engines.mjx import contact
+from mjx_fit.engines.mjx.outlines import Outlines, outlines_of
 from mjx_fit.scene.build import Scene
-from mjx_fit.scene.variation import Slope, offsets, slopes
+from mjx_fit.scene.variation import Slope, longest_contact_times, offsets, slopes
 from mjx_fit.types import Array
 from mjx_fit.types.physics import AS_CONFIGURED, Physics
 
 
+class WorldModel(NamedTuple):
+    """Model of one world.
+
+    Attributes:
+        mjx: The model in MJX.
+        outlines: Outlines of peg and hole; None: the boxes of the model.
+    """
+
+    mjx: mjx.Model
+    outlines: Outlines | None
+
+
 def placed(
-    model: mjx.Model, qpos: Float[Array, "joints"], hole_pos_world: Float[Array, "2"], plate_top_m: float
+    model: WorldModel, qpos: Float[Array, "joints"], hole_pos_world: Float[Array, "2"], plate_top_m: float
 ) -> mjx.Data:
     """Create one world at rest, with the arm in a posture (rad) and the socket at a position (m)."""
     mocap = jnp.append(hole_pos_world, plate_top_m)[None]
-    return observe(model, mjx.make_data(model).replace(qpos=qpos, mocap_pos=mocap))
+    return observe(model, mjx.make_data(model.mjx).replace(qpos=qpos, mocap_pos=mocap))
 
 
 def advance(
-    model: mjx.Model, data: mjx.Data, torque: Float[Array, "joints"]
+    model: WorldModel, data: mjx.Data, torque: Float[Array, "joints"], steps: int = 1
 ) -> tuple[mjx.Data, Float[Array, "6"]]:
-    """Take one simulation step under joint torques (N·m).
+    """Take the physics steps of 2 ms under joint torques (N·m).
 
     The position and velocity stages of the data must be current, and are again on return. The function
     returns the wrench (N, N·m) as well.
     """
-    data = accelerate(model, data.replace(ctrl=torque))
-    return observe(model, contact.integrate(model, data)), data.sensordata
+
+    def step(data: mjx.Data, _) -> tuple[mjx.Data, Float[Array, "6"]]:
+        data = accelerate(model, data)
+        return observe(model, contact.integrate(model.mjx, data)), data.sensordata
+
+    data = data.replace(ctrl=torque)
+    if steps == 1:
+        return step(data, None)
+    data, wrench = jax.lax.scan(step, data, length=steps)
+    return data, wrench[-1]
 
 
-def observe(model: mjx.Model, data: mjx.Data) -> mjx.Data:
+def observe(model: WorldModel, data: mjx.Data) -> mjx.Data:
     """Run the stages of ``mjx.forward`` that depend on position and velocity."""
-    for stage in (mjx.kinematics, mjx.com_pos, mjx.crb, contact.collide, mjx.make_constraint):
-        data = stage(model, data)
-    return mjx.fwd_velocity(model, mjx.transmission(model, data))
+    for stage in (mjx.kinematics, mjx.com_pos, mjx.crb):
+        data = stage(model.mjx, data)
+    data = mjx.make_constraint(model.mjx, contact.collide(model.mjx, model.outlines, data))
+    return mjx.fwd_velocity(model.mjx, mjx.transmission(model.mjx, data))
 
 
-def accelerate(model: mjx.Model, data: mjx.Data) -> mjx.Data:
+def accelerate(model: WorldModel, data: mjx.Data) -> mjx.Data:
     """Run the remaining stages of ``mjx.forward``, which need the torques."""
-    data = mjx.fwd_actuation(model, data)
+    data = mjx.fwd_actuation(model.mjx, data)
     data = data.replace(qfrc_smooth=data.qfrc_passive - data.qfrc_bias + data.qfrc_actuator)
-    return mjx.sensor_acc(model, contact.solve(model, data))
+    return mjx.sensor_acc(model.mjx, contact.solve(model.mjx, data))
 
 
-_GEOMETRY = ("geom_pos", "geom_size")
+_GEOMETRY = ("geom_pos", "geom_size", "geom_solref", "geom_solimp")
 """Fields of the model that differ between pairs."""
 
 
@@ -68,10 +91,12 @@ class Models:
     Attributes:
         stacked: One model, with a leading axis of pairs in its geometry.
         scene: Scene of the models.
+        outlines: Outlines of peg and hole of all pairs; None: all parts consist of boxes.
     """
 
     stacked: mjx.Model
     scene: Scene
+    outlines: Outlines | None
 
     @cached_property
     def _slopes(self) -> dict[str, Slope]:
@@ -87,11 +112,11 @@ class Models:
             name: jnp.asarray(np.stack([getattr(pair, name) for pair in scene.models]), jnp.float32)
             for name in _GEOMETRY
         }
-        return cls(model.replace(**stacked), scene)
+        return cls(model.replace(**stacked), scene, outlines_of(scene.config))
 
     def of_worlds(
         self, pair: Int[Array, "n"], physics: Physics = AS_CONFIGURED
-    ) -> tuple[mjx.Model, mjx.Model]:
+    ) -> tuple[WorldModel, WorldModel]:
         """Select the models of a batch of worlds; return them with their vmap axes.
 
         Args:
@@ -103,16 +128,23 @@ class Models:
             slope = self._slopes[name]
             for field, change in (("geom_pos", slope.pos), ("geom_size", slope.size)):
                 own[field] += by[:, None, None] * jnp.asarray(change, jnp.float32)[pair]
-        own |= self._contact(physics, len(pair))
+        own |= self._contact(pair, physics)
         axes = jax.tree.map(lambda _: None, self.stacked).replace(**dict.fromkeys(own, 0))
-        return self.stacked.replace(**own), axes
+        outlines = jax.tree.map(lambda leaf: leaf[pair], self.outlines)
+        drawn = jax.tree.map(lambda _: 0, self.outlines)
+        return WorldModel(self.stacked.replace(**own), outlines), WorldModel(axes, drawn)
 
-    def _contact(self, physics: Physics, n: int) -> dict[str, Array]:
+    def _contact(self, pair: Int[Array, "n"], physics: Physics) -> dict[str, Array]:
         """Return friction and stiffness of all geoms, where worlds have their own."""
+        if physics.contact_time_s is not None:
+            longest = jnp.asarray(longest_contact_times(self.scene.config), jnp.float32)[pair]
+            physics = replace(physics, contact_time_s=jnp.minimum(physics.contact_time_s, longest))
         fields = {"geom_friction": ("friction",), "geom_solref": ("contact_time_s", "contact_damping")}
         changed = {}
         for field, names in fields.items():
-            values = jnp.broadcast_to(getattr(self.stacked, field), (n, *getattr(self.stacked, field).shape))
+            values = getattr(self.stacked, field)
+            of_pairs = field in _GEOMETRY
+            values = values[pair] if of_pairs else jnp.broadcast_to(values, (len(pair), *values.shape))
             drawn = {i: getattr(physics, name) for i, name in enumerate(names)}
             for column, value in drawn.items():
                 if value is not None:

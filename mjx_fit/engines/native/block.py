@@ -124,6 +124,7 @@ class Block:
                 field = field[:, layout.tip]
             self._fields.append((where, field.reshape(len(qpos), -1)))
         self._packed = np.zeros((rows, layout.width), np.float32)
+        self._steps = models.scene.config.physics_steps
         self._running = None  # all: a step without an index list is some per cent faster
         self.show(np.arange(len(qpos)), rows)
         self.wrench = np.empty((SUBSTEPS, len(qpos), 6), np.float32)
@@ -161,7 +162,7 @@ class Block:
         """Step the running simulations under the given torques (N·m), and record the wrenches."""
         self._ctrl[self._shown] = torque[: len(self._inputs)]
         self._applied[substep] = self._ctrl
-        self.batch.step(self._running, stage=_OBSERVED)
+        self.batch.step(self._running, self._steps, stage=_OBSERVED)
         self.wrench[substep] = self._sensordata
 
     def finite(self) -> Bool[np.ndarray, "m"]:

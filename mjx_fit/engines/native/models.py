@@ -8,10 +8,10 @@ from functools import cached_property
 
 import mujoco
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
 from mjx_fit.scene.build import Scene
-from mjx_fit.scene.variation import CONTACT, Slope, offsets, slopes
+from mjx_fit.scene.variation import CONTACT, Slope, longest_contact_times, offsets, slopes
 from mjx_fit.types.physics import Physics
 
 
@@ -29,6 +29,10 @@ class Models:
     def _slopes(self) -> dict[str, Slope]:
         return slopes(self.scene)
 
+    @cached_property
+    def _longest(self) -> Float[np.ndarray, "pairs"]:
+        return longest_contact_times(self.scene.config)
+
     def of(self, pair: Int[np.ndarray, "n"], physics: Physics) -> list[mujoco.MjModel]:
         """Return one model per world; worlds without contact or geometry of their own share the scene's.
 
@@ -44,7 +48,10 @@ class Models:
         models = []
         for row, i in enumerate(pair):
             model = copy.copy(self.scene.models[i])
-            _touch(model, {name: float(value[row]) for name, value in contact.items()})
+            own = {name: float(value[row]) for name, value in contact.items()}
+            if "contact_time_s" in own:
+                own["contact_time_s"] = min(own["contact_time_s"], float(self._longest[i]))
+            _touch(model, own)
             for name, by in moved.items():
                 slope = self._slopes[name]
                 model.geom_pos[:] += by[row] * slope.pos[i]

@@ -1,0 +1,47 @@
+"""Train a sensor on NIST's eight pegs and three plug noses; run the same command again to resume.
+
+    python experiments/parts/learned.py OUT [--until data|training|evaluation]
+
+World ``forge``, parts ``nist``, task ``nist.yaml``: detections within 5 mm. OUT receives the data sets
+``learn`` and ``held_out``, the training run ``run``, and results of ``evaluate``. A stage is a command of the
+library, which continues where it was stopped.
+"""
+
+import argparse
+import subprocess
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).parent
+TASK = ("--world", "forge", "--parts", "nist", "--config", HERE / "nist.yaml")
+STAGES = ("data", "training", "evaluation")
+
+
+def main(out: Path, until: str) -> None:
+    """Run the stages up to the one asked for."""
+    reached = STAGES.index(until)
+    _command("collect", "--out", out / "learn", "--episodes", 12_000, "--sequence", 3, "--seed", 34, *TASK)
+    _command("collect", "--out", out / "held_out", "--episodes", 3_000, "--sequence", 3, "--seed", 35, *TASK)
+    if reached >= 1:
+        training = ("--config", HERE.parents[1] / "configs" / "cpu.yaml")
+        _command("train", "--data", out / "learn", "--out", out / "run", *TASK, *training)
+    if reached >= 2:
+        own = ("--run", out / "run", *TASK)
+        _command("evaluate", "position", "--out", out / "position.json", "--trials", 600, *own)
+        _command("evaluate", "insertion", "--out", out / "insertion.json", "--trials", 300, *own)
+        _command("evaluate", "assembly", "--out", out / "assembly.json", "--trials", 60, *own)
+
+
+def _command(*words: object) -> None:
+    """Run a command of the library; it does nothing if it has finished before."""
+    subprocess.run([sys.executable, "-m", "mjx_fit", *map(str, words)], check=True)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("out", type=Path, metavar="OUT")
+    parser.add_argument("--until", choices=STAGES, default=STAGES[-1])
+    asked = parser.parse_args()
+    main(asked.out, asked.until)

@@ -1,0 +1,206 @@
+"""Check contact of any part: insertion from a known pose, impossible insertions, and centres of pressure.
+
+    python experiments/parts/right.py
+
+``known``: attempts that start above the true hole, readings exact, no dither, a spiral of 2 mm; and the same
+with the default world's readings and policy. ``impossible``: attempts of NIST's pegs at holes that geometry
+says they cannot enter at any yaw. ``edges``: a peg whose axis is beyond a straight rim of a larger hole
+presses on the plate, held softly, so that it rolls. Statics sets its centre of pressure: the supported point
+of its face that is nearest to the axis: a rim, or an inner side of a prong. The exact pose gives the rim.
+"""
+
+# pyright: reportAttributeAccessIssue=false
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+import shapely
+
+from mjx_fit.config.files import read_config
+from mjx_fit.config.part_sets import parts_file
+from mjx_fit.config.schema import Config
+from mjx_fit.config.sections.cross_section import CrossSection, Rectangle
+from mjx_fit.config.sections.shape import Shape
+from mjx_fit.config.worlds import world_file
+from mjx_fit.control.policies import PolicyInput, stateless
+from mjx_fit.data.schedule import draw_places
+from mjx_fit.engines.native.engine import NativeEngine
+from mjx_fit.engines.select import make_engine
+from mjx_fit.report import script
+from mjx_fit.scene.fits import fitting
+from mjx_fit.scene.outline import peg_outline
+from mjx_fit.task.attempt_loop import spirals_at
+from mjx_fit.types import Attempt, Rollout
+from mjx_fit.utils import process_setup
+from mjx_fit.utils.randomness import root_key
+from mjx_fit.utils.rates import SUBSTEPS
+
+HERE = Path(__file__).parent
+KNOWN_EACH, IMPOSSIBLE = 300, 1000
+EXACT = ("spiral.radius_m=0.002", "spiral.turns=4", "spiral.wiggle_m=0")
+ALLOWED_SHARE = 0.1
+GAP_M = 0.0001
+RIM_M, OVERHANGS_M, PUSH_M, ACTIONS = 0.015, (0.004, 0.006, 0.008), 0.004, 20
+"""Distance of the rim from the hole's centre, of the peg's axis from the rim, depth of the goal; duration."""
+
+
+def main() -> None:
+    """Run all checks and write the table."""
+    exact = read_config([*world_file("paper"), *parts_file("nist")], EXACT)
+    known = {"exact": known_poses(exact), "default": known_poses(read_config(parts_file("nist")))}
+    impossible, edges = (
+        impossible_attempts(exact),
+        [row for name in ("native", "mjx") for row in pressed(name)],
+    )
+    results = {
+        "known_pose": known,
+        "impossible": impossible,
+        "edges": edges,
+        "holds": {
+            "inserted": all(row["inserted"] >= 0.99 for row in known["exact"].values()),
+            "penetration": all(
+                row["penetration_over_clearance"]["q99.9"] < ALLOWED_SHARE
+                for rows in known.values()
+                for row in rows.values()
+            ),
+            "nothing_impossible": impossible["inserted"] == 0,
+            "centre_of_pressure_within_0.2_mm": max(abs(row["error_mm"]) for row in edges) < 0.2,
+        },
+    }
+    script.save(HERE / "right.json", results)
+
+
+def known_poses(config: Config) -> dict[str, dict[str, Any]]:
+    """Start attempts above the true holes of all parts; return insertions and penetrations by part."""
+    scene = config.scene
+    kind = np.repeat(np.arange(scene.n_types), KNOWN_EACH)
+    done, depth = deepest(config, attempts_at(config, kind, kind))
+    rows = {}
+    for i, shape in enumerate(scene.shapes):
+        own = depth[kind == i]
+        share = own[own > 0] / scene.clearance_of(shape)
+        levels = {"q50": 0.5, "q99": 0.99, "q99.9": 0.999, "max": 1.0}
+        rows[shape.name] = {
+            "attempts": KNOWN_EACH,
+            "inserted": float(done.truth.inserted[kind == i].mean()),
+            "invalid": int((~done.truth.valid[kind == i]).sum()),
+            "penetration_over_clearance": {name: float(np.quantile(share, q)) for name, q in levels.items()},
+        }
+        print(shape.name, rows[shape.name], flush=True)
+    return rows
+
+
+def attempts_at(config: Config, peg: np.ndarray, hole: np.ndarray) -> Attempt:
+    """Place holes and start above their true positions."""
+    places = draw_places(root_key(0, "right"), jnp.arange(len(peg)), config)
+    there = places.hole_pos_world
+    return spirals_at(peg, hole, there, there, places.key, places.physics)
+
+
+def deepest(config: Config, attempts: Attempt) -> tuple[Rollout, np.ndarray]:
+    """Run attempts in C; return them with the deepest penetration of each torque's end (n, samples), m."""
+    actions = config.task.attempt_actions
+    n = len(attempts.peg_type)
+    depth, step = np.zeros((n, actions * SUBSTEPS), np.float32), np.zeros(n, int)
+
+    def look(ids: np.ndarray, batch) -> None:
+        data = mujoco.MjData(engine.scene.models[0])
+        for i, world in enumerate(ids):
+            batch.get_data(i, data)
+            if data.ncon:
+                depth[world, step[world]] = -data.contact.dist.min()
+        step[ids] += 1
+
+    engine = NativeEngine(config, 2, on_step=look)
+    return engine.run(attempts, actions), depth
+
+
+def impossible_attempts(config: Config) -> dict[str, Any]:
+    """Try pegs at holes that they cannot enter at any yaw, from above the holes."""
+    config = replace(config, spiral=replace(config.spiral, radius_m=0.005))
+    pairs = np.argwhere(~fitting(config.scene, turned=True))
+    peg, hole = pairs[np.arange(IMPOSSIBLE) % len(pairs)].T
+    done = make_engine("native", config).run(attempts_at(config, peg, hole), config.task.attempt_actions)
+    return {
+        "attempts": IMPOSSIBLE,
+        "pairs": len(pairs),
+        "inserted": int(done.truth.inserted.sum()),
+        "invalid": int((~done.truth.valid).sum()),
+    }
+
+
+def pressed(engine: str) -> list[dict[str, Any]]:
+    """Press pegs on the rim of a larger hole; return errors of the centre of pressure by peg and overhang."""
+    shafts = read_config(parts_file("shafts")).scene
+    slot = Shape("slot", section=CrossSection(rectangle=Rectangle((2 * (RIM_M - GAP_M), 0.05))))
+    pegs = tuple(shape for shape in shafts.shapes if shape.name in ("hexagon", "d_shaft", "tube", "prongs"))
+    config = read_config(world_file("paper"), ["control.kp_orientation=100", "task.outcome_model=constant"])
+    task = replace(config.task, success_probability=None, success_by_error=None)
+    config = replace(config, scene=replace(shafts, shapes=(*pegs, slot), clearance_m=GAP_M), task=task)
+    kind, overhang = (grid.ravel() for grid in np.meshgrid(np.arange(len(pegs)), OVERHANGS_M, indexing="ij"))
+    n = len(kind)
+    hole = np.tile(np.array([0.5, 0.0], np.float32), (n, 1))
+    estimate = hole + np.column_stack([RIM_M - overhang, np.zeros(n)]).astype(np.float32)
+    asked = spirals_at(kind, np.full(n, len(pegs)), hole, estimate, jax.random.split(root_key(0, "edges"), n))
+
+    def hold(seen: PolicyInput):
+        return jnp.append(seen.start.estimate_world - seen.tip_pos_world[:2], -PUSH_M)
+
+    running = make_engine(engine, config, policy=stateless(hold))
+    done = running.run(asked, ACTIONS)
+    model = running.scene.models[0]
+    rows = []
+    for i in range(n):
+        wrench = done.felt.trace.wrench_sensor[i, -1].mean(0) - done.felt.tare_sensor[i]
+        centre = centre_on_face(model, np.asarray(wrench, float))
+        tip, quat = (
+            np.asarray(leaf[i, -1], float)
+            for leaf in (done.felt.trace.tip_pos_world, done.felt.trace.tip_quat_world)
+        )
+        across = axes_of(quat)
+        # The rim is a line along y at the plate's top; the face's own x axis meets it.
+        rim = (hole[i, 0] + RIM_M - tip[0]) / across[0, 0]
+        supported = peg_outline(pegs[kind[i]], config.scene).intersection(shapely.box(rim, -1, 1, 1))
+        expected = supported.bounds[0]
+        rows.append(
+            {
+                "engine": engine,
+                "peg": pegs[kind[i]].name,
+                "overhang_mm": 1e3 * float(overhang[i]),
+                "force_n": float(np.linalg.norm(wrench[:3])),
+                "tilt_deg": float(np.degrees(np.arccos(min(1.0, -across[2, 2])))),
+                "expected_mm": 1e3 * float(expected),
+                "error_mm": 1e3 * float(centre[0] - expected),
+                "beside_mm": 1e3 * float(centre[1]),
+            }
+        )
+        print(rows[-1], flush=True)
+    return rows
+
+
+def axes_of(quat: np.ndarray) -> np.ndarray:
+    """Return the rotation matrix of a quaternion w x y z."""
+    matrix = np.zeros(9)
+    mujoco.mju_quat2Mat(matrix, quat)
+    return matrix.reshape(3, 3)
+
+
+def centre_on_face(model: mujoco.MjModel, wrench: np.ndarray) -> np.ndarray:
+    """Return where the line of a force crosses the peg's face, in the frame of the tip, m."""
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    tip, sensor = data.site("tip"), data.site("wrist_sensor")
+    frame = tip.xmat.reshape(3, 3).T @ sensor.xmat.reshape(3, 3)
+    lever = tip.xmat.reshape(3, 3).T @ (tip.xpos - sensor.xpos)
+    force, torque = frame @ wrench[:3], frame @ wrench[3:]
+    torque = torque - np.cross(lever, force)
+    return np.array([-torque[1], torque[0]]) / force[2]
+
+
+if __name__ == "__main__":
+    process_setup.configure()
+    main()

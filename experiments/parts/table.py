@@ -1,0 +1,107 @@
+"""Geometry of 26 parts: sections, facets, gaps and convex pieces, against exact sections by shapely.
+
+    python experiments/parts/table.py
+
+Parts are the paper's, NIST's, the set ``shafts`` and those of the files in this folder. Facets and areas are
+compared with the same section at a tenth of the tolerance. Writes ``table.json`` and pictures.
+"""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+from shapely import MultiPolygon, Polygon
+
+from mjx_fit.config.files import read_config
+from mjx_fit.config.part_sets import parts_file
+from mjx_fit.config.schema import Config
+from mjx_fit.config.sections.scene import SceneConfig
+from mjx_fit.config.sections.shape import Shape
+from mjx_fit.report import script
+from mjx_fit.report.figures.parts import parts as draw_parts
+from mjx_fit.scene.decomposition import convex_pieces
+from mjx_fit.scene.outline import facet_tolerance_m, hole_outline, peg_outline, rings_of
+from mjx_fit.scene.part_files.importing import Wanted, import_part
+from mjx_fit.scene.pieces import peg_pieces, socket_pieces
+
+HERE = Path(__file__).parent
+FILES = {
+    "slot": "slot.dxf",
+    "gear": "gear.svg",
+    "wedge": "wedge.stl",
+    "flat_shaft": "d_shaft.step",
+    "plug": "usb.step",
+}
+FILE_CLEARANCE_M = 0.0001
+SAMPLES, FINER = 20_000, 0.1
+CORNER_RAD = 0.3
+"""Corners that turn by more than this keep a mitre, whose gap is wider than the clearance."""
+
+
+def main() -> None:
+    rows = {}
+    for name, scene in scenes().items():
+        for shape in scene.shapes:
+            rows[shape.name] = {"set": name, **measured(shape, scene)}
+            print(shape.name, rows[shape.name], flush=True)
+        script.draw(HERE / f"{name}.png", lambda scene=scene: draw_parts(scene))
+    script.save(HERE / "table.json", rows)
+
+
+def scenes() -> dict[str, SceneConfig]:
+    """Return the scenes of all parts, by name of the set."""
+    found = {name: read_config(parts_file(name)).scene for name in ("paper", "nist", "shafts")}
+    tolerance_m = FILE_CLEARANCE_M / 20
+    files = tuple(
+        Shape(
+            name,
+            section=import_part(HERE / file, Wanted(tolerance_m=tolerance_m)).section,
+            clearance_m=FILE_CLEARANCE_M,
+        )
+        for name, file in FILES.items()
+    )
+    return found | {"files": replace(Config().scene, shapes=files)}
+
+
+def measured(shape: Shape, scene: SceneConfig) -> dict[str, Any]:
+    """Return areas, errors of facets and gaps over the clearance, and numbers of pieces."""
+    peg, hole, gap = peg_outline(shape, scene), hole_outline(shape, scene), scene.clearance_of(shape)
+    exact = peg_outline(replace(shape, facet_error=shape.facet_error * FINER), scene)
+    pieces = [Polygon(corners) for corners in convex_pieces(peg)]
+    points = sampled(peg)
+    gaps = np.asarray(shapely.distance(points, hole.boundary)) / gap
+    straight = np.asarray(shapely.distance(points, corners(peg))) > 3 * gap
+    return {
+        "corners": int(shapely.get_num_coordinates(peg)),
+        "area_mm2": 1e6 * peg.area,
+        "area_of_pieces_over_section": sum(piece.area for piece in pieces) / peg.area,
+        "overlap_of_pieces_over_section": 1
+        - shapely.union_all(pieces).area / sum(piece.area for piece in pieces),
+        "facet_error_um": 1e6 * float(shapely.hausdorff_distance(peg.boundary, exact.boundary, 0.01)),
+        "facet_tolerance_um": 1e6 * facet_tolerance_m(shape, scene),
+        "gap_over_clearance": [float(gaps.min()), float(gaps[straight].max())],
+        "own_socket": shape.socket.section is not None,
+        "pieces_peg": len(peg_pieces(shape, scene)),
+        "pieces_socket": len(socket_pieces(shape, scene)),
+    }
+
+
+def sampled(figure: MultiPolygon) -> np.ndarray:
+    """Return points on the boundary, evenly spaced."""
+    return shapely.line_interpolate_point(figure.boundary, np.linspace(0, 1, SAMPLES), normalized=True)
+
+
+def corners(figure: MultiPolygon) -> shapely.MultiPoint:
+    """Return the corners at which the boundary turns sharply."""
+    found = []
+    for ring in rings_of(figure):
+        points = np.asarray(ring.coords)[:-1] @ [1, 1j]
+        turn = np.angle((np.roll(points, -1) - points) / (points - np.roll(points, 1)))
+        found += [(point.real, point.imag) for point in points[abs(turn) > CORNER_RAD]]
+    return shapely.MultiPoint(found or [(1.0, 1.0)])
+
+
+if __name__ == "__main__":
+    main()
