@@ -17,6 +17,7 @@ MM = 4
 
 def main() -> None:
     slot_with_hole(HERE / "slot.dxf")
+    latch(HERE / "latch.dxf")
     gear(HERE / "gear.svg")
     wedge(HERE / "wedge.stl")
     solids(HERE / "d_shaft.step", HERE / "usb.step")
@@ -28,6 +29,23 @@ def slot_with_hole(path: Path) -> None:
     space = document.modelspace()
     space.add_lwpolyline([(-5, -5, 0, 0, 0), (5, -5, 0, 0, 1), (5, 5, 0, 0, 0), (-5, 5, 0, 0, 1)], close=True)
     space.add_circle((0, 0), 2)
+    document.saveas(path)
+
+
+def latch(path: Path) -> None:
+    """Draw a T of 16 by 12 mm with one rounded end."""
+    document = ezdxf.new(units=MM)
+    corners = [
+        (-8, -6, 0),
+        (-3, -6, 0),
+        (-3, -2.5, 0),
+        (8, -2.5, 1),
+        (8, 2.5, 0),
+        (-3, 2.5, 0),
+        (-3, 6, 0),
+        (-8, 6, 0),
+    ]
+    document.modelspace().add_lwpolyline([(x, y, 0, 0, bulge) for x, y, bulge in corners], close=True)
     document.saveas(path)
 
 

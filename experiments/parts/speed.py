@@ -92,8 +92,8 @@ def contact_points(config: Config) -> float:
 
     engine = NativeEngine(config, 2, on_step=look)
     engine.run(attempts_of(config, 16), 40)
-    counts = np.array(counts)
-    return round(float(counts[counts > 0].mean()), 1)
+    touching = np.array(counts)
+    return round(float(touching[touching > 0].mean()), 1)
 
 
 if __name__ == "__main__":

@@ -19,7 +19,9 @@ def add_part(parsers: argparse._SubParsersAction) -> None:
     read.add_argument("file", type=path, metavar="FILE", help=".dxf, .svg, .stl, .obj, .step")
     read.add_argument("--units", required=True, metavar="U", help="mm, cm, m, in or um")
     read.add_argument("--name", required=True, metavar="NAME", help="name of the part")
-    read.add_argument("--out", type=path, required=True, metavar="FILE.yaml")
+    read.add_argument(
+        "--out", type=path, required=True, metavar="FILE.yaml", help="new, or with other imported parts"
+    )
     read.add_argument(
         "--axis", default="-z", metavar="A", help="direction of insertion of a solid (default -z)"
     )
@@ -49,24 +51,21 @@ def add_part(parsers: argparse._SubParsersAction) -> None:
 
 def part_import(args: argparse.Namespace) -> None:
     """Run ``part import``."""
-    import yaml
-
-    from mjx_fit.config.files import read_config
+    from mjx_fit.config.schema import config_from_tree
     from mjx_fit.report.figures.parts import parts
     from mjx_fit.report.script import draw
     from mjx_fit.scene.outline import require_possible
     from mjx_fit.scene.part_files.importing import import_part, shape_tree, wanted_of
+    from mjx_fit.scene.part_files.parts_yaml import as_yaml, with_part
     from mjx_fit.utils.files import require_writable, write_text
 
     wanted = wanted_of(args.units, args.axis, args.at, args.depth, args.clearance, args.tolerance)
     require_writable(args.out)
     found = import_part(args.file, wanted)
-    tree = {"scene": {"shapes": [shape_tree(args.name, found, args.clearance)]}}
-    config = read_config(
-        None, [f"scene.shapes={yaml.safe_dump(tree['scene']['shapes'], default_flow_style=True)}"]
-    )
-    require_possible(config.scene.shapes[0], config.scene)
-    write_text(args.out, yaml.safe_dump(tree, sort_keys=False))
+    tree = with_part(args.out, shape_tree(args.name, found, args.clearance))
+    config = config_from_tree(tree)
+    require_possible(config.scene.shapes[-1], config.scene)
+    write_text(args.out, as_yaml(tree))
     draw(args.out.with_suffix(".png"), lambda: parts(config.scene))
     x, y = (_MM_PER_M * side for side in found.size_m)
     print(
@@ -74,7 +73,7 @@ def part_import(args: argparse.Namespace) -> None:
     )
     print(f"straight lines err by at most {_MM_PER_M * wanted.tolerance_m:.3g} mm")
     if found.change_m is not None:
-        print(f"the section changes by {_MM_PER_M * found.change_m:.3g} mm over {args.depth:g} mm")
+        print(f"the section changes by {_MM_PER_M * found.change_m:.3f} mm over {args.depth:g} mm")
     print(args.out)
 
 

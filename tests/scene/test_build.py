@@ -1,6 +1,7 @@
-import dataclasses
+from dataclasses import replace
 from typing import get_args
 
+import jax
 import jax.numpy as jnp
 import mujoco
 import numpy as np
@@ -8,12 +9,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjx_fit.config.sections.scene import RobotName, SceneConfig
+import mjx_fit as mf
+from mjx_fit.config.files import read_config
+from mjx_fit.config.part_sets import parts_file
+from mjx_fit.config.sections.scene import TIME_PER_GAP_SPM, RobotName, SceneConfig
 from mjx_fit.config.sections.shape import SHAPES, Shape
 from mjx_fit.control.kinematics import chain_of, inverse
+from mjx_fit.engines.native.engine import NativeEngine
+from mjx_fit.engines.native.models import Models
 from mjx_fit.scene.build import pair_index, picture_scene, place_holes, simulation_scene
 from mjx_fit.scene.parts import hole_boxes, peg_boxes
 from mjx_fit.scene.robot import PANDA, ROBOTS
+from mjx_fit.types.physics import Physics
 
 MASS = {
     "link1": 4.970684, "link2": 0.646926, "link3": 3.228604, "link4": 3.587895, "link5": 1.225946,
@@ -106,7 +113,7 @@ def test_picture_scene_compiles_with_every_hole_named():
 def test_spare_boxes_stay_inside_thin_shapes():
     thin = Shape("thin", ((-0.02, -0.0005, 0.02, 0.0005),))
     step = Shape("step", ((-0.02, -0.02, 0.0, 0.02), (0.0, -0.02, 0.02, 0.019)))
-    config = dataclasses.replace(SceneConfig(), shapes=(SHAPES[0], thin, step))
+    config = replace(SceneConfig(), shapes=(SHAPES[0], thin, step))
     for peg, hole in ((1, 0), (0, 2)):
         model = simulation_scene(config).models[pair_index(peg, hole, 3)]
         for name, boxes in (
@@ -158,3 +165,31 @@ def test_holes_may_stand_side_by_side():
 
 def test_a_configuration_names_every_robot():
     assert get_args(RobotName) == tuple(ROBOTS)
+
+
+NIST = read_config(parts_file("nist"))
+
+
+def test_stiffness_and_step_follow_the_smaller_clearance():
+    scene = simulation_scene(NIST.scene)
+    gaps = np.array([NIST.scene.clearance_of(shape) for shape in NIST.scene.shapes])
+    for pair, model in enumerate(scene.models):
+        gap = gaps[list(divmod(pair, len(gaps)))].min()
+        np.testing.assert_allclose(model.pair_solref[:, 0], TIME_PER_GAP_SPM * gap)
+        np.testing.assert_allclose(model.pair_solimp[:, 2], 0.1 * gap)
+        assert model.pair_solref[0, 0] >= 2 * model.opt.timestep
+        assert model.opt.timestep * NIST.scene.physics_steps == pytest.approx(0.002)
+    softer = Models(scene).of(np.array([0]), Physics(contact_time_s=np.array([0.01])))[0]
+    stiffer = Models(scene).of(np.array([0]), Physics(contact_time_s=np.array([0.0008])))[0]
+    assert softer.pair_solref[0, 0] == pytest.approx(TIME_PER_GAP_SPM * gaps[0])
+    assert stiffer.pair_solref[0, 0] == pytest.approx(0.0008)
+
+
+def test_parts_of_any_kind_share_a_batch():
+    """MuJoCo's batch takes models of one layout, and meshes differ."""
+    chosen = [shape for shape in NIST.scene.shapes if shape.name in ("round_4", "square_4", "d_sub")]
+    task = replace(NIST.task, success_probability=None, success_by_error=None)
+    config = replace(NIST, scene=replace(NIST.scene, shapes=tuple(chosen)), task=task)
+    done = NativeEngine(config, 2).run(mf.draw_attempts(jax.random.key(0), 9, config=config), 3)
+    assert done.truth.valid.all()
+    assert (done.felt.length == 3).all()

@@ -17,10 +17,10 @@ MOST_TYPES = 12
 """Maximum number of shapes in a scene, limited by the number of distinguishable colours."""
 
 
-TIME_PER_GAP_SPM = 25.0
+TIME_PER_GAP_SPM = 11.0
 """Time constant of a contact over the clearance, s/m: 99.9 % of penetrations of NIST's pegs stay below a
 tenth of their clearances (experiments/parts/right.py)."""
-LEAST_STEPS, STIFF_STEPS = 2, 2.5
+LEAST_STEPS, STIFF_STEPS = 2, 2.2
 """Physics steps in the time constant of a contact: at least, and where the clearance sets it."""
 _ALMOST = 0.999
 """Rounding of a quotient is no reason for another step."""
@@ -42,7 +42,7 @@ class SceneConfig:
             metals.
         contact_time_s: MuJoCo's solref time constant. With ten simulation steps the contact force of a
             sliding peg is mostly smooth; with three it is a train of single-step spikes. Shapes with a
-            section or a clearance of their own have at most 25 s per metre of clearance.
+            section or a clearance of their own have at most 11 s per metre of clearance.
         contact_width_m: MuJoCo's solimp width. The impedance changes over this depth; keep it below a quarter
             of the clearance. Shapes with a section or a clearance of their own have at most a tenth of it.
         contact_damping: MuJoCo's solref damping ratio. 1: critical.
@@ -68,7 +68,7 @@ class SceneConfig:
     hole_depth_m: Annotated[float, Field(ge=0.01, le=0.08)] = 0.035
     peg_length_m: Annotated[float, Field(ge=0.05, le=0.15)] = 0.07
     friction: Annotated[float, Field(ge=0, le=2)] = 0.3
-    contact_time_s: Annotated[float, Field(ge=0.001, le=0.05)] = 0.01
+    contact_time_s: Annotated[float, Field(ge=0.0005, le=0.05)] = 0.01
     contact_width_m: Annotated[float, Field(ge=0.000001, le=0.001)] = 0.0001
     contact_damping: Annotated[float, Field(ge=0.5, le=5)] = 1.0
     contact_impedance: Annotated[float, Field(ge=0.1, le=0.99)] = 0.3

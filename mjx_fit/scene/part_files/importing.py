@@ -95,8 +95,8 @@ def _figure(path: Path, suffix: str, wanted: Wanted, unit: float) -> tuple[Multi
     solid, depth = Solid(path, wanted.axis, tolerance), wanted.depth_m / unit
     if solid.length < depth:
         raise RequestError(
-            f"{path}: cannot be used: it is {1000 * unit * solid.length:.4g} mm long along {wanted.axis}, "
-            f"shorter than the insertion depth ({1000 * wanted.depth_m:g} mm)"
+            f"{path}: cannot be used: it is {1000 * unit * solid.length:.4g} mm long along {wanted.axis} in "
+            f"--units {wanted.units}, shorter than the insertion depth ({1000 * wanted.depth_m:g} mm)"
         )
     at = depth / 2 if wanted.at_m is None else wanted.at_m / unit
     return solid.section(at), unit * solid.largest_change(at, depth)

@@ -1,0 +1,42 @@
+"""Files of imported parts: YAML with ``scene.shapes``, to which further parts are added."""
+
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from mjx_fit.config.files import read_config
+from mjx_fit.utils.errors import RequestError, shown
+
+
+def with_part(path: Path, shape: dict[str, Any]) -> dict[str, Any]:
+    """Return the tree of a file with one more part; a file that does not exist yet has none.
+
+    Args:
+        path: File that ``as_yaml`` made, or none.
+        shape: Entry of ``scene.shapes``.
+
+    Raises:
+        RequestError: The file has a part of that name, or it was not made by ``as_yaml``: comments and order
+            would be lost.
+    """
+    if not path.exists():
+        return {"scene": {"shapes": [shape]}}
+    names = read_config([path]).scene.names
+    if shape["name"] in names:
+        raise RequestError(
+            f"--name: {shown(shape['name'])} is invalid: {path} has a part of that name; choose another"
+        )
+    text = path.read_text()
+    tree = yaml.safe_load(text)
+    if as_yaml(tree) != text or list(tree) != ["scene"] or list(tree["scene"]) != ["shapes"]:
+        raise RequestError(
+            f"--out: {path} cannot be used: expected a file that part import wrote and nobody edited; "
+            "import into a new file and copy the part"
+        )
+    return {"scene": {"shapes": [*tree["scene"]["shapes"], shape]}}
+
+
+def as_yaml(tree: dict[str, Any]) -> str:
+    """Return the text of a file of parts."""
+    return yaml.safe_dump(tree, sort_keys=False)
