@@ -8,9 +8,9 @@ library, which continues where it was stopped.
 """
 
 import argparse
-import subprocess
-import sys
 from pathlib import Path
+
+from mjx_fit.report import script
 
 HERE = Path(__file__).parent
 TASK = ("--world", "forge", "--parts", "nist", "--config", HERE / "nist.yaml")
@@ -20,21 +20,20 @@ STAGES = ("data", "training", "evaluation")
 def main(out: Path, until: str) -> None:
     """Run the stages up to the one asked for."""
     reached = STAGES.index(until)
-    _command("collect", "--out", out / "learn", "--episodes", 12_000, "--sequence", 3, "--seed", 34, *TASK)
-    _command("collect", "--out", out / "held_out", "--episodes", 3_000, "--sequence", 3, "--seed", 35, *TASK)
+    script.command(
+        "collect", "--out", out / "learn", "--episodes", 12_000, "--sequence", 3, "--seed", 34, *TASK
+    )
+    script.command(
+        "collect", "--out", out / "held_out", "--episodes", 3_000, "--sequence", 3, "--seed", 35, *TASK
+    )
     if reached >= 1:
         training = ("--config", HERE.parents[1] / "configs" / "cpu.yaml")
-        _command("train", "--data", out / "learn", "--out", out / "run", *TASK, *training)
+        script.command("train", "--data", out / "learn", "--out", out / "run", *TASK, *training)
     if reached >= 2:
         own = ("--run", out / "run", *TASK)
-        _command("evaluate", "position", "--out", out / "position.json", "--trials", 600, *own)
-        _command("evaluate", "insertion", "--out", out / "insertion.json", "--trials", 300, *own)
-        _command("evaluate", "assembly", "--out", out / "assembly.json", "--trials", 60, *own)
-
-
-def _command(*words: object) -> None:
-    """Run a command of the library; it does nothing if it has finished before."""
-    subprocess.run([sys.executable, "-m", "mjx_fit", *map(str, words)], check=True)
+        script.command("evaluate", "position", "--out", out / "position.json", "--trials", 600, *own)
+        script.command("evaluate", "insertion", "--out", out / "insertion.json", "--trials", 300, *own)
+        script.command("evaluate", "assembly", "--out", out / "assembly.json", "--trials", 60, *own)
 
 
 if __name__ == "__main__":

@@ -12,9 +12,9 @@ there, and wrong. A whole set of such starts instead of ``forge`` costs accuracy
 """
 
 import argparse
-import subprocess
-import sys
 from pathlib import Path
+
+from mjx_fit.report import script
 
 FAR = ("--set", "detector.half_width_m=0.03", "--set", "detector.prior_std_m=0.015")
 SETS = {
@@ -31,15 +31,10 @@ def main(out: Path, *, randomised: bool) -> None:
     names = {name: name for name in SETS} if randomised else UNRANDOMISED
     for name, (drawn, *options) in SETS.items():
         world = drawn if randomised else "paper"
-        _command("collect", "--out", out / names[name], "--sequence", "3", "--world", world, *options)
+        script.command("collect", "--out", out / names[name], "--sequence", "3", "--world", world, *options)
     run = out / ("run" if randomised else "run_unrandomised")
     training = ["--world", "forge" if randomised else "home", "--config", "configs/cpu.yaml"]
-    _command("train", "--data", *(out / name for name in names.values()), "--out", run, *training)
-
-
-def _command(*words: object) -> None:
-    """Run a command of the library; it does nothing if it has finished before."""
-    subprocess.run([sys.executable, "-m", "mjx_fit", *map(str, words)], check=True)
+    script.command("train", "--data", *(out / name for name in names.values()), "--out", run, *training)
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 import json
 import os
+import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -31,6 +32,11 @@ def save(path: Path, results: dict[str, Any]) -> None:
     }
     files.write_text(path, json.dumps(origin | results, indent=1, default=_plain) + "\n")
     print(json.dumps(results, indent=1, default=_plain))
+
+
+def command(*words: object) -> None:
+    """Run a command of the library, which does nothing if it has finished before."""
+    subprocess.run([sys.executable, "-m", "mjx_fit", *map(str, words)], check=True)
 
 
 def _without_folder(argument: str) -> str:

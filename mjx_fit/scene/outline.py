@@ -117,6 +117,11 @@ def require_possible(shape: Shape, scene: SceneConfig) -> None:
     hole = hole_outline(shape, scene)
     if not hole.contains(peg):
         raise _impossible(shape, "the peg does not fit its own socket")
+    least = float(peg.boundary.distance(hole.boundary))
+    if least < (1 - shape.facet_error - _SAME) * gap:
+        raise _impossible(
+            shape, f"clearance_m: {gap:g} is more than the gap to its socket's section ({least:.3g} m)"
+        )
     for field, figure, by in (
         ("chamfer_m", peg, shape.chamfer_m),
         ("socket.chamfer_m", hole, -shape.socket.chamfer_m),

@@ -178,3 +178,12 @@ def test_mirror_images():
 def test_impossible_parts_are_refused(shape, why):
     with pytest.raises(RequestError, match=f"config: scene.shapes: .*{why}"):
         require_possible(shape, SCENE)
+
+
+def test_a_clearance_that_the_socket_does_not_have_is_refused():
+    """Stiffness and facets follow from it: too large a value would make the contact too soft, unsaid."""
+    own = Socket(section=CrossSection(rectangle=Rectangle((0.01016, 0.00615))))
+    section = CrossSection(rectangle=Rectangle((0.01, 0.006)))
+    require_possible(Shape("one", section=section, clearance_m=0.000075, socket=own), SCENE)
+    with pytest.raises(RequestError, match="clearance_m: 0.0002 is more than the gap"):
+        require_possible(Shape("one", section=section, clearance_m=0.0002, socket=own), SCENE)

@@ -14,6 +14,8 @@ from mjx_fit.types import Array
 from mjx_fit.utils.linalg import total
 
 TINY = 1e-12
+_SAME = 1e-5
+"""Share of a squared distance by which two sides that meet at the nearest corner may differ, by rounding."""
 _SLANT = 0.4
 """Sine of the angle by which a side may lead on into a wall while its corner touches the wall: facets do."""
 _FLAT = 0.7
@@ -96,9 +98,6 @@ def boundary(outline: Outline, point: Float[Array, "2 m b"]) -> Boundary:
     to_corner = jnp.stack(way) * jnp.where(inside, 1.0, -1.0) / jnp.maximum(distance, TINY)
     outward = jnp.where(at_corner & (distance > TINY), to_corner, across)
     return Boundary(inside, distance, outward, jnp.where(at_corner, line, distance), across)
-
-
-_SAME = 1e-5
 
 
 def _chosen(where, new, old):
