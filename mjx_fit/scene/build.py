@@ -93,11 +93,11 @@ def _alike(specs: list[mujoco.MjSpec]) -> tuple[mujoco.MjModel, ...]:
     most = max(model.nbvh for model in models)
     for i, (spec, model) in enumerate(zip(specs, models, strict=True)):
         missing = most - model.nbvh
-        for nodes in (1, missing - 1) if missing and missing % 2 == 0 else (missing,):
-            if nodes:
-                _add_unused_mesh(spec, f"unused_{nodes}", (nodes + 1) // 2)
-        if missing:
-            models[i] = spec.compile()
+        if not missing:
+            continue
+        for number, nodes in enumerate((missing,) if missing % 2 else (1, missing - 1)):
+            _add_unused_mesh(spec, f"unused_{number}", (nodes + 1) // 2)
+        models[i] = spec.compile()
     return tuple(models)
 
 

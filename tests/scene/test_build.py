@@ -17,6 +17,7 @@ from mjx_fit.config.sections.shape import SHAPES, Shape
 from mjx_fit.control.kinematics import chain_of, inverse
 from mjx_fit.engines.native.engine import NativeEngine
 from mjx_fit.engines.native.models import Models
+from mjx_fit.scene import build
 from mjx_fit.scene.build import pair_index, picture_scene, place_holes, simulation_scene
 from mjx_fit.scene.parts import hole_boxes, peg_boxes
 from mjx_fit.scene.robot import PANDA, ROBOTS
@@ -193,3 +194,16 @@ def test_parts_of_any_kind_share_a_batch():
     done = NativeEngine(config, 2).run(mf.draw_attempts(jax.random.key(0), 9, config=config), 3)
     assert done.truth.valid.all()
     assert (done.felt.length == 3).all()
+
+
+@pytest.mark.parametrize("missing", [1, 2, 3, 4, 64])
+def test_models_are_made_alike_whatever_they_lack(missing):
+    """Odd and even numbers of nodes; the names of the meshes that add them must differ."""
+    small, large = mujoco.MjSpec(), mujoco.MjSpec()
+    for spec in (small, large):
+        spec.worldbody.add_body().add_geom(size=[0.1, 0, 0])
+    for number, nodes in enumerate((missing,) if missing % 2 else (1, missing - 1)):
+        build._add_unused_mesh(large, f"own_{number}", (nodes + 1) // 2)
+    one, other = build._alike([small, large])
+    assert one.nbvh == other.nbvh == small.compile().nbvh
+    assert one.nmesh > 0

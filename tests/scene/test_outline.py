@@ -185,5 +185,5 @@ def test_a_clearance_that_the_socket_does_not_have_is_refused():
     own = Socket(section=CrossSection(rectangle=Rectangle((0.01016, 0.00615))))
     section = CrossSection(rectangle=Rectangle((0.01, 0.006)))
     require_possible(Shape("one", section=section, clearance_m=0.000075, socket=own), SCENE)
-    with pytest.raises(RequestError, match="clearance_m: 0.0002 is more than the gap"):
+    with pytest.raises(RequestError, match=r"clearance_m: 0\.0002 is more than the gap"):
         require_possible(Shape("one", section=section, clearance_m=0.0002, socket=own), SCENE)
