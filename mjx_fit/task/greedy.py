@@ -1,8 +1,8 @@
 """The high-level task as a POMDP (section "Problem Formulation" of the paper) and its greedy policy.
 
 The state of a hole is its type c, its position, and β, whether it is filled. An action selects a hole. The
-reward of an attempt is 1 if the peg is inserted, which has probability α[c_peg, c]; the paper sets it to zero
-where the types differ. The robot cannot distinguish an insertion into a hole of another type from a success.
+reward of an attempt is 1 if the peg is inserted into a hole of its own type, which has probability
+α[c_peg, c_peg] there. In the paper no peg enters another hole; where one does, it earns nothing.
 The same model T gives the likelihood of a failure: ``mjx_fit.filters.histogram.failure_logp``.
 """
 
@@ -20,7 +20,7 @@ def expected_reward(
     peg_type: Int[Array, "*batch"],
     success_probability: Float[Array, "*#batch n C C"],
 ) -> Float[Array, "*batch n"]:
-    """Compute the insertion probability of an attempt at each of n holes: Σ_c α[c_peg, c] ξ_c.
+    """Compute the success probability of an attempt at each of n holes: α[c_peg, c_peg] ξ[c_peg].
 
     Args:
         type_logp: Log type probabilities ln ξ of each hole.
@@ -28,7 +28,8 @@ def expected_reward(
         success_probability: Outcome model α of an attempt at each hole.
     """
     row = row_of_peg(peg_type[..., None], success_probability)
-    return jnp.sum(row * jnp.exp(type_logp), -1)
+    own = jnp.arange(type_logp.shape[-1]) == peg_type[..., None, None]
+    return jnp.sum(jnp.where(own, row * jnp.exp(type_logp), 0.0), -1)
 
 
 def greedy(

@@ -27,11 +27,12 @@ WHY = ("chance", "next_best")
 CONFIG = dataclasses.replace(Config(), task=dataclasses.replace(Config().task, n_holes=4, max_attempts=6))
 
 
-def test_expected_reward_is_the_papers_sum():
+def test_expected_reward_counts_insertions_into_the_pegs_own_holes():
+    """The paper's sum has no other term; here pegs enter other holes, too, which is no success."""
     xi = np.array([[0.5, 0.3, 0.2], [0.1, 0.1, 0.8]])
     alpha = np.array([[0.3, 0.05, 0.0], [0.6, 0.2, 0.01], [0.0, 0.1, 0.4]])
     for peg in range(3):
-        want = [sum(alpha[peg, c] * row[c] for c in range(3)) for row in xi]
+        want = [alpha[peg, peg] * row[peg] for row in xi]
         got = greedy.expected_reward(jnp.log(xi), jnp.asarray(peg), jnp.asarray(alpha))
         assert got == pytest.approx(want, abs=1e-6)
 
