@@ -21,10 +21,10 @@ def main(out: Path, until: str) -> None:
     """Run the stages up to the one asked for."""
     reached = STAGES.index(until)
     script.command(
-        "collect", "--out", out / "learn", "--episodes", 12_000, "--sequence", 3, "--seed", 34, *TASK
+        "collect", "--out", out / "learn", "--episodes", 9_000, "--sequence", 3, "--seed", 34, *TASK
     )
     script.command(
-        "collect", "--out", out / "held_out", "--episodes", 3_000, "--sequence", 3, "--seed", 35, *TASK
+        "collect", "--out", out / "held_out", "--episodes", 2_000, "--sequence", 3, "--seed", 35, *TASK
     )
     if reached >= 1:
         training = ("--config", HERE.parents[1] / "configs" / "cpu.yaml")

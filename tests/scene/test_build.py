@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import mjx_fit as mf
 from mjx_fit.config.files import read_config
 from mjx_fit.config.part_sets import parts_file
-from mjx_fit.config.sections.scene import TIME_PER_GAP_SPM, RobotName, SceneConfig
+from mjx_fit.config.sections.scene import RobotName, SceneConfig
 from mjx_fit.config.sections.shape import SHAPES, Shape
 from mjx_fit.control.kinematics import chain_of, inverse
 from mjx_fit.engines.native.engine import NativeEngine
@@ -176,14 +176,21 @@ def test_stiffness_and_step_follow_the_smaller_clearance():
     gaps = np.array([NIST.scene.clearance_of(shape) for shape in NIST.scene.shapes])
     for pair, model in enumerate(scene.models):
         gap = gaps[list(divmod(pair, len(gaps)))].min()
-        np.testing.assert_allclose(model.pair_solref[:, 0], TIME_PER_GAP_SPM * gap)
+        np.testing.assert_allclose(model.pair_solref[:, 0], NIST.scene.contact_time_per_gap * gap)
         np.testing.assert_allclose(model.pair_solimp[:, 2], 0.1 * gap)
         assert model.pair_solref[0, 0] >= 2 * model.opt.timestep
         assert model.opt.timestep * NIST.scene.physics_steps == pytest.approx(0.002)
     softer = Models(scene).of(np.array([0]), Physics(contact_time_s=np.array([0.01])))[0]
     stiffer = Models(scene).of(np.array([0]), Physics(contact_time_s=np.array([0.0008])))[0]
-    assert softer.pair_solref[0, 0] == pytest.approx(TIME_PER_GAP_SPM * gaps[0])
+    assert softer.pair_solref[0, 0] == pytest.approx(NIST.scene.contact_time_per_gap * gaps[0])
     assert stiffer.pair_solref[0, 0] == pytest.approx(0.0008)
+
+
+def test_a_longer_contact_time_per_gap_needs_fewer_steps():
+    config = read_config(parts_file("nist"), ["scene.contact_time_per_gap=20"])
+    assert (NIST.scene.physics_steps, config.scene.physics_steps) == (8, 4)
+    square = config.scene.names.index("square_4")
+    assert config.scene.contact_time_of(config.scene.shapes[square]) == pytest.approx(0.0011)
 
 
 def test_parts_of_any_kind_share_a_batch():

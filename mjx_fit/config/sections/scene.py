@@ -17,9 +17,6 @@ MOST_TYPES = 12
 """Maximum number of shapes in a scene, limited by the number of distinguishable colours."""
 
 
-TIME_PER_GAP_SPM = 11.0
-"""Time constant of a contact over the clearance, s/m: 99.9 % of penetrations of NIST's pegs stay below a
-tenth of their clearances (experiments/parts/right.py)."""
 LEAST_STEPS, STIFF_STEPS = 2, 2.2
 """Physics steps in the time constant of a contact: at least, and where the clearance sets it."""
 _ALMOST = 0.999
@@ -42,7 +39,10 @@ class SceneConfig:
             metals.
         contact_time_s: MuJoCo's solref time constant. With ten simulation steps the contact force of a
             sliding peg is mostly smooth; with three it is a train of single-step spikes. Shapes with a
-            section or a clearance of their own have at most 11 s per metre of clearance.
+            section or a clearance of their own have at most ``contact_time_per_gap`` times the clearance.
+        contact_time_per_gap: Longest time constant of a contact over the clearance. With 11 s/m, 99.9 % of
+            penetrations of NIST's pegs stay below a tenth of their clearances (experiments/parts/right.py).
+            A larger one is softer and faster: it needs fewer physics steps.
         contact_width_m: MuJoCo's solimp width. The impedance changes over this depth; keep it below a quarter
             of the clearance. Shapes with a section or a clearance of their own have at most a tenth of it.
         contact_damping: MuJoCo's solref damping ratio. 1: critical.
@@ -69,6 +69,7 @@ class SceneConfig:
     peg_length_m: Annotated[float, Field(ge=0.05, le=0.15)] = 0.07
     friction: Annotated[float, Field(ge=0, le=2)] = 0.3
     contact_time_s: Annotated[float, Field(ge=0.0005, le=0.05)] = 0.01
+    contact_time_per_gap: Annotated[float, Field(ge=2, le=100, json_schema_extra={"unit": "s/m"})] = 11.0
     contact_width_m: Annotated[float, Field(ge=0.000001, le=0.001)] = 0.0001
     contact_damping: Annotated[float, Field(ge=0.5, le=5)] = 1.0
     contact_impedance: Annotated[float, Field(ge=0.1, le=0.99)] = 0.3
@@ -100,11 +101,11 @@ class SceneConfig:
         """Return the longest time constant of a part's contact, s: infinite for plain parts.
 
         A peg that lands is stopped within a depth that grows with its speed and the time constant;
-        ``TIME_PER_GAP_SPM`` keeps that depth below a tenth of the gap.
+        ``contact_time_per_gap`` keeps that depth a small share of the gap.
         """
         if shape.section is None and shape.clearance_m is None:
             return math.inf
-        return TIME_PER_GAP_SPM * self.clearance_of(shape)
+        return self.contact_time_per_gap * self.clearance_of(shape)
 
     def contact_time_of(self, shape: Shape) -> float:
         """Return the time constant of a part's contact, s."""
