@@ -40,7 +40,7 @@ class SceneConfig:
         contact_time_s: MuJoCo's solref time constant. With ten simulation steps the contact force of a
             sliding peg is mostly smooth; with three it is a train of single-step spikes. Shapes with a
             section or a clearance of their own have at most ``contact_time_per_gap`` times the clearance.
-        contact_time_per_gap: Longest contact time over the clearance. With 11 s/m, 99.9 % of
+        contact_time_per_gap: Longest contact time per gap. With 11 s/m, 99.9 % of
             penetrations of NIST's pegs stay below a tenth of their clearances (experiments/parts/right.py).
             A larger one is softer and faster: it needs fewer physics steps.
         contact_width_m: MuJoCo's solimp width. The impedance changes over this depth; keep it below a quarter
