@@ -1,15 +1,18 @@
-"""Measure the speed of every part in both engines, in one run with a box of the same size.
+"""Measure the speed of every part in both engines, side by side with a box of the same size.
 
     python experiments/parts/speed.py [--engines native,mjx] [PART ...]
 
 A row is a scene of one part in its own socket, spirals of 64 worlds; its box has the part's extents,
-clearance and physics steps. Speeds are simulated over real seconds (a torque is 2 ms), small steps count.
-``raw`` is MuJoCo's batch alone on the same scene and torques. Rows of other parts in ``speed.json`` are kept.
+clearance and physics steps. Speeds are simulated over real seconds of all worlds; each is the best of three
+runs, alternating with the box's. ``raw_batch`` is MuJoCo's batch alone on the same scene and torques. Rows of
+other parts in ``speed.json`` are kept.
 """
 
 import argparse
 import json
+import time
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +20,7 @@ import mujoco
 import numpy as np
 from table import scenes
 
-from mjx_fit.cli.bench.engines import attempts_of
-from mjx_fit.cli.bench.run import measure
+from mjx_fit.cli.bench.engines import CONTENDERS, attempts_of
 from mjx_fit.config.schema import Config
 from mjx_fit.config.sections.cross_section import CrossSection, Rectangle
 from mjx_fit.config.sections.scene import SceneConfig
@@ -30,8 +32,8 @@ from mjx_fit.utils import process_setup
 from mjx_fit.utils.rates import STEP_S
 
 FILE = Path(__file__).parent / "speed.json"
-WORLDS = 64
-CONTENDERS = {"native": ("raw_batch", "native"), "mjx": ("mjx_step", "mjx")}
+WORLDS, ACTIONS, TIMES = 64, 10, 3
+CONTENDERS_OF = {"native": ("raw_batch", "native"), "mjx": ("mjx",)}
 
 
 def main(parts: list[str], engines: list[str]) -> None:
@@ -49,16 +51,23 @@ def measured(shape: Shape, scene: SceneConfig, engines: list[str]) -> dict[str, 
     """Return speeds of a part and of its box, and the contact points of the part."""
     own, box = task_of(shape, scene), task_of(box_of(shape, scene), scene)
     found = {"physics_steps": own.scene.physics_steps, "contact_points": contact_points(own)}
-    for engine in engines:
-        for name in CONTENDERS[engine]:
-            speed, of_box, again = (speed_of(name, one) for one in (own, box, own))
-            speed = max(speed, again)
-            found |= {name: round(speed, 1), f"{name}_over_box": round(speed / of_box, 3)}
-    if "native" in engines:
-        found["native_over_raw"] = round(found["native"] / found["raw_batch"], 3)
-    if "mjx" in found and "raw_batch" in found:
-        found["mjx_over_raw"] = round(found["mjx"] / found["raw_batch"], 3)
+    for name in (name for engine in engines for name in CONTENDERS_OF[engine]):
+        speed, of_box = speeds(name, (own, box))
+        found |= {name: round(speed, 2), f"{name}_over_box": round(speed / of_box, 3)}
     return found
+
+
+def speeds(name: str, configs: tuple[Config, ...]) -> list[float]:
+    """Return simulated over real seconds of all worlds, for each configuration."""
+    runs = [CONTENDERS[name].prepare(one, attempts_of(one, WORLDS), ACTIONS) for one in configs]
+    for run in runs:
+        run()  # compile
+    best = [0.0] * len(runs)
+    for _, (i, run) in product(range(TIMES), enumerate(runs)):
+        began = time.perf_counter()
+        torques = run()
+        best[i] = max(best[i], torques * STEP_S / (time.perf_counter() - began))
+    return best
 
 
 def task_of(shape: Shape, scene: SceneConfig) -> Config:
@@ -73,11 +82,6 @@ def box_of(shape: Shape, scene: SceneConfig) -> Shape:
     x0, y0, x1, y1 = peg_outline(shape, scene).bounds
     section = CrossSection(rectangle=Rectangle((round(x1 - x0, 7), round(y1 - y0, 7))))
     return Shape("box", section=section, clearance_m=scene.clearance_of(shape))
-
-
-def speed_of(name: str, config: Config) -> float:
-    """Return simulated over real seconds, of all worlds."""
-    return STEP_S * measure(name, config, WORLDS)["physics_steps_per_s"]
 
 
 def contact_points(config: Config) -> float:

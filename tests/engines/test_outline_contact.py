@@ -13,7 +13,8 @@ from mjx_fit.config.sections.scene import SceneConfig
 from mjx_fit.config.sections.shape import SHAPES, Shape
 from mjx_fit.config.sections.shape import Socket as SocketConfig
 from mjx_fit.engines.mjx import outlines
-from mjx_fit.engines.mjx.outline_contact import MOST_OF_A_KIND, touching_points
+from mjx_fit.engines.mjx.outline_contact import touching_points
+from mjx_fit.engines.mjx.prisms import MOST_OF_A_KIND
 from mjx_fit.scene.build import add_piece
 from mjx_fit.scene.pieces import peg_pieces, socket_pieces
 

@@ -8,14 +8,16 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from mjx_fit.types import Array
 from mjx_fit.utils.linalg import total
 
 TINY = 1e-12
-_SAME = 1e-5
-"""Share of a squared distance by which two sides that meet at the nearest corner may differ, by rounding."""
+UNROLLED = 4
+"""Sides that one turn of a loop handles."""
+_FAR_M2 = 1e6
+"""Added to the squared distance of spare sides, so that they are never the nearest."""
 _SLANT = 0.4
 """Sine of the angle by which a side may lead on into a wall while its corner touches the wall: facets do."""
 _FLAT = 0.7
@@ -32,11 +34,13 @@ class Outline(NamedTuple):
         start: Start of each side, m.
         end: End of each side, m.
         before: Start of the side that ends where this one starts, m.
+        after: End of the side that starts where this one ends, m.
     """
 
     start: Float[Array, "2 n b"]
     end: Float[Array, "2 n b"]
     before: Float[Array, "2 n b"]
+    after: Float[Array, "2 n b"]
 
 
 class Boundary(NamedTuple):
@@ -59,49 +63,68 @@ class Boundary(NamedTuple):
 
 
 def boundary(outline: Outline, point: Float[Array, "2 m b"]) -> Boundary:
-    """Relate points to an outline: inside by counting crossings, and the nearest point of the boundary."""
+    """Relate points to an outline, by the nearest of its sides.
+
+    A point is inside if it lies behind that side; at a corner, behind the sum of the normals of its two sides
+    (Baerentzen and Aanaes, Signed distance computation using the angle weighted pseudonormal, 2005).
+    """
+    sides = jnp.concatenate(outline)
+    nearest = jnp.take_along_axis(
+        sides, _nearest_side(outline, point)[None], axis=1, mode="promise_in_bounds"
+    )
+    start, end, before, after = nearest.reshape(4, 2, *point.shape[1:])
+    side = end - start
+    t = total((point - start) * side) / jnp.maximum(total(side**2), TINY)
+    at_start, at_corner = t <= 0, (t <= 0) | (t >= 1)
+    away = point - (start + jnp.clip(t, 0, 1) * side)
+    distance = jnp.sqrt(total(away**2))
+    own = _normal(side)
+    other = jnp.where(at_corner, _normal(jnp.where(at_start, start - before, after - end)), own)
+    inside = total(away * (own + other)) < 0
+    lines = tuple(abs(total(away * normal)) for normal in (own, other))
+    # The way to a corner leads out from the inside, and in from the outside.
+    from_corner = away * jnp.where(inside, -1.0, 1.0) / jnp.maximum(distance, TINY)
+    return Boundary(
+        inside,
+        distance,
+        outward=jnp.where(at_corner & (distance > TINY), from_corner, own),
+        mitred=jnp.where(at_corner, jnp.maximum(*lines), distance),
+        across=jnp.where(lines[1] > lines[0], other, own),
+    )
+
+
+def _nearest_side(outline: Outline, point: Float[Array, "2 m b"]) -> Int[Array, "m b"]:
+    """Find the side at the smallest distance, to within a few parts in 10,000.
+
+    One number per point is kept, as XLA would compute the distances anew for each further one.
+    """
+    step = outline.end - outline.start
+    length_2 = total(step**2)
+    per_length = step / jnp.maximum(length_2, TINY)
+    spare = jnp.where(length_2 > 0, 0.0, _FAR_M2)
+    n = len(length_2)
+    room = (1 << (n - 1).bit_length()) - 1
     x, y = point
 
-    def nearer(found, side):
-        odd, squared, at_corner, line, way, across = found
-        (x0, y0), (x1, y1) = side
-        step_x, step_y = x1 - x0, y1 - y0
-        straddles = (y0 > y) != (y1 > y)
-        left = x < x0 + step_x * (y - y0) / jnp.where(step_y == 0, 1.0, step_y)
-        odd = odd ^ (straddles & left)
-        length_2 = jnp.maximum(step_x**2 + step_y**2, TINY)
-        t = jnp.clip(((x - x0) * step_x + (y - y0) * step_y) / length_2, 0, 1)
-        to_x, to_y = x0 + t * step_x - x, y0 + t * step_y - y
-        new = to_x**2 + to_y**2
-        on_side = (t > 0) & (t < 1)
-        scale = jax.lax.rsqrt(length_2)
-        normal = step_y * scale, -step_x * scale
-        its_line = abs((x - x0) * normal[0] + (y - y0) * normal[1])
-        closer = new < squared
-        same_corner = at_corner & ~on_side & (abs(new - squared) < _SAME * squared)
-        its = jnp.where(same_corner, its_line > line, closer)
-        return (
-            odd,
-            jnp.where(closer, new, squared),
-            jnp.where(closer, ~on_side, at_corner),
-            jnp.where(its, its_line, line),
-            _chosen(closer, (to_x, to_y), way),
-            _chosen(its, normal, across),
-        ), None
+    def nearer(least, side):
+        number, (x0, y0), (step_x, step_y), (per_x, per_y), further = side
+        to_x, to_y = x - x0, y - y0
+        t = jnp.clip(to_x * per_x + to_y * per_y, 0, 1)
+        squared = (to_x - t * step_x) ** 2 + (to_y - t * step_y) ** 2 + further
+        # Bits of positive floats sort like the floats, so the lowest bits can store the index.
+        key = jax.lax.bitcast_convert_type(squared, jnp.int32) & ~room | number
+        return jnp.minimum(least, key), None
 
-    none, zero = jnp.zeros_like(x, bool), jnp.zeros_like(x)
-    nothing = (none, jnp.full_like(x, jnp.inf), none, zero, (zero, zero), (zero, zero))
-    sides = (jnp.moveaxis(outline.start, 1, 0), jnp.moveaxis(outline.end, 1, 0))
-    (inside, squared, at_corner, line, way, across), _ = jax.lax.scan(nearer, nothing, sides)
-    # The way to a corner leads out from the inside, and in from the outside.
-    distance, across = jnp.sqrt(squared), jnp.stack(across)
-    to_corner = jnp.stack(way) * jnp.where(inside, 1.0, -1.0) / jnp.maximum(distance, TINY)
-    outward = jnp.where(at_corner & (distance > TINY), to_corner, across)
-    return Boundary(inside, distance, outward, jnp.where(at_corner, line, distance), across)
+    each = (jnp.moveaxis(vectors, 1, 0) for vectors in (outline.start, step, per_length))
+    sides = (jnp.arange(n, dtype=jnp.int32), *each, spare)
+    most = jnp.full(x.shape, jnp.iinfo(jnp.int32).max)
+    least, _ = jax.lax.scan(nearer, most, sides, unroll=UNROLLED)
+    return least & room
 
 
-def _chosen(where, new, old):
-    return tuple(jnp.where(where, one, other) for one, other in zip(new, old, strict=True))
+def _normal(side: Float[Array, "2 m b"]) -> Float[Array, "2 m b"]:
+    """Return the unit vector out of an outline across a side; 0 for a side without length."""
+    return jnp.stack([side[1], -side[0]]) * jax.lax.rsqrt(jnp.maximum(total(side**2), TINY))
 
 
 def points_towards(outline: Outline, way: Float[Array, "2 n b"]) -> Bool[Array, "n b"]:

@@ -13,7 +13,15 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Bool, Float
 
-from mjx_fit.engines.mjx.boundary import TINY, Boundary, Outline, boundary, is_salient, points_towards
+from mjx_fit.engines.mjx.boundary import (
+    TINY,
+    UNROLLED,
+    Boundary,
+    Outline,
+    boundary,
+    is_salient,
+    points_towards,
+)
 from mjx_fit.engines.mjx.collision import Points, frames
 from mjx_fit.engines.mjx.prisms import (
     Peg,
@@ -24,13 +32,13 @@ from mjx_fit.engines.mjx.prisms import (
     height_of_tip,
     in_socket_frame,
     level,
+    slope_of_tip,
+    thinned,
 )
 from mjx_fit.types import Array
 from mjx_fit.utils.linalg import largest, times, total
 
 _ROOT_HALF = 0.5**0.5
-MOST_OF_A_KIND = 16
-"""Candidates of one kind that are kept: corners of the tip, of the rim, crossings and so on."""
 
 
 def touching_points(
@@ -66,30 +74,13 @@ def touching_points(
         upper = upper._replace(depth=jnp.where(chamfered, upper.depth, 0.0))
         found.append(_of_real(socket.outline, upper))
     found += _of_crossings(peg, socket, pose, tip, (at_tip, at_rim))
-    depth, pos, normal = (
-        jnp.concatenate(parts, axis=-2) for parts in zip(*map(_thinned, found), strict=True)
-    )
+    depth, pos, normal = (jnp.concatenate(parts, axis=-2) for parts in zip(*map(thinned, found), strict=True))
     fields = jnp.concatenate([depth[None], pos, normal])
     deep, *rest = jnp.moveaxis(largest(depth, fields, count), 0, 1)
     pos, normal = jnp.stack(rest[:3]), jnp.stack(rest[3:])
     normal = jnp.where(deep > 0, normal, jnp.array([0.0, 0.0, -1.0])[:, None, None])
     dist = jnp.where(deep > 0, -deep, 1.0)
     return Points(dist, pos.swapaxes(0, 1), jnp.moveaxis(frames(normal), 2, 0))
-
-
-def _thinned(touch: Touch) -> Touch:
-    """Keep the deepest of each few neighbours if there are many: a face needs no more points to stand."""
-    n = len(touch.depth)
-    if n <= MOST_OF_A_KIND:
-        return touch
-    size = -(-n // MOST_OF_A_KIND)
-    fields = jnp.concatenate([touch.depth[None], touch.pos, touch.normal])
-    fields = jnp.pad(fields, ((0, 0), (0, -n % size), (0, 0)))
-    rows = fields.reshape(len(fields), -1, size, fields.shape[-1])
-    best = rows[:, :, 0]
-    for i in range(1, size):
-        best = jnp.where(rows[0, :, i] > best[0], rows[:, :, i], best)
-    return Touch(best[0], best[1:4], best[4:])
 
 
 def _of_real(outline: Outline, touch: Touch) -> Touch:
@@ -214,6 +205,9 @@ def _of_crossings(
     rim, along = socket.rim.start, socket.rim.end - socket.rim.start
     step = (in_socket_frame(pose, peg.face.end, peg.length) - tip)[:2]
 
+    # The tip's height along a side of the rim.
+    height, slope = height_of_tip(peg, pose, rim), slope_of_tip(pose, along)
+
     def crossed(ends, side):
         (x, y), (step_x, step_y), overlap = side
         scale = along[0] * step_y - along[1] * step_x
@@ -221,8 +215,8 @@ def _of_crossings(
         gap_x, gap_y = x - rim[0], y - rim[1]
         t = (gap_x * step_y - gap_y * step_x) / scale
         s = (gap_x * along[1] - gap_y * along[0]) / scale
-        height = height_of_tip(peg, pose, rim + t * along)
-        there = (t > 0) & (t < 1) & (s > 0) & (s < 1) & (-height < jnp.maximum(overlap, within))
+        there = (t > 0) & (t < 1) & (s > 0) & (s < 1)
+        there &= -(height + t * slope) < jnp.maximum(overlap, within)
         first, last = (
             jnp.where(there, choose(end, t), end)
             for choose, end in zip((jnp.minimum, jnp.maximum), ends, strict=True)
@@ -231,13 +225,12 @@ def _of_crossings(
 
     none = jnp.full(rim.shape[1:], 2.0), jnp.full(rim.shape[1:], -1.0)
     sides = jnp.moveaxis(tip[:2], 1, 0), jnp.moveaxis(step, 1, 0), beyond
-    (first, last), _ = jax.lax.scan(crossed, none, sides)
+    (first, last), _ = jax.lax.scan(crossed, none, sides, unroll=UNROLLED)
 
     def at(t):
-        flat = rim + t * along
-        height = height_of_tip(peg, pose, flat)
-        depth = jnp.where((t > 0) & (t < 1) & (height < 0), -height, 0.0)
-        place = jnp.concatenate([flat, 0.5 * height[None]])
+        above = height + t * slope
+        depth = jnp.where((t > 0) & (t < 1) & (above < 0), -above, 0.0)
+        place = jnp.concatenate([rim + t * along, 0.5 * above[None]])
         return Touch(depth, place, down(place))
 
     return at(first), at(jnp.where(last > first, last, -1.0))

@@ -67,7 +67,7 @@ def socket_of(shape: Shape, scene: SceneConfig) -> Socket:
 
 def _sides(figure: MultiPolygon, inset_m: float, *, hanging: bool) -> Outline:
     """Return the sides of polygons, moved inwards; a spare side follows each ring."""
-    starts, ends, before = [], [], []
+    starts, ends, before, after = [], [], [], []
     for polygon in figure.geoms:
         for ring in (polygon.exterior, *polygon.interiors):
             corners = inset_corners(np.asarray(ring.coords)[:-1], inset_m)
@@ -76,7 +76,8 @@ def _sides(figure: MultiPolygon, inset_m: float, *, hanging: bool) -> Outline:
             starts += [corners, first]
             ends += [corners[1:], first, first]
             before += [corners[-1:], corners]
-    return Outline(*(np.concatenate(each).T for each in (starts, ends, before)))
+            after += [corners[2:], corners[:2], corners[1:2]]
+    return Outline(*(np.concatenate(each).T for each in (starts, ends, before, after)))
 
 
 def _padded(parts: list[Any]) -> list[Any]:

@@ -12,6 +12,9 @@ from mjx_fit.engines.mjx.boundary import Outline
 from mjx_fit.types import Array
 from mjx_fit.utils.linalg import times, total
 
+MOST_OF_A_KIND = 16
+"""Candidates of one kind that are kept: corners of the tip, of the rim, crossings and so on."""
+
 
 class Peg(NamedTuple):
     """Peg in its own frame, whose z axis points to the tip.
@@ -95,6 +98,12 @@ def height_of_tip(peg: Peg, pose: Pose, flat) -> Float[Array, "n b"]:
     return centre[2] - total(axis[:2, None] * (flat - centre[:2, None])) / axis[2]
 
 
+def slope_of_tip(pose: Pose, step: Float[Array, "2 n b"]) -> Float[Array, "n b"]:
+    """Return how much the tip's plane rises over steps in the plane of the plate."""
+    axis = pose.frame[:, 2]
+    return -total(axis[:2, None] * step) / axis[2]
+
+
 def level(flat: Float[Array, "2 n b"]) -> Float[Array, "3 n b"]:
     """Return vectors in the plane of the plate's top."""
     return jnp.concatenate([flat, jnp.zeros_like(flat[:1])])
@@ -103,3 +112,18 @@ def level(flat: Float[Array, "2 n b"]) -> Float[Array, "3 n b"]:
 def down(like: Float[Array, "3 n b"]) -> Float[Array, "3 n b"]:
     """Return vectors that point down: from the peg to the plate below it."""
     return jnp.broadcast_to(jnp.array([0.0, 0.0, -1.0], like.dtype)[:, None, None], like.shape)
+
+
+def thinned(touch: Touch) -> Touch:
+    """Keep the deepest of each few neighbours if there are many: a face needs no more points to stand."""
+    n = len(touch.depth)
+    if n <= MOST_OF_A_KIND:
+        return touch
+    size = -(-n // MOST_OF_A_KIND)
+    fields = jnp.concatenate([touch.depth[None], touch.pos, touch.normal])
+    fields = jnp.pad(fields, ((0, 0), (0, -n % size), (0, 0)))
+    rows = fields.reshape(len(fields), -1, size, fields.shape[-1])
+    best = rows[:, :, 0]
+    for i in range(1, size):
+        best = jnp.where(rows[0, :, i] > best[0], rows[:, :, i], best)
+    return Touch(best[0], best[1:4], best[4:])
