@@ -3,8 +3,8 @@
     python experiments/parts/learned.py OUT [--until data|training|evaluation]
 
 World ``forge``, parts ``nist``, task ``nist.yaml``: detections within 5 mm. OUT receives the data sets
-``learn`` and ``held_out``, the training run ``run``, and results of ``evaluate``. A stage is a command of the
-library, which continues where it was stopped.
+``learn`` and ``held_out``, the training run ``run``, and results of ``evaluate``. A stage consists of commands
+of the library, which continue where they were stopped.
 """
 
 import argparse
@@ -14,6 +14,11 @@ from mjx_fit.report import script
 
 HERE = Path(__file__).parent
 TASK = ("--world", "forge", "--parts", "nist", "--config", HERE / "nist.yaml")
+EVALUATIONS = {
+    "position": ("full", 300),
+    "insertion": ("full,no_update,sample,oracle", 120, "--seeds", 1),
+    "assembly": ("full,failure_only,oracle", 20),
+}
 STAGES = ("data", "training", "evaluation")
 
 
@@ -31,9 +36,12 @@ def main(out: Path, until: str) -> None:
         script.command("train", "--data", out / "learn", "--out", out / "run", *TASK, *training)
     if reached >= 2:
         own = ("--run", out / "run", *TASK)
-        script.command("evaluate", "position", "--out", out / "position.json", "--trials", 600, *own)
-        script.command("evaluate", "insertion", "--out", out / "insertion.json", "--trials", 300, *own)
-        script.command("evaluate", "assembly", "--out", out / "assembly.json", "--trials", 60, *own)
+        held_out = ("--data", out / "held_out", *own)
+        script.command("evaluate", "calibration", "--out", out / "calibration.json", *held_out)
+        script.command("evaluate", "attempt", "--out", out / "attempt.json", "--trials", 100, *TASK)
+        for experiment, (methods, trials, *more) in EVALUATIONS.items():
+            asked = ("--methods", methods, "--trials", trials, *more)
+            script.command("evaluate", experiment, "--out", out / f"{experiment}.json", *asked, *own)
 
 
 if __name__ == "__main__":
