@@ -3,7 +3,7 @@
     python experiments/parts/learned.py OUT [--until data|training|evaluation]
 
 World ``forge``, parts ``nist``, task ``nist.yaml``: detections within 5 mm. OUT receives the data sets
-``learn`` and ``held_out``, the training run ``run``, and results of ``evaluate``. A stage consists of commands
+``learn`` and ``held_out``, the training run ``run``, and results of ``evaluate``. A stage is commands
 of the library, which continue where they were stopped.
 """
 
