@@ -23,7 +23,7 @@ from mjx_fit.scene.build import Scene, pair_index, simulation_scene
 from mjx_fit.scene.robot import PANDA
 
 N = 60
-SECONDS = 3.0
+SECONDS = 6.0
 OFFSET_M = 0.045
 """Distance from the hole's centre to the pressed point, clear of every hole, m."""
 
