@@ -32,15 +32,17 @@ class Sample:
         prior: The belief before the attempt: μ0, Σ0, ξ0.
         hole_type: True type of the hole.
         hole_pos_world: True position of the hole, m.
-        judged: False where the window contains the insertion of a peg that fits its own holes alone. Such a
-            window carries no information about P(o_match | type, peg, outcome), and the histogram filter
-            already uses the outcome. A peg that enters other holes may be in one of them.
+        inserted: Whether the window contains the insertion of the peg.
+        judged: False where that peg fits its own holes alone. Such a window carries no information about
+            P(o_match | type, peg, outcome), and the histogram filter already uses the outcome. A peg that
+            enters other holes may be in one of them.
     """
 
     reading: Reading
     prior: Belief
     hole_type: Int[Array, "*batch"]
     hole_pos_world: Float[Array, "*batch 2"]
+    inserted: Bool[Array, "*batch"]
     judged: Bool[Array, "*batch"]
 
 
@@ -124,6 +126,7 @@ def _sample_one(episode: Episode, key: Key[Array, ""], config: Config) -> tuple[
     count = jnp.minimum(drawn, rollout.felt.length)
     start = jax.random.randint(start_key, (), 0, rollout.felt.length - count + 1)
     settled = jnp.asarray(~enters_others(config))[rollout.felt.peg_type]
+    inserted = rollout.truth.inserted & (start + count == rollout.felt.length)
     sample = Sample(
         reading=read_window(
             rollout.felt,
@@ -134,7 +137,8 @@ def _sample_one(episode: Episode, key: Key[Array, ""], config: Config) -> tuple[
         prior=_prior(episode, prior_key, config.scene.n_types),
         hole_type=rollout.truth.hole_type,
         hole_pos_world=rollout.truth.hole_pos_world,
-        judged=~(rollout.truth.inserted & (start + count == rollout.felt.length) & settled),
+        inserted=inserted,
+        judged=~(inserted & settled),
     )
     return sample, jax.random.bernoulli(side_key)
 

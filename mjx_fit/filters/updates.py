@@ -8,7 +8,7 @@ Position`` applies ``update_position`` with it and ``update_type`` without. ``Fa
 from dataclasses import replace
 
 import jax.numpy as jnp
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from mjx_fit.config.sections.filter import FilterConfig
 from mjx_fit.filters import histogram, kalman
@@ -67,7 +67,7 @@ def update_type(
     success_probability: Float[Array, "*#batch C C"],
     *,
     hard: bool,
-    inserted: bool = False,
+    inserted: Bool[Array, "*#batch"] | bool = False,
 ) -> Belief:
     """Update the type belief after a failed attempt, Algorithm 3, or after an insertion.
 
@@ -80,8 +80,11 @@ def update_type(
         hard: Use the arg max of h_match instead of averaging over its probabilities.
         inserted: True: the peg went in, as deep as an insertion.
     """
-    outcome_logp = histogram.insertion_logp if inserted else histogram.failure_logp
-    likelihood_logp = outcome_logp(peg_type, success_probability)
+    likelihood_logp = jnp.where(
+        jnp.asarray(inserted)[..., None],
+        histogram.insertion_logp(peg_type, success_probability),
+        histogram.failure_logp(peg_type, success_probability),
+    )
     if observation is not None:
         likelihood_logp += histogram.match_logp(
             observation.match_logits, observation.match_model_logp, hard=hard

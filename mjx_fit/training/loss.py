@@ -96,7 +96,7 @@ def _after_update(
     """Return the posterior and its loss."""
     peg_type = sample.reading.peg_type
     belief = update_position(prior, observation)
-    belief = update_type(belief, observation, peg_type, alpha, hard=False)
+    belief = update_type(belief, observation, peg_type, alpha, hard=False, inserted=sample.inserted)
     is_match = sample.hole_type == peg_type
     match_logp = jax.nn.log_softmax(observation.match_logits, axis=-1)
     loss = _loss(

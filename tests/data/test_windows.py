@@ -62,7 +62,8 @@ def test_windows_are_consecutive_rows_of_their_episode(seed):
         assert mask[i, :count].all()
         assert min(4, lengths[i]) <= count <= min(10, lengths[i])
         assert starts[i] + count <= lengths[i]
-        assert bool(sample.judged[i]) == (not (inserted[i] and starts[i] + count == lengths[i]))
+        assert bool(sample.inserted[i]) == (inserted[i] and starts[i] + count == lengths[i])
+        assert bool(sample.judged[i]) == (not sample.inserted[i])
         wrench = data.trace.wrench_sensor[i, rows] - data.tare_sensor[i]
         np.testing.assert_allclose(reading.wrench_sensor[i, :count], wrench, rtol=1e-5, atol=1e-5)
         origin = np.append(data.estimate_world[i], plate_top_m(CONFIG.scene))

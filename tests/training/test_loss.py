@@ -10,7 +10,6 @@ import pytest
 
 from mjx_fit.config.schema import Config
 from mjx_fit.data.windows import Sample
-from mjx_fit.filters.outcome_model import constant_matrix
 from mjx_fit.training.loss import filter_loss, frame_by_frame_loss, sequence_loss, weighted_sum
 from mjx_fit.types import Belief, Observation, Reading
 
@@ -43,6 +42,7 @@ def make_problem(seed: int = 0) -> tuple[Observation, Sample]:
         prior=prior,
         hole_type=jnp.where(jnp.arange(B) < 4, jnp.arange(B) % 3, (jnp.arange(B) + 1) % 3),
         hole_pos_world=prior.pos_mean_world + jnp.asarray(rng.normal(0, 0.01, (B, 2))),
+        inserted=jnp.asarray(np.arange(B) % 4 == 3),
         judged=jnp.asarray(np.arange(B) % 4 != 3),
     )
     return observation, sample
@@ -139,14 +139,19 @@ def test_a_chain_is_one_big_gaussian_and_one_product_of_likelihoods():
     hole = sample.prior.pos_mean_world[:, :1] + jnp.array([0.004, -0.003])
     starts = hole + jnp.asarray(np.random.default_rng(5).normal(0, 0.004, (B, 3, 2)), jnp.float32)
     starts = starts.at[:, 0].set(sample.prior.pos_mean_world[:, 0])
+    # The last attempt at every other hole ends with the peg in it, as when it enters holes of other types.
+    inserted = jnp.zeros((B, 3), bool).at[::2, 2].set(True)
+    alpha = ((0.3, 0.1, 0.0), (0.0, 0.3, 0.2), (0.1, 0.2, 0.3))
+    config = replace(Config(), task=replace(Config().task, success_by_error=None, success_probability=alpha))
     sample = replace(
         sample,
         hole_pos_world=jnp.broadcast_to(hole, (B, 3, 2)),
         hole_type=jnp.broadcast_to(sample.hole_type[:, :1], (B, 3)),
         prior=replace(sample.prior, pos_mean_world=starts),
+        inserted=inserted,
         judged=jnp.ones((B, 3), bool),
     )
-    losses = jax.jit(partial(sequence_loss, config=Config()))(observation, sample)
+    losses = jax.jit(partial(sequence_loss, config=config))(observation, sample)
     for i in range(B):
         o, s = (jax.tree.map(lambda x, i=i: np.asarray(x[i], float), tree) for tree in (observation, sample))
         information = np.linalg.inv(s.prior.pos_cov[0] * 1e4)
@@ -160,8 +165,8 @@ def test_a_chain_is_one_big_gaussian_and_one_product_of_likelihoods():
             error = s.hole_pos_world[k] * 100 - cov @ vector
             p = np.exp(o.match_logits[k]) / np.exp(o.match_logits[k]).sum()
             xi = xi * (np.exp(o.match_model_logp[k]) @ p)
-            peg = int(s.reading.peg_type[k])
-            xi[peg] *= 1 - constant_matrix(Config())[peg, peg]
+            enters = np.array(alpha[int(s.reading.peg_type[k])])
+            xi = xi * (np.maximum(enters, 1e-9) if s.inserted[k] else 1 - enters)
             xi = xi / xi.sum()
             assert losses.pos_logdet[i, k] == pytest.approx(0.5 * np.log(np.linalg.det(cov)), abs=1e-3)
             mahalanobis = 0.5 * error @ information @ error

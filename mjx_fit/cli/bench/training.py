@@ -78,7 +78,7 @@ def sample_of(config: Config, seed: int = 0) -> Any:
     n_types = config.scene.n_types
     types = jnp.full((n, n_types), -np.log(n_types), jnp.float32)
     prior = Belief(jnp.zeros((n, 2)), cov, types)
-    return Sample(reading, prior, hole, place, jnp.ones(n, bool))
+    return Sample(reading, prior, hole, place, jnp.zeros(n, bool), jnp.ones(n, bool))
 
 
 def _time(name: str, config: Config) -> tuple[float, list[float]]:
