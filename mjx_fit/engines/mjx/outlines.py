@@ -1,5 +1,6 @@
 """Outlines of pegs and holes as arrays of one shape for all pairs of a scene."""
 
+import math
 from itertools import product
 from typing import Any, NamedTuple
 
@@ -11,7 +12,7 @@ from shapely import MultiPolygon
 from mjx_fit.config.sections.scene import SceneConfig
 from mjx_fit.config.sections.shape import Shape
 from mjx_fit.engines.mjx.boundary import Outline
-from mjx_fit.engines.mjx.prisms import Peg, Socket
+from mjx_fit.engines.mjx.prisms import Peg, Socket, grouped
 from mjx_fit.scene.outline import hole_outline, inset_corners, peg_outline
 from mjx_fit.scene.pieces import peg_pieces, socket_pieces
 
@@ -81,10 +82,21 @@ def _sides(figure: MultiPolygon, inset_m: float, *, hanging: bool) -> Outline:
 
 
 def _padded(parts: list[Any]) -> list[Any]:
-    """Pad all outlines to the same number of sides with spare ones at the last corner."""
-    n = max(part.outline.start.shape[1] for part in parts)
+    """Give all outlines the same number of sides, by spare sides spread evenly after the real ones.
 
-    def pad(leaf):
-        return leaf if leaf.ndim == 0 else np.pad(leaf, ((0, 0), (0, n - leaf.shape[1])), mode="edge")
+    Spread, they leave the real corners of a simple part in groups of their own: see ``prisms.thinned``.
+    """
+    n = math.prod(grouped(max(part.outline.start.shape[1] for part in parts)))
 
-    return [jax.tree.map(pad, part) for part in parts]
+    def spread(leaf):
+        return _spread(leaf, n) if isinstance(leaf, Outline) else leaf
+
+    return [jax.tree.map(spread, part, is_leaf=lambda leaf: isinstance(leaf, Outline)) for part in parts]
+
+
+def _spread(outline: Outline, n: int) -> Outline:
+    """Insert spare sides at the ends of sides, n sides in all."""
+    which = np.arange(n) * outline.start.shape[1] // n
+    spare = np.diff(which, prepend=-1) == 0
+    start, end, before, after = (leaf[:, which] for leaf in outline)
+    return Outline(np.where(spare, end, start), end, np.where(spare, start, before), after)

@@ -13,7 +13,9 @@ from mjx_fit.types import Array
 from mjx_fit.utils.linalg import times, total
 
 MOST_OF_A_KIND = 16
-"""Candidates of one kind that are kept: corners of the tip, of the rim, crossings and so on."""
+"""Candidates of one kind that are all kept: corners of the tip, of the rim, crossings and so on."""
+_GROUPS = range(MOST_OF_A_KIND, 21)
+"""Numbers of candidates that are kept of more."""
 
 
 class Peg(NamedTuple):
@@ -114,15 +116,23 @@ def down(like: Float[Array, "3 n b"]) -> Float[Array, "3 n b"]:
     return jnp.broadcast_to(jnp.array([0.0, 0.0, -1.0], like.dtype)[:, None, None], like.shape)
 
 
+def grouped(n: int) -> tuple[int, int]:
+    """Divide n candidates into groups of neighbours: number and size, with the fewest spare places."""
+    if n <= MOST_OF_A_KIND:
+        return n, 1
+    groups = min(_GROUPS, key=lambda groups: -(-n // groups) * groups)
+    return groups, -(-n // groups)
+
+
 def thinned(touch: Touch) -> Touch:
     """Keep the deepest of each few neighbours if there are many: a face needs no more points to stand."""
     n = len(touch.depth)
-    if n <= MOST_OF_A_KIND:
+    groups, size = grouped(n)
+    if size == 1:
         return touch
-    size = -(-n // MOST_OF_A_KIND)
     fields = jnp.concatenate([touch.depth[None], touch.pos, touch.normal])
-    fields = jnp.pad(fields, ((0, 0), (0, -n % size), (0, 0)))
-    rows = fields.reshape(len(fields), -1, size, fields.shape[-1])
+    fields = jnp.pad(fields, ((0, 0), (0, groups * size - n), (0, 0)))
+    rows = fields.reshape(len(fields), groups, size, fields.shape[-1])
     best = rows[:, :, 0]
     for i in range(1, size):
         best = jnp.where(rows[0, :, i] > best[0], rows[:, :, i], best)
