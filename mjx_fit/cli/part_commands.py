@@ -54,9 +54,9 @@ def part_import(args: argparse.Namespace) -> None:
     from mjx_fit.config.schema import config_from_tree
     from mjx_fit.report.figures.parts import parts
     from mjx_fit.report.script import draw
-    from mjx_fit.scene.outline import require_possible
     from mjx_fit.scene.part_files.importing import import_part, shape_tree, wanted_of
     from mjx_fit.scene.part_files.parts_yaml import as_yaml, with_part
+    from mjx_fit.scene.part_rules import require_possible
     from mjx_fit.utils.files import require_writable, write_text
 
     wanted = wanted_of(args.units, args.axis, args.at, args.depth, args.clearance, args.tolerance)
@@ -85,7 +85,7 @@ def part_show(args: argparse.Namespace) -> None:
     from mjx_fit.report.figures.parts import fit_table, parts
     from mjx_fit.report.script import draw
     from mjx_fit.scene.fits import fitting
-    from mjx_fit.scene.outline import require_possible
+    from mjx_fit.scene.part_rules import require_possible
 
     scene = read_config(parts_file(args.parts)).scene
     for shape in scene.shapes:

@@ -7,7 +7,7 @@ settings, at the ends of the ranges and of these rules, one at a time and combin
 import math
 from collections.abc import Iterator
 
-from mjx_fit.config.sections.scene import SceneConfig
+from mjx_fit.config.sections.scene import LEAST_CONTACT_TIME_S, SceneConfig
 from mjx_fit.config.sections.task import TaskConfig
 from mjx_fit.config.sections.world import ControlConfig, RandomConfig, SpiralConfig
 from mjx_fit.utils.errors import require, shown
@@ -40,6 +40,10 @@ def require_steady(
     for field, value, most, because in _rules(scene, control, spiral, random):
         require(f"config: {field}", value, 0, round(most, 6), because)
     shortest = min(scene.contact_time_of(shape) for shape in scene.shapes)
+    per_gap = scene.contact_time_per_gap
+    least = round(per_gap * LEAST_CONTACT_TIME_S / shortest, 6)
+    why = f"a contact time of {shortest:.6g} s must be at least {LEAST_CONTACT_TIME_S}"
+    require("config: scene.contact_time_per_gap", per_gap, min(least, 100), 100, why)
     why = f"a contact time of {shortest:.6g} s must last two steps"
     require("config: scene.steps_per_torque", scene.physics_steps, scene.least_physics_steps, 20, why)
     most = round(scene.hole_depth_m - ABOVE_FLOOR_M, 6)

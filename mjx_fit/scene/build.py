@@ -19,7 +19,7 @@ from jaxtyping import Float
 from mjx_fit.config.sections.scene import SceneConfig
 from mjx_fit.config.sections.shape import Shape
 from mjx_fit.scene.contact_options import HOLE_BIT, PEG_BIT, add_pairs, contact_options, touching
-from mjx_fit.scene.outline import require_possible
+from mjx_fit.scene.part_rules import require_possible
 from mjx_fit.scene.parts import HANGING, plate_top_m
 from mjx_fit.scene.pieces import Piece, Ring, padded, peg_pieces, socket_pieces
 from mjx_fit.scene.robot import ROBOTS, Robot

@@ -2,6 +2,7 @@
 
 import math
 from functools import lru_cache
+from typing import cast
 
 import numpy as np
 import shapely
@@ -15,8 +16,9 @@ from mjx_fit.scene.outline import hole_outline, peg_outline
 
 ROOM_M = 1e-7
 """A peg needs this much room: without it the sections touch."""
-_ALONG = 12
-"""Number of longest sides whose directions are compared for turned pegs."""
+TURNED_ROOM_M = 2e-6
+"""A peg that is turned needs this much room."""
+_FIRST_YAWS = 32
 
 
 @lru_cache(maxsize=16)
@@ -59,22 +61,33 @@ def fits(peg: MultiPolygon, hole: MultiPolygon) -> bool:
 def fits_turned(peg: MultiPolygon, hole: MultiPolygon) -> bool:
     """Check whether a peg fits a hole at some position and yaw.
 
-    A peg that fits tightly has a side along a side of the hole: the yaws tried are those at which one of the
-    longest sides of either is parallel to one of the other.
+    Turned by less than an angle, no point moves further than the angle times its distance from the centre. So
+    a range of yaws is ruled out if the peg, thinner by that much all around, does not fit in its middle. The
+    others are halved until a peg fits, or until what is cut off is less than ``TURNED_ROOM_M``.
     """
-    if peg.area > hole.area:
+    if _inner_radius(peg) > _inner_radius(hole) + TURNED_ROOM_M:
         return False
-    one, other = _directions(peg), _directions(hole)
-    yaws = {round(math.degrees(there - here) % 360, 6) for here in one for there in other}
-    return any(fits(rotate(peg, yaw, origin=(0, 0)), hole) for yaw in sorted(yaws))
+    centre = peg.centroid
+    radius_m = shapely.hausdorff_distance(peg.boundary, centre)
+    half = math.pi / _FIRST_YAWS
+    yaws = 2 * half * np.arange(_FIRST_YAWS)
+    while len(yaws) and half * radius_m > TURNED_ROOM_M:
+        thinner = peg.buffer(-half * radius_m, join_style="mitre")
+        kept = []
+        for yaw in yaws:
+            whole, less = (
+                cast(MultiPolygon, rotate(one, yaw, origin=centre, use_radians=True))
+                for one in (peg, thinner)
+            )
+            if fits(whole, hole):
+                return True
+            if less.is_empty or fits(less, hole):
+                kept.append(yaw)
+        half /= 2
+        yaws = np.add.outer(kept, [-half, half]).ravel()
+    return False
 
 
-def _directions(figure: MultiPolygon) -> list[float]:
-    """Return the directions of the longest sides, rad."""
-    steps = [
-        np.diff(np.asarray(ring.coords) @ [1, 1j])
-        for part in figure.geoms
-        for ring in (part.exterior, *part.interiors)
-    ]
-    longest = sorted(np.concatenate(steps), key=abs, reverse=True)[:_ALONG]
-    return [float(np.angle(step)) for step in longest]
+def _inner_radius(figure: MultiPolygon) -> float:
+    """Return the radius of the largest circle inside, m, to within half of ``TURNED_ROOM_M``."""
+    return shapely.maximum_inscribed_circle(figure, TURNED_ROOM_M / 2).length

@@ -13,6 +13,7 @@ from jaxtyping import Float
 from shapely import LinearRing, MultiPolygon, Polygon
 from shapely.affinity import rotate, translate
 from shapely.affinity import scale as scale_about_origin
+from shapely.geometry.base import BaseGeometry
 
 from mjx_fit.config.sections.cross_section import CrossSection, Rectangle
 from mjx_fit.config.sections.scene import SceneConfig
@@ -22,6 +23,8 @@ from mjx_fit.utils.errors import RequestError, shown
 GRID_M = 1e-9
 """Coordinates are rounded to this grid, so that figures which touch share their corners."""
 MITRE_LIMIT = 10.0
+PLATE_RIM_M = 0.001
+"""Narrowest rim of a plate around a hole."""
 
 
 def outline(section: CrossSection, tolerance_m: float) -> MultiPolygon:
@@ -102,58 +105,16 @@ def is_its_own_mirror_image(shape: Shape, scene: SceneConfig) -> bool:
     return is_symmetric(peg_outline(shape, scene)) and is_symmetric(hole_outline(shape, scene))
 
 
-def require_possible(shape: Shape, scene: SceneConfig) -> None:
-    """Check that a part has an area, is not thinner than its clearance, and fits its own socket.
-
-    Raises:
-        RequestError: The part cannot be made.
-    """
-    peg, gap = peg_outline(shape, scene), scene.clearance_of(shape)
-    if peg.is_empty:
-        raise _impossible(shape, "the section is empty")
-    thin = [part for part in peg.geoms if part.buffer(-0.499 * gap).is_empty]
-    if thin:
-        raise _impossible(shape, f"a piece of its section is thinner than the clearance ({gap} m)")
-    hole = hole_outline(shape, scene)
-    if not hole.contains(peg):
-        raise _impossible(shape, "the peg does not fit its own socket")
-    least = float(peg.boundary.distance(hole.boundary))
-    if least < (1 - shape.facet_error - _SAME) * gap:
-        raise _impossible(
-            shape, f"clearance_m: {gap:g} is more than the gap to its socket's section ({least:.3g} m)"
-        )
-    for field, figure, by in (
-        ("chamfer_m", peg, shape.chamfer_m),
-        ("socket.chamfer_m", hole, -shape.socket.chamfer_m),
-    ):
-        if not _keeps_its_sides(figure, by):
-            raise _impossible(shape, f"{field}: {abs(by)} leaves no room for a side of its section")
-
-
-def _keeps_its_sides(figure: MultiPolygon, by_m: float) -> bool:
-    """Check that no side vanishes and no sides meet if all are moved inwards by a distance."""
-    moved = inset(figure, by_m)
-    before, after = (
-        [np.diff(np.asarray(ring.coords), axis=0) for ring in rings_of(each)] for each in (figure, moved)
-    )
-    same_way = all((one * other).sum(1).min() > 0 for one, other in zip(before, after, strict=True))
-    return same_way and moved.is_valid
-
-
 def rings_of(figure: MultiPolygon) -> Iterator[LinearRing]:
     """Yield outer and inner rings of all polygons."""
     return (ring for part in figure.geoms for ring in (part.exterior, *part.interiors))
-
-
-def _impossible(shape: Shape, why: str) -> RequestError:
-    return RequestError(f"config: scene.shapes: {shape.name} cannot be used: {why}")
 
 
 _SAME = 1e-6
 """Share of an area that rounding may make."""
 
 
-def grown(figure: MultiPolygon, gap_m: float) -> MultiPolygon:
+def grown(figure: BaseGeometry, gap_m: float) -> MultiPolygon:
     """Grow an outline by a gap on every side; corners stay corners."""
     return _polygons(figure.buffer(gap_m, join_style="mitre", mitre_limit=MITRE_LIMIT))
 

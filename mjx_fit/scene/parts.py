@@ -75,7 +75,7 @@ def hole_boxes(shape: Shape, scene: SceneConfig, scale: float = 1.0) -> Boxes:
         scene: Defines clearance, depth and size of the socket.
         scale: Factor of the cross-section.
     """
-    gap, width, bottom = scene.clearance_m, scene.plate_half_width_m, -scene.hole_depth_m
+    gap, width, bottom = scene.clearance_of(shape), scene.plate_half_width_m, -scene.hole_depth_m
     open_ = [(x0 - gap, y0 - gap, x1 + gap, y1 + gap) for x0, y0, x1, y1 in _scaled(shape, scale)]
     left, front = (min(rectangle[i] for rectangle in open_) for i in (0, 1))
     right, back = (max(rectangle[i] for rectangle in open_) for i in (2, 3))

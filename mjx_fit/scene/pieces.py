@@ -18,7 +18,7 @@ from shapely.geometry.base import BaseGeometry
 from mjx_fit.config.sections.scene import SceneConfig
 from mjx_fit.config.sections.shape import Shape
 from mjx_fit.scene.decomposition import convex_pieces, corners_of
-from mjx_fit.scene.outline import hole_outline, inset, peg_outline, rings_of
+from mjx_fit.scene.outline import PLATE_RIM_M, hole_outline, inset, peg_outline, rings_of
 from mjx_fit.scene.parts import FLOOR_THICKNESS_M, Boxes, hole_boxes, peg_boxes
 
 RING = 0.5
@@ -109,8 +109,10 @@ def socket_pieces(shape: Shape, scene: SceneConfig, scale: float = 1.0) -> list[
         return _of_boxes(hole_boxes(shape, scene, scale))
     hole = hole_outline(shape, scene, scale)
     x0, y0, x1, y1 = hole.bounds
-    margin, width, depth = RING * max(x1 - x0, y1 - y0), scene.plate_half_width_m, scene.hole_depth_m
-    left, front, right, back = x0 - margin, y0 - margin, x1 + margin, y1 + margin
+    width, depth = scene.plate_half_width_m, scene.hole_depth_m
+    margin, most = RING * max(x1 - x0, y1 - y0) + socket.chamfer_m, width - PLATE_RIM_M / 2
+    left, front = max(x0 - margin, -most), max(y0 - margin, -most)
+    right, back = min(x1 + margin, most), min(y1 + margin, most)
     found = [
         _block(*ends, -depth, 0.0)
         for ends in (

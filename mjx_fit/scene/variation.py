@@ -78,6 +78,11 @@ def require_linear(scene: SceneConfig, ranges: dict[str, tuple[float, float]], f
     Raises:
         RequestError: A gap of a shape opens or closes in between.
     """
+    own = [shape.name for shape in scene.shapes if shape.clearance_m is not None]
+    if own and "clearance_m" in ranges:
+        raise RequestError(
+            f"{field}.clearance_m cannot be drawn: {', '.join(own)}: they have a clearance_m of their own"
+        )
     at = _values_at(scene)
     for make, ends in product(_MAKERS if ranges else (), product(*ranges.values())):
         changes = dict(zip(ranges, ends, strict=True))

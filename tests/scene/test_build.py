@@ -22,6 +22,7 @@ from mjx_fit.scene.build import pair_index, picture_scene, place_holes, simulati
 from mjx_fit.scene.parts import hole_boxes, peg_boxes
 from mjx_fit.scene.robot import PANDA, ROBOTS
 from mjx_fit.types.physics import Physics
+from mjx_fit.utils.errors import RequestError
 
 MASS = {
     "link1": 4.970684, "link2": 0.646926, "link3": 3.228604, "link4": 3.587895, "link5": 1.225946,
@@ -184,6 +185,12 @@ def test_stiffness_and_step_follow_the_smaller_clearance():
     stiffer = Models(scene).of(np.array([0]), Physics(contact_time_s=np.array([0.0008])))[0]
     assert softer.pair_solref[0, 0] == pytest.approx(NIST.scene.contact_time_per_gap * gaps[0])
     assert stiffer.pair_solref[0, 0] == pytest.approx(0.0008)
+
+
+def test_a_contact_time_below_the_shortest_is_refused():
+    with pytest.raises(RequestError, match=r"contact_time_per_gap: 9\.0 is out of range: expected 9\.09"):
+        read_config(parts_file("nist"), ["scene.contact_time_per_gap=9"])
+    assert simulation_scene(read_config(parts_file("nist"), ["scene.contact_time_per_gap=9.1"]).scene)
 
 
 def test_a_longer_contact_time_per_gap_needs_fewer_steps():

@@ -18,8 +18,8 @@ from mjx_fit.scene.outline import (
     is_its_own_mirror_image,
     outline,
     peg_outline,
-    require_possible,
 )
+from mjx_fit.scene.part_rules import require_possible
 from mjx_fit.utils.errors import RequestError
 
 SCENE = SceneConfig()
@@ -163,6 +163,35 @@ def test_mirror_images():
         (
             Shape("thin", section=CrossSection(rectangle=Rectangle((0.01, 0.0005)))),
             "thinner than",
+        ),
+        (
+            Shape(
+                "rib",
+                section=CrossSection(
+                    union=(ROUND, CrossSection(rectangle=Rectangle((0.0009, 0.004)), at_m=(0.0, 0.005)))
+                ),
+            ),
+            "thinner than",
+        ),
+        (Shape("large", section=CrossSection(polygon=Polygon(3, 0.06))), "is 0.104 m wide: expected at most"),
+        (
+            Shape(
+                "off_the_plate",
+                section=ROUND,
+                socket=Socket(
+                    section=CrossSection(
+                        union=(
+                            CrossSection(circle=Circle(0.06)),
+                            *(
+                                CrossSection(rectangle=Rectangle((0.06, 0.002)), at_m=(x, 0.0))
+                                for x in (0.028, 0.03)
+                            ),
+                        ),
+                        at_m=(0.02, 0.0),
+                    )
+                ),
+            ),
+            "socket: its mouth reaches 0.0[89].* expected at most 0.079",
         ),
         (
             Shape("wide", section=ROUND, socket=Socket(section=CrossSection(circle=Circle(0.0079)))),

@@ -11,8 +11,9 @@ from places import EXPERIMENTS
 
 from mjx_fit.config.sections.scene import SceneConfig
 from mjx_fit.config.sections.shape import Shape
-from mjx_fit.scene.outline import outline, require_possible
+from mjx_fit.scene.outline import outline
 from mjx_fit.scene.part_files.importing import Wanted, import_part, wanted_of
+from mjx_fit.scene.part_rules import require_possible
 from mjx_fit.utils.errors import RequestError
 
 SAMPLES = EXPERIMENTS / "parts"

@@ -17,6 +17,7 @@ MOST_TYPES = 12
 """Maximum number of shapes in a scene, limited by the number of distinguishable colours."""
 
 
+LEAST_CONTACT_TIME_S = 0.0005
 LEAST_STEPS, STIFF_STEPS = 2, 2.2
 """Physics steps in the time constant of a contact: at least, and where the clearance sets it."""
 _ALMOST = 0.999
@@ -68,7 +69,7 @@ class SceneConfig:
     hole_depth_m: Annotated[float, Field(ge=0.01, le=0.08)] = 0.035
     peg_length_m: Annotated[float, Field(ge=0.05, le=0.15)] = 0.07
     friction: Annotated[float, Field(ge=0, le=2)] = 0.3
-    contact_time_s: Annotated[float, Field(ge=0.0005, le=0.05)] = 0.01
+    contact_time_s: Annotated[float, Field(ge=LEAST_CONTACT_TIME_S, le=0.05)] = 0.01
     contact_time_per_gap: Annotated[float, Field(ge=2, le=100, json_schema_extra={"unit": "s/m"})] = 11.0
     contact_width_m: Annotated[float, Field(ge=0.000001, le=0.001)] = 0.0001
     contact_damping: Annotated[float, Field(ge=0.5, le=5)] = 1.0
