@@ -1,10 +1,14 @@
 """Commands ``part import`` and ``part show``: parts from files, and pictures of parts."""
 
 import argparse
+from typing import TYPE_CHECKING
 
 from mjx_fit.cli.options import add_command
 from mjx_fit.cli.path_argument import path
 from mjx_fit.config.part_sets import PART_SETS, parts_file
+
+if TYPE_CHECKING:
+    from mjx_fit.scene.part_files.importing import Wanted
 
 # Each command imports its own dependencies, so that `mjx-fit --help` answers immediately.
 _MM_PER_M = 1000.0
@@ -17,28 +21,41 @@ def add_part(parsers: argparse._SubParsersAction) -> None:
     )
     read = add_command(whats, "import", part_import, "make a part from a drawing or a solid")
     read.add_argument("file", type=path, metavar="FILE", help=".dxf, .svg, .stl, .obj, .step")
-    read.add_argument("--units", required=True, metavar="U", help="mm, cm, m, in or um")
+    read.add_argument(
+        "--units",
+        required=True,
+        metavar="U",
+        help="mm, cm, m, in or um; STEP, and SVG with a width in mm or the like, state their own",
+    )
     read.add_argument("--name", required=True, metavar="NAME", help="name of the part")
     read.add_argument(
-        "--out", type=path, required=True, metavar="FILE.yaml", help="new, or with other imported parts"
-    )
-    read.add_argument(
-        "--axis", default="-z", metavar="A", help="direction of insertion of a solid (default -z)"
-    )
-    read.add_argument(
-        "--at", type=float, metavar="D", help="distance of the section from a solid's tip, in --units"
-    )
-    read.add_argument(
-        "--depth", type=float, default=10, metavar="MM", help="insertion depth in mm (default 10)"
+        "--out",
+        type=path,
+        required=True,
+        metavar="FILE.yaml",
+        help="new, or with other imported parts; a picture beside it, FILE.png, is replaced",
     )
     read.add_argument(
         "--clearance", type=float, default=0.1, metavar="MM", help="air per side in mm (default 0.1)"
     )
     read.add_argument(
+        "--chamfer",
+        type=float,
+        default=0,
+        metavar="MM",
+        help="width and height of the chamfer at the tip in mm (default 0); a solid may have it",
+    )
+    read.add_argument(
         "--tolerance",
         type=float,
         metavar="MM",
-        help="error of straight lines (default: a 20th of the clearance)",
+        help="error of straight lines in mm (default: a 20th of the clearance)",
+    )
+    solid = read.add_argument_group("solids")
+    solid.add_argument("--axis", metavar="A", help="direction of insertion, as --axis=-x (default -z)")
+    solid.add_argument("--depth", type=float, metavar="MM", help="insertion depth in mm (default 10)")
+    solid.add_argument(
+        "--at", type=float, metavar="MM", help="distance of the section from the tip in mm (default: middle)"
     )
     show = add_command(
         whats, "show", part_show, "draw parts in their sockets, and say which peg fits which socket"
@@ -54,27 +71,75 @@ def part_import(args: argparse.Namespace) -> None:
     from mjx_fit.config.schema import config_from_tree
     from mjx_fit.report.figures.parts import parts
     from mjx_fit.report.script import draw
-    from mjx_fit.scene.part_files.importing import import_part, shape_tree, wanted_of
-    from mjx_fit.scene.part_files.parts_yaml import as_yaml, with_part
+    from mjx_fit.scene.part_files.importing import import_part, shape_tree
+    from mjx_fit.scene.part_files.parts_yaml import as_yaml, require_name, require_yaml, with_part
     from mjx_fit.scene.part_rules import require_possible
     from mjx_fit.utils.files import require_writable, write_text
 
-    wanted = wanted_of(args.units, args.axis, args.at, args.depth, args.clearance, args.tolerance)
+    wanted, picture = wanted_of(args), args.out.with_suffix(".png")
+    require_name(args.name)
+    require_yaml(args.out)
     require_writable(args.out)
+    require_writable(picture)
     found = import_part(args.file, wanted)
-    tree = with_part(args.out, shape_tree(args.name, found, args.clearance))
+    shape = shape_tree(args.name, found, args.clearance / _MM_PER_M, wanted.chamfer_m)
+    tree = with_part(args.out, shape)
     config = config_from_tree(tree)
     require_possible(config.scene.shapes[-1], config.scene)
-    write_text(args.out, as_yaml(tree))
-    draw(args.out.with_suffix(".png"), lambda: parts(config.scene))
+    text = as_yaml(tree)
+    draw(picture, lambda: parts(config.scene))
+    write_text(args.out, text)
     x, y = (_MM_PER_M * side for side in found.size_m)
     print(
-        f"{args.name}: {x:.4g} by {y:.4g} mm, {found.area_m2 * _MM_PER_M**2:.5g} mm², {found.corners} corners"
+        f"{args.name}: {x:.4g} by {y:.4g} mm, {found.area_m2 * _MM_PER_M**2:.5g} mm², {found.corners} "
+        f"corners, {args.clearance:g} mm of air per side"
     )
     print(f"straight lines err by at most {_MM_PER_M * wanted.tolerance_m:.3g} mm")
     if found.change_m is not None:
-        print(f"the section changes by {_MM_PER_M * found.change_m:.3f} mm over {args.depth:g} mm")
+        print(
+            f"the section changes by {_MM_PER_M * found.change_m:.3f} mm over "
+            f"{_MM_PER_M * wanted.depth_m:g} mm"
+        )
     print(args.out)
+
+
+def wanted_of(args: argparse.Namespace) -> "Wanted":
+    """Return what the options of ``part import`` ask for.
+
+    Raises:
+        RequestError: A value is not allowed.
+    """
+    from mjx_fit.scene.part_files.importing import DRAWINGS, UNITS_M, Wanted
+    from mjx_fit.scene.part_files.solid import AXES
+    from mjx_fit.utils.errors import RequestError, require, shown
+
+    of_solids = {"--axis": args.axis, "--depth": args.depth, "--at": args.at}
+    for option, value in of_solids.items():
+        if value is not None and args.file.suffix.lower() in DRAWINGS:
+            raise RequestError(
+                f"{option}: {shown(value)} cannot be used: {args.file} is a drawing, not a solid"
+            )
+    if args.units not in UNITS_M:
+        raise RequestError(f"--units: {shown(args.units)} is invalid: expected {', '.join(UNITS_M)}")
+    axis = "-z" if args.axis is None else args.axis
+    if axis not in AXES:
+        raise RequestError(f"--axis: {shown(axis)} is invalid: expected {', '.join(AXES)}")
+    depth = 10.0 if args.depth is None else args.depth
+    tolerance = args.clearance / 20 if args.tolerance is None else args.tolerance
+    require("--clearance", args.clearance, 0.05, 5)
+    require("--depth", depth, 1, 80)
+    require("--chamfer", args.chamfer, 0, min(5, depth / 2))
+    require("--tolerance", tolerance, 0.0001, args.clearance / 2)
+    if args.at is not None:
+        require("--at", args.at, args.chamfer, depth, "the section is taken within the insertion depth")
+    return Wanted(
+        args.units,
+        tolerance / _MM_PER_M,
+        axis,
+        None if args.at is None else args.at / _MM_PER_M,
+        depth / _MM_PER_M,
+        args.chamfer / _MM_PER_M,
+    )
 
 
 def part_show(args: argparse.Namespace) -> None:

@@ -9,6 +9,8 @@ import io
 import os
 import select
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 _failed: dict[int, OSError] = {}
 
@@ -91,3 +93,21 @@ def _tolerant(stream, number: int):
         line_buffering=line_buffering,
         write_through=write_through,
     )
+
+
+@contextmanager
+def native_output_silenced() -> Iterator[None]:
+    """Discard what libraries in C write to the standard streams meanwhile."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    kept = [os.dup(number) for number in (1, 2)]
+    null = os.open(os.devnull, os.O_WRONLY)
+    try:
+        for number in (1, 2):
+            os.dup2(null, number)
+        yield
+    finally:
+        for number, own in zip((1, 2), kept, strict=True):
+            os.dup2(own, number)
+            os.close(own)
+        os.close(null)

@@ -1,5 +1,7 @@
 """``part import`` and ``part show``: what they write, say and refuse."""
 
+import ezdxf
+import numpy as np
 import pytest
 import yaml
 from places import EXPERIMENTS
@@ -7,11 +9,11 @@ from places import EXPERIMENTS
 from mjx_fit.cli import main
 from mjx_fit.config.files import read_config
 
-SLOT, PLUG = EXPERIMENTS / "parts" / "slot.dxf", EXPERIMENTS / "parts" / "usb.step"
+SLOT, PLUG, WEDGE = (EXPERIMENTS / "parts" / name for name in ("slot.dxf", "usb.step", "wedge.stl"))
 
 
-def imported(file, name, out):
-    words = ["part", "import", str(file), "--units", "mm", "--name", name, "--out", str(out)]
+def imported(file, name, out, *more):
+    words = ["part", "import", str(file), "--units", "mm", "--name", name, "--out", str(out), *more]
     return main.main(words)
 
 
@@ -57,19 +59,57 @@ def test_nothing_is_lost_in_a_file_of_parts(tmp_path, capsys):
         (["--units", "furlong"], "--units: 'furlong'"),
         (["--clearance", "0.01"], "--clearance"),
         (["--axis", "w"], "--axis"),
-        (["--name", "Not A Name"], "scene.shapes.0.name"),
+        (["--name", "Not A Name"], "--name: 'Not A Name' is invalid: expected up to 40 of a-z"),
         (["--units", "m"], "expected 0.5 to 60 mm"),
-        (["--units", "um"], "0.02 mm long along -z in --units um"),
-        (["--depth", "40"], "shorter than the insertion depth"),
+        (["--units", "um"], "0.03 mm long along -z in --units um"),
+        (["--depth", "40"], "expected more than the insertion depth (40 mm, --depth)"),
+        (["--depth", "0.1"], "--depth: 0.1 is out of range"),
+        (["--at", "50"], "--at: 50.0 is out of range: expected 0 to 10"),
+        (["--tolerance", "1"], "--tolerance: 1.0 is out of range"),
+        (["--chamfer", "6"], "--chamfer: 6.0 is out of range: expected 0 to 5"),
+        (["--out", "mine.png"], "--out: mine.png is invalid: expected a file that ends in .yaml"),
     ],
 )
 def test_what_cannot_be_imported_is_refused_in_a_line(words, said, tmp_path, capsys):
-    given = ["--units", "mm", "--name", "plug", *words]
-    assert main.main(["part", "import", str(PLUG), "--out", str(tmp_path / "mine.yaml"), *given]) == 2
+    given = ["--units", "mm", "--name", "wedge", *words]
+    assert main.main(["part", "import", str(WEDGE), "--out", str(tmp_path / "mine.yaml"), *given]) == 2
     err = capsys.readouterr().err
     assert said in err
     assert err.count("\n") == 1
     assert not list(tmp_path.iterdir())
+
+
+def test_options_of_solids_are_refused_for_drawings(tmp_path, capsys):
+    assert imported(SLOT, "slot", tmp_path / "mine.yaml", "--axis=-x") == 2
+    assert "--axis: '-x' cannot be used: " in capsys.readouterr().err
+
+
+def test_nothing_is_written_if_the_picture_cannot_be(tmp_path):
+    (tmp_path / "mine.png").mkdir()
+    assert imported(SLOT, "slot", tmp_path / "mine.yaml") != 0
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.png"]
+
+
+def test_a_file_that_could_not_be_read_again_is_not_written(tmp_path, capsys):
+    """The reader of configurations takes 10,000 values."""
+    angle, radius = np.linspace(0, 2 * np.pi, 1900, endpoint=False), 8 + np.arange(1900) % 2 / 5
+    document = ezdxf.new(units=4)
+    saw = np.column_stack([radius * np.cos(angle), radius * np.sin(angle)])
+    document.modelspace().add_lwpolyline(saw, close=True)
+    document.saveas(tmp_path / "saw.dxf")
+    out = tmp_path / "mine.yaml"
+    assert imported(tmp_path / "saw.dxf", "one", out) == 0
+    kept = out.read_text()
+    assert imported(tmp_path / "saw.dxf", "two", out) == 2
+    assert "--out: the file would be too large to be read" in capsys.readouterr().err
+    assert out.read_text() == kept
+    assert read_config([out]).scene.names == ("one",)
+
+
+def test_a_chamfer_is_written(tmp_path):
+    out = tmp_path / "mine.yaml"
+    assert imported(SLOT, "slot", out, "--chamfer", "0.5") == 0
+    assert read_config([out]).scene.shapes[0].chamfer_m == 0.0005
 
 
 def test_presets_and_files_are_parts_of_any_command(tmp_path, capsys):

@@ -12,7 +12,7 @@ from places import EXPERIMENTS
 from mjx_fit.config.sections.scene import SceneConfig
 from mjx_fit.config.sections.shape import Shape
 from mjx_fit.scene.outline import outline
-from mjx_fit.scene.part_files.importing import Wanted, import_part, wanted_of
+from mjx_fit.scene.part_files.importing import Wanted, import_part
 from mjx_fit.scene.part_rules import require_possible
 from mjx_fit.utils.errors import RequestError
 
@@ -109,7 +109,7 @@ def bad_files(folder):
     for units, size in (("m", r"2e\+04 by 1e\+04"), ("um", "0.02 by 0.01")):
         yield SAMPLES / "slot.dxf", {"units": units}, f"the section is {size} mm in --units {units}"
     yield SAMPLES / "usb.step", {"axis": "z"}, "its section changes by .* more than the tolerance"
-    yield SAMPLES / "wedge.stl", {"depth_m": 0.04}, "shorter than the insertion depth"
+    yield SAMPLES / "wedge.stl", {"depth_m": 0.04}, "expected more than the insertion depth"
     for name, content in (
         ("bad.dxf", "x"),
         ("bad.svg", "x"),
@@ -132,28 +132,3 @@ def test_files_without_a_usable_part_get_one_line(tmp_path):
         with pytest.raises(RequestError, match=f"{file.name}: .*{why}") as error:
             import_part(file, replace(Wanted(), **options))
         assert "\n" not in str(error.value)
-
-
-@pytest.mark.parametrize(
-    ("changed", "why"),
-    [
-        ({"units": "ft"}, "--units: 'ft' is invalid"),
-        ({"axis": "w"}, "--axis: 'w' is invalid"),
-        ({"at": 50.0}, "--at: 50.0 is out of range: expected 0 to 10"),
-        ({"depth_mm": 0.1}, "--depth: 0.1 is out of range"),
-        ({"clearance_mm": 0.01}, "--clearance: 0.01 is out of range"),
-        ({"tolerance_mm": 1.0}, "--tolerance: 1.0 is out of range"),
-    ],
-)
-def test_options_are_checked(changed, why):
-    options = {
-        "units": "mm",
-        "axis": "z",
-        "at": None,
-        "depth_mm": 10.0,
-        "clearance_mm": 0.1,
-        "tolerance_mm": None,
-    }
-    with pytest.raises(RequestError, match=why):
-        wanted_of(**(options | changed))
-    assert wanted_of(**options).tolerance_m == pytest.approx(5e-6)

@@ -14,6 +14,7 @@ LEAST_SIDE_M = 0.001
 """Shortest side of a rectangle: thinner parts would bend, and the simulated bodies are rigid."""
 
 
+NAME, LONGEST_NAME = r"^[a-z][a-z0-9_]*$", 40
 Chamfer = Annotated[float, Field(ge=0, le=0.005, json_schema_extra={"unit": "m"})]
 
 
@@ -54,7 +55,7 @@ class Shape:
         socket: What differs in the socket.
     """
 
-    name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$", max_length=40)]
+    name: Annotated[str, Field(pattern=NAME, max_length=LONGEST_NAME)]
     rectangles: Annotated[tuple[Corners, ...], Field(max_length=4)] = ()
     section: CrossSection | None = None
     clearance_m: Annotated[float, Field(ge=0.00005, le=0.005, json_schema_extra={"unit": "m"})] | None = None

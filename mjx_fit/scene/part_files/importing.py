@@ -12,12 +12,14 @@ from shapely.geometry.base import BaseGeometry
 
 from mjx_fit.config.sections.cross_section import MOST_ACROSS_M, CrossSection
 from mjx_fit.scene.part_files import drawing
-from mjx_fit.scene.part_files.solid import AXES, MESHES, STEP, Solid
-from mjx_fit.utils.errors import RequestError, require, shown
+from mjx_fit.scene.part_files.solid import MESHES, STEP, Solid
+from mjx_fit.utils.errors import RequestError
 
 UNITS_M = {"mm": 0.001, "cm": 0.01, "m": 1.0, "in": 0.0254, "um": 1e-6}
-SUFFIXES = (".dxf", ".svg", *MESHES, *STEP)
+DRAWINGS = (".dxf", ".svg")
+SUFFIXES = (*DRAWINGS, *MESHES, *STEP)
 LEAST_ACROSS_M = 0.0005
+MOST_CORNERS = 2000
 GRID_M = 1e-7
 """Coordinates of imported parts are rounded to a tenth of a micrometre."""
 
@@ -27,11 +29,14 @@ class Wanted:
     """What to take from a file.
 
     Attributes:
-        units: Unit of the file's coordinates, a key of ``UNITS_M``.
+        units: Unit of the file's coordinates, a key of ``UNITS_M``, if the file does not state it as STEP
+            and some SVG files do.
         tolerance_m: Largest distance of a straight line from the part, m.
         axis: Direction of insertion of a solid.
-        at_m: Distance of a solid's section from the end that is inserted first, m.
+        at_m: Distance of a solid's section from the end that is inserted first, m; None: in the middle of the
+            depth.
         depth_m: Insertion depth, over which the section must not change, m.
+        chamfer_m: Height of the chamfer at that end, where the section may change, m.
     """
 
     units: str = "mm"
@@ -39,6 +44,7 @@ class Wanted:
     axis: str = "-z"
     at_m: float | None = None
     depth_m: float = 0.01
+    chamfer_m: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -69,37 +75,50 @@ def import_part(path: Path, wanted: Wanted) -> Imported:
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise RequestError(f"{path}: cannot be read: expected a file that ends in {', '.join(SUFFIXES)}")
-    unit = UNITS_M[wanted.units]
-    figure, change = _figure(path, suffix, wanted, unit)
-    figure = scale(figure, unit, unit, origin=(0, 0))
+    figure, change = _drawn(path, suffix, wanted) if suffix in DRAWINGS else _cut(path, wanted)
     size = _require_size(path, figure, wanted.units)
     if change is not None and change > wanted.tolerance_m:
         raise RequestError(
             f"{path}: cannot be used: its section changes by {1000 * change:.3g} mm over the insertion depth "
             f"of {1000 * wanted.depth_m:g} mm, more than the tolerance ({1000 * wanted.tolerance_m:g} mm); "
-            "choose --axis and --depth"
+            "choose --axis, --depth and --chamfer"
         )
     x0, y0, x1, y1 = figure.bounds
     centred = translate(figure, -(x0 + x1) / 2, -(y0 + y1) / 2)
     simple = shapely.set_precision(centred.simplify(wanted.tolerance_m / 2), GRID_M)
-    section = _section(simple)
-    return Imported(section, size, simple.area, int(shapely.get_num_coordinates(simple)), change)
-
-
-def _figure(path: Path, suffix: str, wanted: Wanted, unit: float) -> tuple[MultiPolygon, float | None]:
-    """Return the figure in a file, in its units, and how far a solid's section changes, m."""
-    tolerance = wanted.tolerance_m / 2 / unit
-    if suffix in (".dxf", ".svg"):
-        read = drawing.read_dxf if suffix == ".dxf" else drawing.read_svg
-        return drawing.closed_area(read(path, tolerance), tolerance, path), None
-    solid, depth = Solid(path, wanted.axis, tolerance), wanted.depth_m / unit
-    if solid.length < depth:
+    corners = int(shapely.get_num_coordinates(simple))
+    if corners > MOST_CORNERS:
         raise RequestError(
-            f"{path}: cannot be used: it is {1000 * unit * solid.length:.4g} mm long along {wanted.axis} in "
-            f"--units {wanted.units}, shorter than the insertion depth ({1000 * wanted.depth_m:g} mm)"
+            f"{path}: cannot be used: it has {corners} corners: expected at most {MOST_CORNERS}; choose a "
+            "larger --tolerance"
         )
-    at = depth / 2 if wanted.at_m is None else wanted.at_m / unit
-    return solid.section(at), unit * solid.largest_change(at, depth)
+    return Imported(_section(simple), size, simple.area, corners, change)
+
+
+def _drawn(path: Path, suffix: str, wanted: Wanted) -> tuple[MultiPolygon, None]:
+    """Return the figure of a drawing, m."""
+    own_m = drawing.svg_unit_m(path) if suffix == ".svg" else None
+    unit_m = own_m or UNITS_M[wanted.units]
+    tolerance = wanted.tolerance_m / 2 / unit_m
+    read = drawing.read_dxf if suffix == ".dxf" else drawing.read_svg
+    figure = drawing.closed_area(read(path, tolerance), tolerance, path)
+    return scale(figure, unit_m, unit_m, origin=(0, 0)), None
+
+
+def _cut(path: Path, wanted: Wanted) -> tuple[MultiPolygon, float]:
+    """Return the section of a solid, and how far it changes over the insertion depth, m."""
+    solid, start, depth = (
+        Solid(path, wanted.axis, wanted.tolerance_m / 2, UNITS_M[wanted.units]),
+        wanted.chamfer_m,
+        wanted.depth_m,
+    )
+    if solid.length <= depth:
+        raise RequestError(
+            f"{path}: cannot be used: it is {1000 * solid.length:.4g} mm long along {wanted.axis} in --units "
+            f"{wanted.units}: expected more than the insertion depth ({1000 * depth:g} mm, --depth)"
+        )
+    at = (start + depth) / 2 if wanted.at_m is None else wanted.at_m
+    return solid.section(at), solid.largest_change(at, start, depth)
 
 
 def _require_size(path: Path, figure: MultiPolygon, units: str) -> tuple[float, float]:
@@ -127,41 +146,10 @@ def _of_polygon(polygon: Polygon) -> CrossSection:
     return paths[0] if len(paths) == 1 else CrossSection(difference=tuple(paths))
 
 
-def wanted_of(
-    units: str, axis: str, at: float | None, depth_mm: float, clearance_mm: float, tolerance_mm: float | None
-) -> Wanted:
-    """Return what a command line asks for.
-
-    Args:
-        units: Unit of the file, and of ``at``.
-        axis: Direction of insertion.
-        at: Distance of the section from the tip.
-        depth_mm: Insertion depth.
-        clearance_mm: Air per side.
-        tolerance_mm: Error of straight lines; None: a twentieth of the clearance.
-
-    Raises:
-        RequestError: A value is not allowed.
-    """
-    if units not in UNITS_M:
-        raise RequestError(f"--units: {shown(units)} is invalid: expected {', '.join(UNITS_M)}")
-    if axis not in AXES:
-        raise RequestError(f"--axis: {shown(axis)} is invalid: expected {', '.join(AXES)}")
-    tolerance_mm = clearance_mm / 20 if tolerance_mm is None else tolerance_mm
-    require("--clearance", clearance_mm, 0.05, 5)
-    require("--depth", depth_mm, 1, 80)
-    require("--tolerance", tolerance_mm, 0.0001, clearance_mm / 2)
-    at_m = None if at is None else at * UNITS_M[units]
-    if at is not None:
-        require(
-            "--at", at, 0, depth_mm / 1000 / UNITS_M[units], "the section is taken within the insertion depth"
-        )
-    return Wanted(units, tolerance_mm / 1000, axis, at_m, depth_mm / 1000)
-
-
-def shape_tree(name: str, part: Imported, clearance_mm: float) -> dict[str, Any]:
+def shape_tree(name: str, part: Imported, clearance_m: float, chamfer_m: float = 0.0) -> dict[str, Any]:
     """Return the entry of ``scene.shapes`` for a part, without what has its default."""
-    return {"name": name, "section": _tree(part.section), "clearance_m": clearance_mm / 1000}
+    tree = {"name": name, "section": _tree(part.section), "clearance_m": clearance_m}
+    return tree | ({"chamfer_m": chamfer_m} if chamfer_m else {})
 
 
 def _tree(section: CrossSection) -> dict[str, Any]:

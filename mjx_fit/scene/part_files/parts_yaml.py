@@ -1,11 +1,14 @@
 """Files of imported parts: YAML with ``scene.shapes``, to which further parts are added."""
 
+import re
 from pathlib import Path
 from typing import Any
 
 import yaml
 
+from mjx_fit.config import strict_yaml
 from mjx_fit.config.files import read_config
+from mjx_fit.config.sections.shape import LONGEST_NAME, NAME
 from mjx_fit.utils.errors import RequestError, shown
 
 
@@ -38,5 +41,40 @@ def with_part(path: Path, shape: dict[str, Any]) -> dict[str, Any]:
 
 
 def as_yaml(tree: dict[str, Any]) -> str:
-    """Return the text of a file of parts."""
-    return yaml.safe_dump(tree, sort_keys=False)
+    """Return the text of a file of parts.
+
+    Raises:
+        RequestError: The text would be too large to be read again.
+    """
+    text = yaml.safe_dump(tree, sort_keys=False)
+    try:
+        strict_yaml.load(text)
+    except strict_yaml.StrictYamlError as error:
+        raise RequestError(
+            f"--out: the file would be too large to be read ({error}): import into another file, or choose a "
+            "larger --tolerance"
+        ) from None
+    return text
+
+
+def require_yaml(path: Path) -> None:
+    """Check that a file is YAML by its name.
+
+    Raises:
+        RequestError: It is not.
+    """
+    if path.suffix not in (".yaml", ".yml"):
+        raise RequestError(f"--out: {path} is invalid: expected a file that ends in .yaml")
+
+
+def require_name(name: str) -> None:
+    """Check the name of a part.
+
+    Raises:
+        RequestError: It does not start with a letter, or has other characters than letters and digits.
+    """
+    if not re.fullmatch(NAME, name) or len(name) > LONGEST_NAME:
+        raise RequestError(
+            f"--name: {shown(name)} is invalid: expected up to {LONGEST_NAME} of a-z, 0-9 and _, a letter "
+            "first"
+        )

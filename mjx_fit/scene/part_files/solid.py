@@ -7,24 +7,27 @@ import shapely
 from shapely import MultiPolygon
 
 from mjx_fit.utils.errors import RequestError
+from mjx_fit.utils.streams import native_output_silenced
 
 AXES = ("x", "y", "z", "-x", "-y", "-z")
 """Directions in which a part may be inserted, in the frame of its file."""
 MESHES, STEP = (".stl", ".obj"), (".step", ".stp")
-HEIGHTS = 9
-"""Number of sections that are compared over the insertion depth."""
+_LEAST_STEP_M = 1e-6
+MOST_SECTIONS = 200
+"""Most sections that are compared over the insertion depth."""
 
 
 class Solid:
-    """Solid whose sections across the direction of insertion are wanted, in units of its file."""
+    """Solid whose sections across the direction of insertion are wanted, in m."""
 
-    def __init__(self, path: Path, axis: str, tolerance: float):
+    def __init__(self, path: Path, axis: str, tolerance_m: float, unit_m: float):
         """Read a file.
 
         Args:
             path: The file.
             axis: Direction of insertion, one of ``AXES``.
-            tolerance: Largest distance of a facet of a STEP file from its surface.
+            tolerance_m: Largest distance of a facet of a STEP file from its surface, m.
+            unit_m: Unit of meshes, m; a STEP file states its own.
 
         Raises:
             RequestError: The file cannot be read, or its surface is not closed.
@@ -34,7 +37,7 @@ class Solid:
         self._path = path
         try:
             is_step = path.suffix.lower() in STEP
-            mesh = _step(path, tolerance) if is_step else trimesh.load_mesh(path)
+            mesh = _step(path, tolerance_m) if is_step else trimesh.load_mesh(path).apply_scale(unit_m)
         except (OSError, ValueError, IndexError, KeyError, TypeError) as error:
             raise RequestError(f"{path}: cannot be read: {error}") from None
         if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):
@@ -54,18 +57,30 @@ class Solid:
         """
         cut = self._mesh.section(plane_origin=(self._tip - at) * self._towards, plane_normal=-self._towards)
         if cut is None:
-            raise RequestError(f"{self._path}: cannot be used: there is no section at {at:g}")
+            raise RequestError(f"{self._path}: cannot be used: there is no section at {1000 * at:g} mm")
         flat, _ = cut.to_2D(to_2D=self._seen_from_behind())
-        parts = [shapely.orient_polygons(part) for part in flat.polygons_full]
-        if not parts:
-            raise RequestError(f"{self._path}: cannot be used: the section at {at:g} is not closed")
-        return MultiPolygon(parts)
+        figure = shapely.build_area(
+            shapely.MultiLineString([line for line in flat.discrete if len(line) > 1])
+        )
+        if figure.is_empty:
+            raise RequestError(f"{self._path}: cannot be used: the section at {1000 * at:g} mm is not closed")
+        return MultiPolygon([shapely.orient_polygons(part) for part in getattr(figure, "geoms", [figure])])
 
-    def largest_change(self, at: float, depth: float) -> float:
-        """Return how far sections over a depth from the tip are from the one at a distance, at most."""
+    def largest_change(self, at: float, start: float, end: float) -> float:
+        """Return how far sections between two distances from the tip are from the one at a distance, at most.
+
+        A section is taken between each two neighbouring heights at which the surface has corners.
+        """
+        heights = self._tip - self._mesh.vertices @ self._towards
+        inside = heights[(heights > start) & (heights < end)]
+        levels = np.unique(np.concatenate([[start, end], inside.round(7)]))
+        middles = (levels[1:] + levels[:-1])[np.diff(levels) > _LEAST_STEP_M] / 2
+        middles = middles[np.linspace(0, len(middles) - 1, min(len(middles), MOST_SECTIONS)).astype(int)]
         here = self.section(at)
-        others = (self.section(depth * (i + 0.5) / HEIGHTS) for i in range(HEIGHTS))
-        return max(float(shapely.hausdorff_distance(here.boundary, other.boundary, 0.05)) for other in others)
+        return max(
+            float(shapely.hausdorff_distance(here.boundary, self.section(float(one)).boundary, 0.05))
+            for one in middles
+        )
 
     def _seen_from_behind(self) -> np.ndarray:
         """Return the transform to the plane of a section, whose normal points against the insertion."""
@@ -76,8 +91,8 @@ class Solid:
         return frame
 
 
-def _step(path: Path, tolerance: float):
-    """Read a STEP file by the optional reader, in its own units."""
+def _step(path: Path, tolerance_m: float):
+    """Read a STEP file by the optional reader, which converts its units to metres."""
     import trimesh
 
     try:
@@ -86,8 +101,15 @@ def _step(path: Path, tolerance: float):
         raise RequestError(
             f"{path}: STEP needs an extra package: pip install 'mjx-fit[step]', or convert the file to STL"
         ) from None
-    content = cascadio.load(path.read_bytes(), file_type="step", tol_linear=tolerance, tol_relative=False)
-    mesh = trimesh.load_scene(trimesh.util.wrap_as_stream(content), file_type="glb").to_mesh()
-    mesh.apply_scale(1000.0)  # the reader gives metres, STEP files are in millimetres
+    with native_output_silenced():  # the reader's own words about a bad file
+        content = cascadio.load(
+            path.read_bytes(), file_type="step", tol_linear=1000 * tolerance_m, tol_relative=False
+        )
+    if not content:
+        raise ValueError("it holds no solid")
+    scene = trimesh.load_scene(trimesh.util.wrap_as_stream(content), file_type="glb")
+    if not scene.geometry:
+        raise ValueError("it holds no solid")
+    mesh = scene.to_mesh()
     mesh.merge_vertices()
     return mesh
