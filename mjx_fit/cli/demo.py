@@ -75,7 +75,7 @@ def run_demo(config: Config, out: Path, size: Size, train: bool) -> None:
 
 
 def _stages(config: Config, out: Path, size: Size, train: bool) -> None:
-    console = Console(highlight=False)
+    console = Console(highlight=False, emoji=False)
     run, engine = resources.folder("weights"), make_engine("auto", config)
     if train:
         run = path_inside(out, "train")

@@ -124,7 +124,7 @@ def run_paper(config: Config, out: Path, size: Size, seed: int) -> None:
 
 
 def _run(config: Config, out: Path, size: Size, seed: int) -> None:
-    console = Console(highlight=False)
+    console = Console(highlight=False, emoji=False)
     engine = make_engine(
         "auto", config
     )  # shared by all stages: it depends on neither detector nor outcome model

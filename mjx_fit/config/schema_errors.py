@@ -3,7 +3,7 @@
 import dataclasses
 import difflib
 from types import NoneType, UnionType
-from typing import Annotated, Any, Literal, Union, get_args, get_origin
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from pydantic import Tag, ValidationError
 
@@ -20,7 +20,7 @@ def in_words(error: ValidationError, schema: type) -> str:
         error: Error of validating ``schema``.
         schema: Dataclass whose fields are dataclasses, tuples, plain values or tagged unions.
     """
-    first = error.errors(include_url=False)[0]
+    first = _plainest(error.errors(include_url=False))
     place, kind, given = _without_tags(first["loc"], schema), first["type"], first["input"]
     field = _dotted(place)
     if kind == "unexpected_keyword_argument":
@@ -39,6 +39,20 @@ def in_words(error: ValidationError, schema: type) -> str:
         return f"{field}: {len(given)} entries given: expected at {word} {first.get('ctx', {}).get(key)}"
     allowed = _allowed(_annotation(place, schema))
     return f"{field}: {shown(given)} is invalid: {f'expected {allowed}' if allowed else first['msg']}"
+
+
+def _plainest(errors: list[Any]) -> Any:
+    """Return the first error; for a missing key that may be mistyped, the one about the unknown key."""
+    first = errors[0]
+    return next(
+        (
+            one
+            for one in errors
+            if (first["type"], one["type"]) == ("missing", "unexpected_keyword_argument")
+            and one["loc"][:-1] == first["loc"][:-1]
+        ),
+        first,
+    )
 
 
 def members(annotation: Any) -> tuple[Any, ...]:
@@ -101,7 +115,7 @@ def _annotation(place: tuple[int | str, ...], schema: type) -> Any:
         node = next((one for one in among if get_origin(_plain(one)) is tuple), among[0])
         node = _plain(node)
         if dataclasses.is_dataclass(node):
-            node = {field.name: field.type for field in dataclasses.fields(node)}.get(str(part))
+            node = get_type_hints(node, include_extras=True).get(str(part))  # resolves names of later classes
         elif isinstance(part, int) and get_origin(node) is tuple:
             items = get_args(node)
             node = items[0] if items[-1] is Ellipsis else items[min(part, len(items) - 1)]

@@ -23,9 +23,9 @@ def print_summary(result: Result) -> None:
         metric = row.metric.replace("_", " ")  # a narrow terminal then wraps between words
         names = map(escape, (row.method, metric, row.group))  # brackets in a name are not markup
         table.add_row(*names, f"{row.value:.3g}", interval, str(row.n))
-    Console().print(table)
+    Console(emoji=False).print(table)
     if note := _note(result):
-        Console(highlight=False).print(note, soft_wrap=True, markup=False)
+        Console(highlight=False, emoji=False).print(note, soft_wrap=True, markup=False)
 
 
 def _note(result: Result) -> str:

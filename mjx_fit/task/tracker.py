@@ -161,6 +161,8 @@ class BeliefTracker:
         there = AtHole(hole, self.estimate(hole), bool(self.filled[hole]), self._peg)
         if isinstance(felt, SensorLog):
             felt = attempt_of(felt, there, self._robot, at_rest=self._config.sensor.pose == "start")
+        elif not isinstance(felt, Felt):
+            raise RequestError(f"update: felt: {shown(felt)} cannot be used: expected a SensorLog or a Felt")
         require_own(felt, there, self._config.scene.names)
         return felt
 

@@ -90,7 +90,8 @@ def require_symmetric(config: Config) -> None:
     ]
     if config.train.mirror and lopsided:
         raise RequestError(
-            f"config: train.mirror: True cannot be used: the shape {lopsided[0]!r} is not mirror-symmetric"
+            f"config: train.mirror: True cannot be used: the shape {lopsided[0]!r} is not mirror-symmetric "
+            "in y; add --set train.mirror=false"
         )
 
 

@@ -32,7 +32,7 @@ class Progress:
         self._watchdog = Watchdog(name)
         self._last_line = time.monotonic() - SECONDS_BETWEEN_LINES
         self._paced_from: tuple[float, int] | None = None
-        self._console = Console(stderr=True, highlight=False)
+        self._console = Console(stderr=True, highlight=False, emoji=False)
         self._bar = None
         if self._console.is_terminal:
             columns = (TextColumn(name), BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"))

@@ -73,3 +73,21 @@ def test_of_many_known_keys_the_most_similar_are_listed():
         read_config(None, ["randomize.frction=null"])
     assert "unknown key; allowed here: friction, " in str(error.value)
     assert str(error.value).endswith("more; mjx-fit config lists them")
+
+
+@pytest.mark.parametrize(
+    ("section", "said"),
+    [
+        ("{circle: {diametre_m: 0.008}}", r"circle\.diametre_m: unknown key; allowed here: diameter_m"),
+        (
+            "{union: [{cirlce: {diameter_m: 0.008}}]}",
+            r"union\.0\.cirlce: unknown key; allowed here: circle",
+        ),
+        ("{circle: {}}", r"circle\.diameter_m: it is missing"),
+    ],
+)
+def test_a_mistyped_key_is_named_at_any_depth(section, said, tmp_path):
+    file = tmp_path / "part.yaml"
+    file.write_text(f"scene: {{shapes: [{{name: one, section: {section}}}]}}")
+    with pytest.raises(RequestError, match=said):
+        read_config([file])

@@ -149,7 +149,9 @@ def test_the_page_stands_alone(folder: Path, tmp_path: Path):
     text = index.read_text()
     page = Page(text)
     figures = sorted((tmp_path / "out" / "figures").iterdir())
-    assert page.tags.count("svg") == page.tags.count("figcaption") == len(figures) == 3 * 4 + 1 + 2 + 1 + 3
+    assert (
+        page.tags.count("svg") == page.tags.count("figcaption") == len(figures) == 3 * 4 + 1 + 2 + 1 + 3 + 1
+    )
     assert len(page.ids) == len(set(page.ids))
     assert "script" not in page.tags
     assert "&lt;script&gt;" in text
@@ -162,6 +164,16 @@ def test_the_page_stands_alone(folder: Path, tmp_path: Path):
     assert "@import" not in text
     for figure in figures:
         ET.parse(figure)
+
+
+def test_each_set_of_parts_is_drawn_once_beside_its_results(folder: Path, tmp_path: Path):
+    tight = replace(Config(), scene=replace(Config().scene, clearance_m=0.0008))
+    results.write(folder / "tight.json", replace(attempt(), config=config_to_tree(tight)))
+    text = build([folder], tmp_path / "out").read_text()
+    drawn = [path.name for path in sorted((tmp_path / "out" / "figures").glob("*-parts.svg"))]
+    assert len(drawn) == 2
+    assert "tight-parts.svg" in drawn
+    assert "gap 0.8 mm" in text
 
 
 def test_the_page_says_what_was_counted_and_on_what(folder: Path, tmp_path: Path):
@@ -207,7 +219,7 @@ def test_figures_show_the_numbers(folder: Path, tmp_path: Path):
         path.stem: " ".join(ET.parse(path).getroot().itertext())
         for path in (tmp_path / "out" / "figures").iterdir()
     }
-    assembly_figures = ("success", "interventions", "attempts", "spent", "ratio")
+    assembly_figures = ("success", "interventions", "attempts", "spent", "ratio", "parts")
     assert set(texts) == {"run-training", *(f"assembly-{name}" for name in assembly_figures)}
     rate = next(row for row in results.read(folder / "assembly.json").summary if row.metric != "attempts")
     assert f"{rate.value:.1%} of 40 pegs" in texts["assembly-interventions"]
@@ -222,7 +234,7 @@ def small(tmp_path_factory):
     path = tmp_path_factory.mktemp("small") / "assembly.json"
     results.write(path, assembly({"full": 0.4}, 2))
     section = building._find(path)[path][1]("assembly")
-    return path, replace(section, pictures=section.pictures[:1])
+    return path, replace(section, pictures=section.pictures[:1], scene=None)
 
 
 @pytest.fixture
@@ -282,7 +294,7 @@ def test_a_report_follows_no_link(report, tmp_path: Path, name: str):
 
 def test_an_input_that_is_given_twice_is_shown_once(folder: Path, tmp_path: Path):
     build([folder / "one.json", folder / "one.json"], tmp_path / "out")
-    assert len(list((tmp_path / "out" / "figures").iterdir())) == 4
+    assert len(list((tmp_path / "out" / "figures").iterdir())) == 5  # four of the result, one of its parts
 
 
 @pytest.mark.parametrize(

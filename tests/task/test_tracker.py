@@ -273,6 +273,7 @@ def test_an_attempt_of_another_peg_place_or_a_filled_hole_is_refused(tracker, fa
         ("estimate_world: .* an attempt at hole 0 must start", 0, replace(failed[0], peg_type=np.int32(2))),
         ("hole 2 cannot be used: it is filled", 2, replace(failed[2], peg_type=np.int32(2))),
         ("hole: 0.5 is invalid", 0.5, failed[0]),
+        ("felt: None cannot be used: expected a SensorLog or a Felt", 1, None),
     ):
         with pytest.raises(mf.RequestError, match=what):
             tracker.update(hole, felt)

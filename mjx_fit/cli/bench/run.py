@@ -118,4 +118,4 @@ def _print(rows: list[dict], title: str) -> None:
         table.add_column(words, justify="left" if is_name else "right", overflow="fold", no_wrap=is_name)
     for row in rows:
         table.add_row(*(f"{value:,}" if isinstance(value, int) else str(value) for value in row.values()))
-    Console().print(table)
+    Console(emoji=False).print(table)
