@@ -3,7 +3,7 @@
     python experiments/parts/table.py
 
 Parts are the paper's, NIST's, the set ``shafts`` and those of the files in this folder. Facets and areas are
-compared with the same section at a tenth of the tolerance. Writes ``table.json`` and pictures.
+compared with the same section at a thousandth of the tolerance. Writes ``table.json`` and pictures.
 """
 
 from dataclasses import replace
@@ -22,7 +22,7 @@ from mjx_fit.config.sections.shape import Shape
 from mjx_fit.report import script
 from mjx_fit.report.figures.parts import parts as draw_parts
 from mjx_fit.scene.decomposition import convex_pieces
-from mjx_fit.scene.outline import facet_tolerance_m, hole_outline, peg_outline, rings_of
+from mjx_fit.scene.outline import facet_tolerance_m, hole_outline, outline, peg_outline, rings_of
 from mjx_fit.scene.part_files.importing import Wanted, import_part
 from mjx_fit.scene.pieces import peg_pieces, socket_pieces
 
@@ -35,7 +35,7 @@ FILES = {
     "plug": "usb.step",
 }
 FILE_CLEARANCE_M = 0.0001
-SAMPLES, FINER = 20_000, 0.1
+SAMPLES, FINER = 20_000, 0.001
 CORNER_RAD = 0.3
 """Corners that turn by more than this keep a mitre, whose gap is wider than the clearance."""
 
@@ -68,7 +68,8 @@ def scenes() -> dict[str, SceneConfig]:
 def measured(shape: Shape, scene: SceneConfig) -> dict[str, Any]:
     """Return areas, errors of facets and gaps over the clearance, and numbers of pieces."""
     peg, hole, gap = peg_outline(shape, scene), hole_outline(shape, scene), scene.clearance_of(shape)
-    exact = peg_outline(replace(shape, facet_error=shape.facet_error * FINER), scene)
+    tolerance_m = facet_tolerance_m(shape, scene)
+    exact = peg if shape.section is None else outline(shape.section, FINER * tolerance_m)
     pieces = [Polygon(corners) for corners in convex_pieces(peg)]
     points = sampled(peg)
     gaps = np.asarray(shapely.distance(points, hole.boundary)) / gap
@@ -80,7 +81,7 @@ def measured(shape: Shape, scene: SceneConfig) -> dict[str, Any]:
         "overlap_of_pieces_over_section": 1
         - shapely.union_all(pieces).area / sum(piece.area for piece in pieces),
         "facet_error_um": 1e6 * float(shapely.hausdorff_distance(peg.boundary, exact.boundary, 0.01)),
-        "facet_tolerance_um": 1e6 * facet_tolerance_m(shape, scene),
+        "facet_tolerance_um": 1e6 * tolerance_m,
         "gap_over_clearance": [float(gaps.min()), float(gaps[straight].max())],
         "own_socket": shape.socket.section is not None,
         "pieces_peg": len(peg_pieces(shape, scene)),
