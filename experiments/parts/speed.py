@@ -1,11 +1,13 @@
 """Measure the speed of every part in both engines, side by side with a box of the same size.
 
     python experiments/parts/speed.py [--engines native,mjx] [PART ...]
+    python experiments/parts/speed.py --compile
 
 A row is a scene of one part in its own socket, spirals of 64 worlds; its box has the part's extents,
 clearance and physics steps. Speeds are simulated over real seconds of all worlds; each is the best of three
 runs, alternating with the box's. ``raw_batch`` is MuJoCo's batch alone on the same scene and torques. Rows of
-other parts in ``speed.json`` are kept.
+other parts in ``speed.json`` are kept. ``--compile`` measures how long MJX takes to compile scenes of 3 and of
+all 11 of NIST's parts, in new processes with empty caches.
 """
 
 import argparse
@@ -21,6 +23,7 @@ import numpy as np
 from table import scenes
 
 from mjx_fit.cli.bench.engines import CONTENDERS, attempts_of
+from mjx_fit.cli.bench.run import measure
 from mjx_fit.config.schema import Config
 from mjx_fit.config.sections.cross_section import CrossSection, Rectangle
 from mjx_fit.config.sections.scene import SceneConfig
@@ -33,18 +36,37 @@ from mjx_fit.utils.rates import STEP_S
 
 FILE = Path(__file__).parent / "speed.json"
 WORLDS, ACTIONS, TIMES = 64, 10, 3
+COMPILED = ("round_16", "rectangle_8", "usb")
 CONTENDERS_OF = {"native": ("raw_batch", "native"), "mjx": ("mjx",)}
 
 
 def main(parts: list[str], engines: list[str]) -> None:
     """Measure the parts and their boxes."""
-    rows = json.loads(FILE.read_text())["rows"] if FILE.exists() else {}
+    kept = stored()
+    rows = kept.get("rows", {})
     for scene in scenes().values():
         for shape in scene.shapes:
             if not parts or shape.name in parts:
                 rows[shape.name] = rows.get(shape.name, {}) | measured(shape, scene, engines)
                 print(shape.name, rows[shape.name], flush=True)
-                script.save(FILE, {"worlds": WORLDS, "rows": rows})
+                script.save(FILE, kept | {"worlds": WORLDS, "rows": rows})
+
+
+def compile_times() -> None:
+    """Measure cold compilation with 3 and 11 types."""
+    nist = scenes()["nist"]
+    few = tuple(shape for shape in nist.shapes if shape.name in COMPILED)
+    seconds = {
+        str(len(shapes)): measure("mjx", of_shapes(shapes, nist), WORLDS)["compile_s"]
+        for shapes in (few, nist.shapes)
+    }
+    ratio = seconds[str(len(nist.shapes))] / seconds[str(len(few))]
+    script.save(FILE, stored() | {"compile_s_by_types": seconds, "compile_ratio": round(ratio, 2)})
+
+
+def stored() -> dict[str, Any]:
+    """Return what was measured before."""
+    return json.loads(FILE.read_text()) if FILE.exists() else {}
 
 
 def measured(shape: Shape, scene: SceneConfig, engines: list[str]) -> dict[str, Any]:
@@ -72,9 +94,14 @@ def speeds(name: str, configs: tuple[Config, ...]) -> list[float]:
 
 def task_of(shape: Shape, scene: SceneConfig) -> Config:
     """Return the default configuration with one part."""
+    return of_shapes((shape,), scene)
+
+
+def of_shapes(shapes: tuple[Shape, ...], scene: SceneConfig) -> Config:
+    """Return the default configuration with some parts."""
     config = Config()
     task = replace(config.task, success_probability=None, success_by_error=None)
-    return replace(config, scene=replace(scene, shapes=(shape,)), task=task)
+    return replace(config, scene=replace(scene, shapes=shapes), task=task)
 
 
 def box_of(shape: Shape, scene: SceneConfig) -> Shape:
@@ -106,6 +133,10 @@ if __name__ == "__main__":
     )
     parser.add_argument("parts", nargs="*", metavar="PART")
     parser.add_argument("--engines", default="native,mjx")
+    parser.add_argument("--compile", action="store_true")
     asked = parser.parse_args()
     process_setup.configure()
-    main(asked.parts, asked.engines.split(","))
+    if asked.compile:
+        compile_times()
+    else:
+        main(asked.parts, asked.engines.split(","))

@@ -31,15 +31,17 @@ def begin() -> None:
 
 
 def config(*changes: str) -> Config:
-    """Return the configuration of ``--world NAME`` and ``--parts NAME``, the defaults without them."""
+    """Return the configuration of ``--world``, ``--parts`` and ``--config``, the defaults without them."""
     asked = _asked()
-    return read_config([*world_file(asked.world), *parts_file(asked.parts)], changes)
+    own = [asked.config] if asked.config else []
+    return read_config([*world_file(asked.world), *parts_file(asked.parts), *own], changes)
 
 
 def _asked() -> argparse.Namespace:
     parser = argparse.ArgumentParser(allow_abbrev=False)
     parser.add_argument("--world")
     parser.add_argument("--parts")
+    parser.add_argument("--config", type=Path)
     return parser.parse_known_args()[0]
 
 
