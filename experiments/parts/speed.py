@@ -6,8 +6,8 @@
 A row is a scene of one part in its own socket, spirals of 64 worlds; its box has the part's extents,
 clearance and physics steps. Speeds are simulated over real seconds of all worlds; each is the best of three
 runs, alternating with the box's. ``raw_batch`` is MuJoCo's batch alone on the same scene and torques. Rows of
-other parts in ``speed.json`` are kept. ``--compile`` measures how long MJX takes to compile scenes of 3 and of
-all 11 of NIST's parts, in new processes with empty caches.
+other parts in ``speed.json`` are kept. ``--compile`` measures how long MJX takes to compile scenes of 3 and
+of all 11 of NIST's parts, in new processes with empty caches.
 """
 
 import argparse
