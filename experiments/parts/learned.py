@@ -3,13 +3,18 @@
     python experiments/parts/learned.py OUT [--until data|training|evaluation]
 
 World ``forge``, parts ``nist``, task ``nist.yaml``: detections within 5 mm. OUT receives the data sets
-``learn`` and ``held_out``, the training run ``run``, and results of ``evaluate``. A stage is commands
-of the library, which continue where they were stopped.
+``learn`` and ``held_out``, the training run ``run``, results of ``evaluate``, and ``first_attempts.json``, whose
+rates are α in ``nist.yaml``. A stage is commands of the library, which continue where they were stopped.
 """
 
 import argparse
 from pathlib import Path
 
+import numpy as np
+
+from mjx_fit.data import reader
+from mjx_fit.data.episode import happened
+from mjx_fit.data.manifest import read_manifest
 from mjx_fit.report import script
 
 HERE = Path(__file__).parent
@@ -29,8 +34,9 @@ def main(out: Path, until: str) -> None:
         "collect", "--out", out / "learn", "--episodes", 9_000, "--sequence", 3, "--seed", 34, *TASK
     )
     script.command(
-        "collect", "--out", out / "held_out", "--episodes", 2_000, "--sequence", 3, "--seed", 35, *TASK
+        "collect", "--out", out / "held_out", "--episodes", 1_500, "--sequence", 3, "--seed", 35, *TASK
     )
+    script.save(out / "first_attempts.json", first_attempts(out / "learn"))
     if reached >= 1:
         training = ("--config", HERE.parents[1] / "configs" / "cpu.yaml")
         script.command("train", "--data", out / "learn", "--out", out / "run", *TASK, *training)
@@ -42,6 +48,18 @@ def main(out: Path, until: str) -> None:
         for experiment, (methods, trials, *more) in EVALUATIONS.items():
             asked = ("--methods", methods, "--trials", trials, *more)
             script.command("evaluate", experiment, "--out", out / f"{experiment}.json", *asked, *own)
+
+
+def first_attempts(folder: Path) -> dict[str, list[int]]:
+    """Count insertions into own holes at the first attempt, by part: inserted and tried."""
+    data = reader.load(folder)
+    felt, truth = data.rollout.felt, data.rollout.truth
+    first = happened(data) & (np.asarray(data.number) == 0)
+    found = {}
+    for kind, name in enumerate(read_manifest(folder).shapes):
+        own = first & (np.asarray(felt.peg_type) == kind) & (np.asarray(truth.hole_type) == kind)
+        found[name] = [int(np.asarray(truth.inserted)[own].sum()), int(own.sum())]
+    return found
 
 
 if __name__ == "__main__":
