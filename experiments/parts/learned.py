@@ -3,8 +3,8 @@
     python experiments/parts/learned.py OUT [--until data|training|evaluation]
 
 World ``forge``, parts ``nist``, task ``nist.yaml``: detections within 5 mm. OUT receives the data sets
-``learn`` and ``held_out``, the training run ``run``, results of ``evaluate``, and ``first_attempts.json``, whose
-rates are α in ``nist.yaml``. A stage is commands of the library, which continue where they were stopped.
+``learn`` and ``held_out``, the training run ``run``, results of ``evaluate``, and ``first_attempts.json``,
+whose rates are α in ``nist.yaml``. A stage is commands of the library, which continue where they were stopped.
 """
 
 import argparse
