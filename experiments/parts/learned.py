@@ -4,7 +4,7 @@
 
 World ``forge``, parts ``nist``, task ``nist.yaml``: detections within 5 mm. OUT receives the data sets
 ``learn`` and ``held_out``, the training run ``run``, results of ``evaluate``, and ``first_attempts.json``,
-whose rates are α in ``nist.yaml``. A stage is commands of the library, which continue where they were stopped.
+whose rates are α in ``nist.yaml``. Commands of the library continue where they were stopped.
 """
 
 import argparse
