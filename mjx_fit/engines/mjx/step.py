@@ -7,6 +7,7 @@ step is split in two: ``observe`` ends one step, ``accelerate`` begins the next.
 # MuJoCo's extension module has no stubs.
 # pyright: reportAttributeAccessIssue=false
 
+import warnings
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -107,7 +108,9 @@ class Models:
     def of(cls, scene: Scene) -> "Models":
         """Stack the models of a scene."""
         contact.require_supported(scene.models[0])
-        model = mjx.put_model(scene.models[0])
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "Mesh .* coplanar face")  # contact is this package's own
+            model = mjx.put_model(scene.models[0])
         stacked = {
             name: jnp.asarray(np.stack([getattr(pair, name) for pair in scene.models]), jnp.float32)
             for name in _GEOMETRY
