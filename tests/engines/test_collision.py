@@ -20,6 +20,7 @@ COUNT = 12
 
 few_degrees = st.floats(-0.06, 0.06)
 many_degrees = st.one_of(st.floats(-0.3, -0.01), st.floats(0.01, 0.3))
+OFF_EDGES_M = 1.3e-6
 
 
 @pytest.fixture(scope="module")
@@ -89,8 +90,13 @@ def require_as_in_c(dist, pos, normal, of_a_face, points):
 
 
 def require_mujocos(in_c, ours, pos, turn):
-    """Compare with C, unless a point hardly touches: such points come and go with rounding."""
-    dist, *_, of_a_face, _ = found = placed(in_c, ours, pos, turn)
+    """Compare with C, unless a point hardly touches: such points come and go with rounding.
+
+    Hypothesis tries constants of the code, such as half a peg; at exactly those places edges coincide, and
+    the engines count a point once or twice.
+    """
+    beside = np.array([pos[0] + OFF_EDGES_M, pos[1] + OFF_EDGES_M, pos[2]])
+    dist, *_, of_a_face, _ = found = placed(in_c, ours, beside, turn)
     assume(0 < len(dist) <= COUNT)
     assume(dist.max() < -1e-7)
     event(f"{len(dist)} points, {'faces' if of_a_face.all() else 'edges'}")
