@@ -124,6 +124,10 @@ def broken(folder):
         space.add_lwpolyline(np.column_stack([radius * np.cos(angle), radius * np.sin(angle)]), close=True)
 
     yield drawn(folder / "saw.dxf", saw), "corners: expected at most 2000; choose a larger --tolerance"
+    squares = "".join(
+        f'<rect x="{2 * (i % 12)}" y="{2 * (i // 12)}" width="1" height="1"/>' for i in range(120)
+    )
+    yield written(folder / "many.svg", SVG.format("", squares)), "it has 120 outlines: expected at most 100"
     yield written(folder / "empty.step", ""), "it holds no solid"
     header = "ISO-10303-21;\nHEADER;\nENDSEC;\nDATA;\nENDSEC;\nEND-ISO-10303-21;\n"
     yield written(folder / "header.step", header), "it holds no solid"

@@ -19,7 +19,7 @@ UNITS_M = {"mm": 0.001, "cm": 0.01, "m": 1.0, "in": 0.0254, "um": 1e-6}
 DRAWINGS = (".dxf", ".svg")
 SUFFIXES = (*DRAWINGS, *MESHES, *STEP)
 LEAST_ACROSS_M = 0.0005
-MOST_CORNERS = 2000
+MOST_CORNERS, MOST_OUTLINES = 2000, 100
 GRID_M = 1e-7
 """Coordinates of imported parts are rounded to a tenth of a micrometre."""
 
@@ -91,6 +91,11 @@ def import_part(path: Path, wanted: Wanted) -> Imported:
         raise RequestError(
             f"{path}: cannot be used: it has {corners} corners: expected at most {MOST_CORNERS}; choose a "
             "larger --tolerance"
+        )
+    pieces = sum(1 + shapely.get_num_interior_rings(part) for part in getattr(simple, "geoms", [simple]))
+    if pieces > MOST_OUTLINES:
+        raise RequestError(
+            f"{path}: cannot be used: it has {pieces} outlines: expected at most {MOST_OUTLINES}"
         )
     return Imported(_section(simple), size, simple.area, corners, change)
 
