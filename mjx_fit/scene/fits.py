@@ -65,7 +65,7 @@ def fits_turned(peg: MultiPolygon, hole: MultiPolygon) -> bool:
     a range of yaws is ruled out if the peg, thinner by that much all around, does not fit in its middle. The
     others are halved until a peg fits, or until what is cut off is less than ``TURNED_ROOM_M``.
     """
-    if _inner_radius(peg) > _inner_radius(hole) + TURNED_ROOM_M:
+    if peg.area > hole.area or _inner_radius(peg) > _inner_radius(hole) + TURNED_ROOM_M:
         return False
     centre = peg.centroid
     radius_m = shapely.hausdorff_distance(peg.boundary, centre)

@@ -107,6 +107,10 @@ def test_files_that_state_their_units_are_measured_in_them(tmp_path):
     assert part.size_m == pytest.approx((0.3 / 37.795, 0.15 / 37.795), rel=1e-4)
     plain = import_part(written(tmp_path / "plain.svg", SVG.format("", rectangle)), Wanted())
     assert plain.size_m == pytest.approx((0.03, 0.015))
+    sizes = [("e-mm", "0 0 30 15"), ("30mm", "0 0 0 15"), ("30mm", "0 0 x 15"), ("-30mm", "0 0 30 15")]
+    for width, box in sizes:
+        odd = written(tmp_path / "odd.svg", SVG.format(f'width="{width}" viewBox="{box}"', rectangle))
+        assert import_part(odd, Wanted()).size_m == plain.size_m
 
 
 def broken(folder):

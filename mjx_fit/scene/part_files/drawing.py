@@ -1,5 +1,6 @@
 """Closed outlines in drawings: DXF by ezdxf, SVG by svgpathtools."""
 
+import math
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -103,11 +104,15 @@ def svg_unit_m(path: Path) -> float | None:
         root = ElementTree.parse(path).getroot()
     except (OSError, ElementTree.ParseError) as error:
         raise RequestError(f"{path}: cannot be read as SVG: {error}") from None
-    width = _LENGTH.fullmatch(root.get("width", ""))
+    length = _LENGTH.fullmatch(root.get("width", ""))
     box = root.get("viewBox", "").replace(",", " ").split()
-    if width is None or width[2] not in _UNIT_MM or len(box) != 4:
+    if length is None or length[2] not in _UNIT_MM or len(box) != 4:
         return None
-    return 0.001 * float(width[1]) * _UNIT_MM[width[2]] / float(box[2])
+    try:
+        width, units = float(length[1]), float(box[2])
+    except ValueError:
+        return None
+    return 0.001 * width * _UNIT_MM[length[2]] / units if width > 0 and 0 < units < math.inf else None
 
 
 class _TooFineError(Exception):

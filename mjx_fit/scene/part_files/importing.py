@@ -112,11 +112,8 @@ def _drawn(path: Path, suffix: str, wanted: Wanted) -> tuple[MultiPolygon, None]
 
 def _cut(path: Path, wanted: Wanted) -> tuple[MultiPolygon, float]:
     """Return the section of a solid, and how far it changes over the insertion depth, m."""
-    solid, start, depth = (
-        Solid(path, wanted.axis, wanted.tolerance_m / 2, UNITS_M[wanted.units]),
-        wanted.chamfer_m,
-        wanted.depth_m,
-    )
+    solid = Solid(path, wanted.axis, wanted.tolerance_m / 2, UNITS_M[wanted.units])
+    start, depth = wanted.chamfer_m, wanted.depth_m
     if solid.length <= depth:
         raise RequestError(
             f"{path}: cannot be used: it is {1000 * solid.length:.4g} mm long along {wanted.axis} in --units "
