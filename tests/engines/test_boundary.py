@@ -20,7 +20,9 @@ N = 2000
 
 
 def related(shape, scene, point) -> Boundary:
+    """Places in relation to a hole, whose outline has as many spare sides as among parts with more sides."""
     outline = outlines.socket_of(shape, scene).outline
+    outline = outlines._spread(outline, 3 * outline.start.shape[1] + 1)
     sides = (jnp.asarray(vectors, jnp.float32)[..., None] for vectors in outline)
     found = boundary(type(outline)(*sides), jnp.asarray(point.T, jnp.float32)[..., None])
     return Boundary(*(np.asarray(field)[..., 0] for field in found))
