@@ -3,7 +3,8 @@
     python experiments/parts/table.py
 
 Parts are the paper's, NIST's, the set ``shafts`` and those of the files in this folder. Facets and areas are
-compared with the same section at a thousandth of the tolerance. Writes ``table.json`` and pictures.
+compared with the same section at a thousandth of the tolerance, those from files with the same file at a
+25th. Writes ``table.json`` and pictures.
 """
 
 from dataclasses import replace
@@ -17,6 +18,7 @@ from shapely import MultiPolygon, Polygon
 from mjx_fit.config.files import read_config
 from mjx_fit.config.part_sets import parts_file
 from mjx_fit.config.schema import Config
+from mjx_fit.config.sections.cross_section import CrossSection
 from mjx_fit.config.sections.scene import SceneConfig
 from mjx_fit.config.sections.shape import Shape
 from mjx_fit.report import script
@@ -34,8 +36,8 @@ FILES = {
     "flat_shaft": "d_shaft.step",
     "plug": "usb.step",
 }
-FILE_CLEARANCE_M = 0.0001
-SAMPLES, FINER = 20_000, 0.001
+FILE_CLEARANCE_M, FILE_TOLERANCE_M = 0.0001, 5e-6
+SAMPLES, FINER, FINER_FILE = 20_000, 0.001, 0.04
 CORNER_RAD = 0.3
 """Corners that turn by more than this keep a mitre, whose gap is wider than the clearance."""
 
@@ -53,23 +55,31 @@ def main() -> None:
 def scenes() -> dict[str, SceneConfig]:
     """Return the scenes of all parts, by name of the set."""
     found = {name: read_config(parts_file(name)).scene for name in ("paper", "nist", "shafts")}
-    tolerance_m = FILE_CLEARANCE_M / 20
     files = tuple(
-        Shape(
-            name,
-            section=import_part(HERE / file, Wanted(tolerance_m=tolerance_m)).section,
-            clearance_m=FILE_CLEARANCE_M,
-        )
-        for name, file in FILES.items()
+        Shape(name, section=from_file(name, FILE_TOLERANCE_M), clearance_m=FILE_CLEARANCE_M) for name in FILES
     )
     return found | {"files": replace(Config().scene, shapes=files)}
+
+
+def from_file(name: str, tolerance_m: float) -> CrossSection:
+    """Return the section of a sample file."""
+    return import_part(HERE / FILES[name], Wanted(tolerance_m=tolerance_m)).section
+
+
+def exact_outline(shape: Shape, scene: SceneConfig, tolerance_m: float) -> MultiPolygon:
+    """Return the outline of a part with much finer facets."""
+    if shape.section is None:
+        return peg_outline(shape, scene)
+    if shape.name in FILES:
+        return outline(from_file(shape.name, FINER_FILE * FILE_TOLERANCE_M), FINER * tolerance_m)
+    return outline(shape.section, FINER * tolerance_m)
 
 
 def measured(shape: Shape, scene: SceneConfig) -> dict[str, Any]:
     """Return areas, errors of facets and gaps over the clearance, and numbers of pieces."""
     peg, hole, gap = peg_outline(shape, scene), hole_outline(shape, scene), scene.clearance_of(shape)
     tolerance_m = facet_tolerance_m(shape, scene)
-    exact = peg if shape.section is None else outline(shape.section, FINER * tolerance_m)
+    exact = exact_outline(shape, scene, tolerance_m)
     pieces = [Polygon(corners) for corners in convex_pieces(peg)]
     points = sampled(peg)
     gaps = np.asarray(shapely.distance(points, hole.boundary)) / gap

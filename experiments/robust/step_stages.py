@@ -17,6 +17,7 @@ import mujoco
 import numpy as np
 
 from mjx_fit.config.files import read_config
+from mjx_fit.config.schema import Config
 from mjx_fit.config.worlds import world_file
 from mjx_fit.data.schedule import draw_attempts
 from mjx_fit.engines.native.engine import NativeEngine
@@ -37,14 +38,21 @@ STAGES = {
 
 
 def main() -> None:
-    states = {world: _states(world) for world in WORLDS}
+    script.save(
+        Path(__file__).with_suffix(".json"),
+        stages({world: read_config(world_file(world)) for world in WORLDS}),
+    )
+
+
+def stages(configs: dict[str, Config]) -> dict[str, dict[str, object]]:
+    """Return the time of each stage of a physics step, for each configuration."""
+    states = {name: _states(config) for name, config in configs.items()}
     mujoco.set_mjcb_time(time.perf_counter)  # only now: batches accept no callback in Python
-    script.save(Path(__file__).with_suffix(".json"), {world: _timed(*states[world]) for world in WORLDS})
+    return {name: _timed(*found) for name, found in states.items()}
 
 
-def _states(world: str) -> tuple[list[mujoco.MjModel], list[np.ndarray]]:
+def _states(config: Config) -> tuple[list[mujoco.MjModel], list[np.ndarray]]:
     """Return the models of the attempts, and the states of all of them at every few steps."""
-    config = read_config(world_file(world))
     attempts = draw_attempts(jax.random.key(0), np.arange(ATTEMPTS), policy="spiral", config=config)
     engine = NativeEngine(config, threads=1, on_step=lambda ids, batch: look(batch))
     pair = np.asarray(pair_index(attempts.peg_type, attempts.hole_type, engine.scene.n_types))

@@ -19,6 +19,11 @@ def add_part(parsers: argparse._SubParsersAction) -> None:
     whats = parsers.add_parser("part", help="import parts from files, and draw parts").add_subparsers(
         required=True, metavar="WHAT"
     )
+    _add_import(whats)
+    _add_show(whats)
+
+
+def _add_import(whats: argparse._SubParsersAction) -> None:
     read = add_command(whats, "import", part_import, "make a part from a drawing or a solid")
     read.add_argument("file", type=path, metavar="FILE", help=".dxf, .svg, .stl, .obj, .step")
     read.add_argument(
@@ -57,6 +62,9 @@ def add_part(parsers: argparse._SubParsersAction) -> None:
     solid.add_argument(
         "--at", type=float, metavar="MM", help="distance of the section from the tip in mm (default: middle)"
     )
+
+
+def _add_show(whats: argparse._SubParsersAction) -> None:
     show = add_command(
         whats, "show", part_show, "draw parts in their sockets, and say which peg fits which socket"
     )

@@ -22,7 +22,8 @@ def save(path: Path, results: dict[str, Any]) -> None:
 
     Args:
         path: Output file.
-        results: Nested dicts and lists; arrays become lists.
+        results: Nested dicts and lists; arrays become lists. What an earlier run stored may be among them:
+            its command, device and versions are replaced.
     """
     script = os.path.relpath(sys.argv[0])
     origin = {
@@ -30,7 +31,7 @@ def save(path: Path, results: dict[str, Any]) -> None:
         "device": provenance.device(),
         "versions": provenance.versions(),
     }
-    files.write_text(path, json.dumps(origin | results, indent=1, default=_plain) + "\n")
+    files.write_text(path, json.dumps(origin | results | origin, indent=1, default=_plain) + "\n")
     print(json.dumps(results, indent=1, default=_plain))
 
 

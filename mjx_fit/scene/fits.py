@@ -6,9 +6,10 @@ from typing import cast
 
 import numpy as np
 import shapely
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
+from scipy.spatial import KDTree
 from shapely import MultiPolygon
-from shapely.affinity import rotate
+from shapely.affinity import translate
 
 from mjx_fit.config.sections.scene import SceneConfig
 from mjx_fit.scene.decomposition import convex_pieces
@@ -19,6 +20,9 @@ ROOM_M = 1e-7
 TURNED_ROOM_M = 2e-6
 """A peg that is turned needs this much room."""
 _FIRST_YAWS = 32
+
+Pieces = list[Float[np.ndarray, "V 2"]]
+"""Corners of convex polygons, m."""
 
 
 @lru_cache(maxsize=16)
@@ -43,19 +47,23 @@ def fits(peg: MultiPolygon, hole: MultiPolygon) -> bool:
     The positions at which it hits a wall are the Minkowski sum of the wall and the mirrored peg; the sum of
     convex pieces is the hull of the sums of their corners.
     """
-    slack = np.array(hole.bounds).reshape(2, 2) - np.array(peg.bounds).reshape(2, 2)
-    (low_x, low_y), (high_x, high_y) = slack
-    if peg.area > hole.area or low_x > high_x or low_y > high_y:
+    return peg.area <= hole.area and _enters(convex_pieces(peg), _wall(hole, _extent(peg)), hole)
+
+
+def _enters(peg: Pieces, wall: Pieces, hole: MultiPolygon) -> bool:
+    corners = np.concatenate(peg)
+    x0, y0, x1, y1 = hole.bounds
+    (low_x, low_y), (high_x, high_y) = (x0, y0) - corners.min(0), (x1, y1) - corners.max(0)
+    if low_x > high_x or low_y > high_y:
         return False
     positions = shapely.box(low_x, low_y, high_x, high_y)
-    reach = np.ptp(np.array(peg.bounds).reshape(2, 2), axis=0).max()
-    wall = shapely.box(*hole.bounds).buffer(reach, join_style="mitre").difference(hole)
-    hits = [
-        shapely.MultiPoint((w[:, None] - p[None]).reshape(-1, 2)).convex_hull
-        for w in convex_pieces(wall)
-        for p in convex_pieces(peg)
-    ]
+    hits = [shapely.MultiPoint((w[:, None] - p[None]).reshape(-1, 2)).convex_hull for w in wall for p in peg]
     return not positions.buffer(ROOM_M).difference(shapely.union_all(hits)).buffer(-ROOM_M).is_empty
+
+
+def _wall(hole: MultiPolygon, reach_m: float) -> Pieces:
+    """Divide the material around a hole, as far as a peg in it reaches."""
+    return convex_pieces(shapely.box(*hole.bounds).buffer(reach_m, join_style="mitre").difference(hole))
 
 
 def fits_turned(peg: MultiPolygon, hole: MultiPolygon) -> bool:
@@ -63,29 +71,53 @@ def fits_turned(peg: MultiPolygon, hole: MultiPolygon) -> bool:
 
     Turned by less than an angle, no point moves further than the angle times its distance from the centre. So
     a range of yaws is ruled out if the peg, thinner by that much all around, does not fit in its middle. The
-    others are halved until a peg fits, or until what is cut off is less than ``TURNED_ROOM_M``.
+    others are halved until a peg fits, or until what is cut off is less than ``TURNED_ROOM_M``. Yaws that the
+    symmetries of peg and hole make alike are tried once.
     """
     if peg.area > hole.area or _inner_radius(peg) > _inner_radius(hole) + TURNED_ROOM_M:
         return False
-    centre = peg.centroid
-    radius_m = shapely.hausdorff_distance(peg.boundary, centre)
-    half = math.pi / _FIRST_YAWS
-    yaws = 2 * half * np.arange(_FIRST_YAWS)
+    if shapely.minimum_bounding_radius(peg) > shapely.minimum_bounding_radius(hole):
+        return False
+    centred = cast(MultiPolygon, translate(peg, -peg.centroid.x, -peg.centroid.y))
+    radius_m = shapely.hausdorff_distance(centred.boundary, shapely.Point(0, 0))
+    wall, pieces = _wall(hole, 2 * radius_m), convex_pieces(centred)
+    period = 2 * math.pi / math.lcm(_symmetry(centred), _symmetry(hole))
+    first = math.ceil(_FIRST_YAWS * period / (2 * math.pi))
+    half = period / first / 2
+    yaws = 2 * half * np.arange(first)
     while len(yaws) and half * radius_m > TURNED_ROOM_M:
-        thinner = peg.buffer(-half * radius_m, join_style="mitre")
+        thinner = centred.buffer(-half * radius_m, join_style="mitre")
+        less = [] if thinner.is_empty else convex_pieces(thinner)
         kept = []
         for yaw in yaws:
-            whole, less = (
-                cast(MultiPolygon, rotate(one, yaw, origin=centre, use_radians=True))
-                for one in (peg, thinner)
-            )
-            if fits(whole, hole):
+            if _enters(_turned(pieces, yaw), wall, hole):
                 return True
-            if less.is_empty or fits(less, hole):
+            if not less or _enters(_turned(less, yaw), wall, hole):
                 kept.append(yaw)
         half /= 2
         yaws = np.add.outer(kept, [-half, half]).ravel()
     return False
+
+
+def _turned(pieces: Pieces, yaw: float) -> Pieces:
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    return [piece @ np.array([[cos, sin], [-sin, cos]]) for piece in pieces]
+
+
+def _symmetry(figure: MultiPolygon) -> int:
+    """Return how many yaws leave a figure as it is."""
+    corners = np.unique(shapely.get_coordinates(figure), axis=0) - shapely.get_coordinates(figure.centroid)
+    tree = KDTree(corners)
+    for n in range(len(corners), 1, -1):
+        if len(corners) % n == 0:
+            (turned,) = _turned([corners], 2 * math.pi / n)
+            if np.asarray(tree.query(turned)[0]).max() < ROOM_M:
+                return n
+    return 1
+
+
+def _extent(figure: MultiPolygon) -> float:
+    return float(np.ptp(np.array(figure.bounds).reshape(2, 2), axis=0).max())
 
 
 def _inner_radius(figure: MultiPolygon) -> float:

@@ -1,11 +1,11 @@
-"""Parts as exporters write them: rounded ends, doubled lines, hollow solids, units; and broken files."""
+"""Drawings as exporters write them: rounded ends, doubled lines, units; and broken files."""
 
 import math
 
 import ezdxf
 import numpy as np
 import pytest
-import trimesh
+import shapely
 from places import EXPERIMENTS
 
 from mjx_fit.scene.outline import outline
@@ -54,48 +54,46 @@ def test_lines_that_are_drawn_twice_count_once(tmp_path):
     assert import_part(drawn(tmp_path / "twice.dxf", twice), Wanted()).area_m2 == pytest.approx(45e-6)
 
 
-def test_hollow_and_forked_solids_keep_their_holes(tmp_path):
-    trimesh.creation.annulus(3, 6, 20).export(tmp_path / "tube.stl")
-    tube = import_part(tmp_path / "tube.stl", Wanted())
-    assert tube.area_m2 == pytest.approx(27e-6 * math.pi, rel=0.02)
-    assert len(outline(tube.section, 1e-6).geoms[0].interiors) == 1
-    prongs = [trimesh.creation.box([3, 8, 20]).apply_translation([x, 0, 0]) for x in (-5, 5)]
-    trimesh.util.concatenate(prongs).export(tmp_path / "prongs.obj")
-    part = import_part(tmp_path / "prongs.obj", Wanted())
-    assert part.area_m2 == pytest.approx(48e-6)
-    assert len(outline(part.section, 1e-6).geoms) == 2
+def rounded(width, height, radius, lines):
+    """Corners of a rectangle whose fillets have so many lines each."""
+    turn = np.linspace(0, np.pi / 2, lines + 1)
+    centres = [
+        (width / 2 - radius, height / 2 - radius) * np.array(sign)
+        for sign in ((1, 1), (-1, 1), (-1, -1), (1, -1))
+    ]
+    return np.concatenate(
+        [
+            centre + radius * np.column_stack([np.cos(turn + k * np.pi / 2), np.sin(turn + k * np.pi / 2)])
+            for k, centre in enumerate(centres)
+        ]
+    )
 
 
-def stepped(path, heights_mm, widths_mm):
-    """A solid of square blocks from the tip upwards."""
-    blocks, top = [], 0.0
-    for height, width in zip(heights_mm, widths_mm, strict=True):
-        block = trimesh.creation.box([width, width, height])
-        blocks.append(block.apply_translation([0, 0, top + height / 2]))
-        top += height
-    trimesh.util.concatenate(blocks).export(path)
-    return path
+@pytest.mark.parametrize("digits", [6, 3])
+def test_lines_much_shorter_than_the_tolerance_keep_their_shape(tmp_path, digits):
+    """Each corner is the exact or nearly exact end of two lines, 12 um long: nothing is drawn together."""
+    corners = rounded(8, 4, 0.5, 64)
+
+    def lines(space):
+        for k, (a, b) in enumerate(zip(corners, np.roll(corners, -1, axis=0), strict=True)):
+            space.add_line(np.round(a, digits + k % 2), np.round(b, digits + k % 2))
+
+    part = import_part(drawn(tmp_path / "fillets.dxf", lines), Wanted(tolerance_m=2.5e-5))
+    assert part.size_m == pytest.approx((0.008, 0.004), abs=2e-6)
+    assert part.area_m2 == pytest.approx(1e-6 * shapely.Polygon(corners).area, rel=3e-3)
+    exact = shapely.Polygon(corners / 1000)
+    assert shapely.hausdorff_distance(outline(part.section, 1e-6).boundary, exact.boundary, 0.01) < 2.5e-5
 
 
-def test_a_thin_flange_is_a_change_of_the_section(tmp_path):
-    file = stepped(tmp_path / "flange.stl", (0.7, 0.8, 20), (8, 14, 8))
-    with pytest.raises(RequestError, match=r"its section changes by 4.24 mm over the insertion"):
-        import_part(file, Wanted())
-    at_the_tip = stepped(tmp_path / "tip.stl", (0.3, 20), (7, 8))
-    with pytest.raises(RequestError, match=r"changes by 0.707 mm .* --chamfer"):
-        import_part(at_the_tip, Wanted())
+def test_small_notches_are_closed(tmp_path):
+    corners = [(0, 0), (4, 0), (4, 0.02), (4.02, 0.02), (4.02, 0), (9, 0), (9, 5), (0, 5)]
 
+    def lines(space):
+        for a, b in zip(corners, corners[1:] + corners[:1], strict=True):
+            space.add_line(a, b)
 
-def test_the_chamfer_of_a_solid_is_left_out(tmp_path):
-    rings = [(3.0, 0.0), (4.0, 1.0), (4.0, 20.0)]
-    angle = np.linspace(0, 2 * np.pi, 4, endpoint=False)
-    corners = [(r * math.cos(a), r * math.sin(a), z) for r, z in rings for a in angle]
-    trimesh.Trimesh(corners).convex_hull.export(tmp_path / "peg.stl")
-    with pytest.raises(RequestError, match="its section changes by"):
-        import_part(tmp_path / "peg.stl", Wanted())
-    part = import_part(tmp_path / "peg.stl", Wanted(chamfer_m=0.001))
-    assert part.area_m2 == pytest.approx(32e-6)
-    assert part.change_m == pytest.approx(0, abs=1e-9)
+    part = import_part(drawn(tmp_path / "notch.dxf", lines), Wanted(tolerance_m=5e-5))
+    assert part.area_m2 == pytest.approx(45e-6, rel=1e-4)
 
 
 def test_files_that_state_their_units_are_measured_in_them(tmp_path):
@@ -107,6 +105,12 @@ def test_files_that_state_their_units_are_measured_in_them(tmp_path):
     assert part.size_m == pytest.approx((0.3 / 37.795, 0.15 / 37.795), rel=1e-4)
     plain = import_part(written(tmp_path / "plain.svg", SVG.format("", rectangle)), Wanted())
     assert plain.size_m == pytest.approx((0.03, 0.015))
+    for stated, width_m in (
+        ('width="40mm"', 30 * 0.0254 / 96),  # without a view box, units are pixels
+        ('height="10mm" viewBox="0 0 60 20"', 0.015),
+    ):
+        part = import_part(written(tmp_path / "one.svg", SVG.format(stated, rectangle)), Wanted())
+        assert part.size_m[0] == pytest.approx(width_m, rel=1e-4)
     sizes = [("e-mm", "0 0 30 15"), ("30mm", "0 0 0 15"), ("30mm", "0 0 x 15"), ("-30mm", "0 0 30 15")]
     for width, box in sizes:
         odd = written(tmp_path / "odd.svg", SVG.format(f'width="{width}" viewBox="{box}"', rectangle))
@@ -119,6 +123,11 @@ def broken(folder):
     yield written(folder / "nothing.svg", SVG.format("", '<path d=""/>')), "holds no line"
     arc = '<path d="M0 0 A5 5 0 0 1 0 0"/>'
     yield written(folder / "arc.svg", SVG.format("", arc + triangle)), "cannot be"
+    two = 'width="20mm" height="5mm" viewBox="0 0 10 5"'
+    yield written(folder / "two.svg", SVG.format(two, triangle)), "2 mm by its width and 1 mm by its height"
+    yield written(folder / "circle.svg", SVG.format("", '<circle cx="1" cy="2"/>')), "cannot be read as SVG"
+    turned = '<g transform="twist(3)"><path d="M0 0 L10 0 L5 8 Z"/></g>'
+    yield written(folder / "turned.svg", SVG.format("", turned)), "cannot be read as SVG"
     far = '<path d="M0 0 C 1e9 1e9 -1e9 1e9 10 0 Z"/>'
     yield written(folder / "far.svg", SVG.format("", far)), "needs more than 4096 lines"
     angle = np.linspace(0, 2 * np.pi, 4000, endpoint=False)
@@ -127,6 +136,17 @@ def broken(folder):
     def saw(space):
         space.add_lwpolyline(np.column_stack([radius * np.cos(angle), radius * np.sin(angle)]), close=True)
 
+    def notched(space):
+        space.add_lwpolyline([(0, 0), (8, 0), (8, 4), (0, 4)], close=True)
+        space.add_lwpolyline([(2, 0), (4, 0), (4, 2), (2, 2)], close=True)
+
+    yield drawn(folder / "notched.dxf", notched), r"an outline runs along another, at \("
+    for name, draw in (
+        ("block", lambda space: space.add_blockref("NONE", (0, 0))),
+        ("hatch", lambda space: space.add_hatch()),
+        ("huge", lambda space: space.add_line((0, 0), (math.inf, 1))),
+    ):
+        yield drawn(folder / f"{name}.dxf", draw), "cannot be|holds no line"
     yield drawn(folder / "saw.dxf", saw), "corners: expected at most 2000; choose a larger --tolerance"
     squares = "".join(
         f'<rect x="{2 * (i % 12)}" y="{2 * (i // 12)}" width="1" height="1"/>' for i in range(120)

@@ -11,7 +11,8 @@ from shapely.affinity import scale, translate
 from shapely.geometry.base import BaseGeometry
 
 from mjx_fit.config.sections.cross_section import MOST_ACROSS_M, CrossSection
-from mjx_fit.scene.part_files import drawing
+from mjx_fit.scene.part_files import drawing_files
+from mjx_fit.scene.part_files.closed_lines import closed_area
 from mjx_fit.scene.part_files.solid import MESHES, STEP, Solid
 from mjx_fit.utils.errors import RequestError
 
@@ -22,6 +23,9 @@ LEAST_ACROSS_M = 0.0005
 MOST_CORNERS, MOST_OUTLINES = 2000, 100
 GRID_M = 1e-7
 """Coordinates of imported parts are rounded to a tenth of a micrometre."""
+
+_OF_CURVES, _OF_ENDS, _OF_CORNERS = 1 / 8, 1 / 4, 5 / 8
+"""Shares of the tolerance: lines in place of curves, ends that nearly meet, corners that are left out."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +80,7 @@ def import_part(path: Path, wanted: Wanted) -> Imported:
     if suffix not in SUFFIXES:
         raise RequestError(f"{path}: cannot be read: expected a file that ends in {', '.join(SUFFIXES)}")
     figure, change = _drawn(path, suffix, wanted) if suffix in DRAWINGS else _cut(path, wanted)
-    size = _require_size(path, figure, wanted.units)
+    size = _require_size(path, figure, _unit_in_words(path, wanted))
     if change is not None and change > wanted.tolerance_m:
         raise RequestError(
             f"{path}: cannot be used: its section changes by {1000 * change:.3g} mm over the insertion depth "
@@ -85,7 +89,7 @@ def import_part(path: Path, wanted: Wanted) -> Imported:
         )
     x0, y0, x1, y1 = figure.bounds
     centred = translate(figure, -(x0 + x1) / 2, -(y0 + y1) / 2)
-    simple = shapely.set_precision(centred.simplify(wanted.tolerance_m / 2), GRID_M)
+    simple = shapely.set_precision(centred.simplify(_OF_CORNERS * wanted.tolerance_m), GRID_M)
     corners = int(shapely.get_num_coordinates(simple))
     if corners > MOST_CORNERS:
         raise RequestError(
@@ -102,34 +106,41 @@ def import_part(path: Path, wanted: Wanted) -> Imported:
 
 def _drawn(path: Path, suffix: str, wanted: Wanted) -> tuple[MultiPolygon, None]:
     """Return the figure of a drawing, m."""
-    own_m = drawing.svg_unit_m(path) if suffix == ".svg" else None
+    own_m = drawing_files.svg_unit_m(path) if suffix == ".svg" else None
     unit_m = own_m or UNITS_M[wanted.units]
-    tolerance = wanted.tolerance_m / 2 / unit_m
-    read = drawing.read_dxf if suffix == ".dxf" else drawing.read_svg
-    figure = drawing.closed_area(read(path, tolerance), tolerance, path)
+    tolerance = wanted.tolerance_m / unit_m
+    read = drawing_files.read_dxf if suffix == ".dxf" else drawing_files.read_svg
+    figure = closed_area(read(path, _OF_CURVES * tolerance), _OF_ENDS * tolerance, path)
     return scale(figure, unit_m, unit_m, origin=(0, 0)), None
 
 
 def _cut(path: Path, wanted: Wanted) -> tuple[MultiPolygon, float]:
     """Return the section of a solid, and how far it changes over the insertion depth, m."""
-    solid = Solid(path, wanted.axis, wanted.tolerance_m / 2, UNITS_M[wanted.units])
+    solid = Solid(path, wanted.axis, _OF_CURVES * wanted.tolerance_m, UNITS_M[wanted.units])
     start, depth = wanted.chamfer_m, wanted.depth_m
     if solid.length <= depth:
         raise RequestError(
-            f"{path}: cannot be used: it is {1000 * solid.length:.4g} mm long along {wanted.axis} in --units "
-            f"{wanted.units}: expected more than the insertion depth ({1000 * depth:g} mm, --depth)"
+            f"{path}: cannot be used: it is {1000 * solid.length:.4g} mm long along {wanted.axis} "
+            f"{_unit_in_words(path, wanted)}: expected more than the insertion depth "
+            f"({1000 * depth:g} mm, --depth)"
         )
     at = (start + depth) / 2 if wanted.at_m is None else wanted.at_m
     return solid.section(at), solid.largest_change(at, start, depth)
 
 
-def _require_size(path: Path, figure: MultiPolygon, units: str) -> tuple[float, float]:
+def _unit_in_words(path: Path, wanted: Wanted) -> str:
+    suffix = path.suffix.lower()
+    own = suffix in STEP or (suffix == ".svg" and drawing_files.svg_unit_m(path) is not None)
+    return "in the unit that the file states" if own else f"in --units {wanted.units}"
+
+
+def _require_size(path: Path, figure: MultiPolygon, unit: str) -> tuple[float, float]:
     x0, y0, x1, y1 = figure.bounds
     size = x1 - x0, y1 - y0
     if not LEAST_ACROSS_M <= max(size) <= MOST_ACROSS_M or min(size) < LEAST_ACROSS_M:
         raise RequestError(
-            f"{path}: cannot be used: the section is {1000 * size[0]:.4g} by {1000 * size[1]:.4g} mm in "
-            f"--units {units}: expected {1000 * LEAST_ACROSS_M} to {1000 * MOST_ACROSS_M:g} mm"
+            f"{path}: cannot be used: the section is {1000 * size[0]:.4g} by {1000 * size[1]:.4g} mm "
+            f"{unit}: expected {1000 * LEAST_ACROSS_M} to {1000 * MOST_ACROSS_M:g} mm"
         )
     return size
 

@@ -1,18 +1,26 @@
 """Sections of solids: STL and OBJ by trimesh, STEP by trimesh and cascadio."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import shapely
 from shapely import MultiPolygon
+from shapely.geometry.base import BaseGeometry
 
 from mjx_fit.utils.errors import RequestError
 from mjx_fit.utils.streams import native_output_silenced
 
+if TYPE_CHECKING:
+    import trimesh
+
 AXES = ("x", "y", "z", "-x", "-y", "-z")
 """Directions in which a part may be inserted, in the frame of its file."""
 MESHES, STEP = (".stl", ".obj"), (".step", ".stp")
-_LEAST_STEP_M = 1e-6
+_UM = 1e-6
+"""Unit in which bodies are cut, m: trimesh leaves out corners that are 1e-4 units apart."""
+_INSIDE_M = 1e-6
+_NO_VOLUME = 1e-9
 MOST_SECTIONS = 200
 """Most sections that are compared over the insertion depth."""
 
@@ -44,9 +52,10 @@ class Solid:
             raise RequestError(f"{path}: cannot be used: it holds no surface")
         if not mesh.is_watertight:
             raise RequestError(f"{path}: cannot be used: its surface is not closed")
-        self._mesh = mesh
         self._towards = (-1.0 if axis.startswith("-") else 1.0) * np.eye(3)["xyz".index(axis[-1])]
-        along = mesh.vertices @ self._towards
+        self._vertices = mesh.vertices
+        along = self._vertices @ self._towards
+        self._outer, self._cavities = _bodies(mesh.copy().apply_scale(1 / _UM))
         self.length, self._tip = float(np.ptp(along)), float(along.max())
 
     def section(self, at: float) -> MultiPolygon:
@@ -55,31 +64,46 @@ class Solid:
         Raises:
             RequestError: There is no section.
         """
-        cut = self._mesh.section(plane_origin=(self._tip - at) * self._towards, plane_normal=-self._towards)
-        if cut is None:
-            raise RequestError(f"{self._path}: cannot be used: there is no section at {1000 * at:g} mm")
-        flat, _ = cut.to_2D(to_2D=self._seen_from_behind())
-        figure = shapely.build_area(
-            shapely.MultiLineString([line for line in flat.discrete if len(line) > 1])
+        solid, empty = (
+            shapely.union_all([self._cut(body, at) for body in bodies])
+            for bodies in (self._outer, self._cavities)
         )
+        figure = solid.difference(empty)
+        if figure.is_empty:
+            raise RequestError(f"{self._path}: cannot be used: there is no section at {1000 * at:g} mm")
+        return MultiPolygon([shapely.orient_polygons(part) for part in getattr(figure, "geoms", [figure])])
+
+    def _cut(self, body: "trimesh.Trimesh", at: float) -> BaseGeometry:
+        """Return the section of a single body, which may be empty."""
+        origin = (self._tip - at) / _UM * self._towards
+        cut = body.section(plane_origin=origin, plane_normal=-self._towards)
+        if cut is None:
+            return MultiPolygon()
+        flat, _ = cut.to_2D(to_2D=self._seen_from_behind())
+        lines = [_UM * line for line in flat.discrete if len(line) > 1]
+        figure = shapely.build_area(shapely.MultiLineString(lines))
         if figure.is_empty:
             raise RequestError(f"{self._path}: cannot be used: the section at {1000 * at:g} mm is not closed")
-        return MultiPolygon([shapely.orient_polygons(part) for part in getattr(figure, "geoms", [figure])])
+        return figure
 
     def largest_change(self, at: float, start: float, end: float) -> float:
         """Return how far sections between two distances from the tip are from the one at a distance, at most.
 
-        A section is taken between each two neighbouring heights at which the surface has corners.
+        Between neighbouring heights at which the surface has corners, a section changes steadily: it is taken
+        just inside of both ends.
         """
-        heights = self._tip - self._mesh.vertices @ self._towards
+        heights = self._tip - self._vertices @ self._towards
         inside = heights[(heights > start) & (heights < end)]
         levels = np.unique(np.concatenate([[start, end], inside.round(7)]))
-        middles = (levels[1:] + levels[:-1])[np.diff(levels) > _LEAST_STEP_M] / 2
-        middles = middles[np.linspace(0, len(middles) - 1, min(len(middles), MOST_SECTIONS)).astype(int)]
+        low, high = levels[:-1], levels[1:]
+        wide = high - low > 3 * _INSIDE_M
+        cuts = np.concatenate([[start, *low[wide]], [*high[wide] - 2 * _INSIDE_M, end - 2 * _INSIDE_M]])
+        cuts = np.unique(cuts) + _INSIDE_M
+        cuts = cuts[np.linspace(0, len(cuts) - 1, min(len(cuts), MOST_SECTIONS)).astype(int)]
         here = self.section(at)
         return max(
             float(shapely.hausdorff_distance(here.boundary, self.section(float(one)).boundary, 0.05))
-            for one in middles
+            for one in cuts
         )
 
     def _seen_from_behind(self) -> np.ndarray:
@@ -89,6 +113,19 @@ class Solid:
         frame = np.eye(4)
         frame[:3, :3] = np.stack([x, np.cross(normal, x), normal])
         return frame
+
+
+def _bodies(mesh: "trimesh.Trimesh") -> tuple[list["trimesh.Trimesh"], list["trimesh.Trimesh"]]:
+    """Divide a mesh into closed bodies: those that are solid, and cavities, whose surfaces point inwards."""
+    bodies = list(mesh.split(only_watertight=False))
+    if not all(body.is_watertight for body in bodies):  # bodies that touch along their edges
+        return [mesh], []
+    largest = max((body.volume for body in bodies), key=abs)
+    share = [body.volume / largest for body in bodies]  # some files have all surfaces inside out
+    return (
+        [body for body, one in zip(bodies, share, strict=True) if one > _NO_VOLUME],
+        [body for body, one in zip(bodies, share, strict=True) if one < -_NO_VOLUME],
+    )
 
 
 def _step(path: Path, tolerance_m: float):
