@@ -21,7 +21,7 @@ def test_parts_are_added_to_a_file_and_shown(tmp_path, capsys):
     out = tmp_path / "mine.yaml"
     assert imported(SLOT, "slot", out) == 0
     said = capsys.readouterr().out
-    assert "slot: 20 by 10 mm, 165.98 mm²" in said
+    assert "slot: 20 by 10 mm, 165.96 mm²" in said
     assert "straight lines err by at most 0.005 mm" in said
     assert imported(PLUG, "plug", out) == 0
     assert "the section changes by 0.000 mm over 10 mm" in capsys.readouterr().out
