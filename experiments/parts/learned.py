@@ -19,6 +19,8 @@ from mjx_fit.report import script
 
 HERE = Path(__file__).parent
 TASK = ("--world", "forge", "--parts", "nist", "--config", HERE / "nist.yaml")
+BEFORE_ALPHA = ("--set", "task.success_probability=null")
+"""The first data set gives the α of the task; attempts do not depend on it."""
 EVALUATIONS = {
     "position": ("full", 300),
     "insertion": ("full,no_update,sample,oracle", 120, "--seeds", 1),
@@ -30,20 +32,18 @@ STAGES = ("data", "training", "evaluation")
 def main(out: Path, until: str) -> None:
     """Run the stages up to the one asked for."""
     reached = STAGES.index(until)
-    script.command(
-        "collect", "--out", out / "learn", "--episodes", 9_000, "--sequence", 3, "--seed", 34, *TASK
-    )
-    script.command(
-        "collect", "--out", out / "held_out", "--episodes", 1_500, "--sequence", 3, "--seed", 35, *TASK
-    )
+    learn = ("--episodes", 9_000, "--sequence", 3, "--seed", 34)
+    script.command("collect", "--out", out / "learn", *learn, *TASK, *BEFORE_ALPHA)
+    held_out = ("--episodes", 1_500, "--sequence", 3, "--seed", 35)
+    script.command("collect", "--out", out / "held_out", *held_out, *TASK)
     script.save(out / "first_attempts.json", first_attempts(out / "learn"))
     if reached >= 1:
         training = ("--config", HERE.parents[1] / "configs" / "cpu.yaml")
         script.command("train", "--data", out / "learn", "--out", out / "run", *TASK, *training)
     if reached >= 2:
         own = ("--run", out / "run", *TASK)
-        held_out = ("--data", out / "held_out", *own)
-        script.command("evaluate", "calibration", "--out", out / "calibration.json", *held_out)
+        of_held_out = ("--data", out / "held_out", *own)
+        script.command("evaluate", "calibration", "--out", out / "calibration.json", *of_held_out)
         script.command("evaluate", "attempt", "--out", out / "attempt.json", "--trials", 100, *TASK)
         for experiment, (methods, trials, *more) in EVALUATIONS.items():
             asked = ("--methods", methods, "--trials", trials, *more)

@@ -34,6 +34,7 @@ from mjx_fit.data.schedule import draw_places
 from mjx_fit.engines.native.engine import NativeEngine
 from mjx_fit.engines.select import make_engine
 from mjx_fit.report import script
+from mjx_fit.scene.build import pair_index
 from mjx_fit.scene.fits import fitting
 from mjx_fit.scene.outline import peg_outline
 from mjx_fit.task.attempt_loop import spirals_at
@@ -46,6 +47,7 @@ HERE = Path(__file__).parent
 KNOWN_EACH, DEFAULT_EACH, IMPOSSIBLE = 300, 100, 1000
 EXACT = ("spiral.radius_m=0.002", "spiral.turns=4", "spiral.wiggle_m=0")
 ALLOWED_SHARE = 0.1
+STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 GAP_M = 0.0001
 RIM_M, OVERHANGS_M, PUSH_M, ACTIONS = 0.015, (0.004, 0.006, 0.008), 0.004, 20
 """Distance of the rim from the hole's centre, of the peg's axis from the rim, depth of the goal; duration."""
@@ -115,21 +117,40 @@ def attempts_at(config: Config, peg: np.ndarray, hole: np.ndarray) -> Attempt:
 
 
 def deepest(config: Config, attempts: Attempt) -> tuple[Rollout, np.ndarray]:
-    """Run attempts in C; return them with the deepest penetration of each torque's end (n, samples), m."""
+    """Run attempts in C; return them with the deepest penetration during each torque (n, torques), m.
+
+    A torque is simulated once more, from the state before it, to see all of its physics steps.
+    """
     actions = config.task.attempt_actions
     n = len(attempts.peg_type)
-    depth, step = np.zeros((n, actions * SUBSTEPS), np.float32), np.zeros(n, int)
+    depth, torque = np.zeros((n, actions * SUBSTEPS), np.float32), np.zeros(n, int)
+    pair = np.asarray(pair_index(attempts.peg_type, attempts.hole_type, config.scene.n_types))
+    before: dict[int, np.ndarray] = {}
 
     def look(ids: np.ndarray, batch) -> None:
-        data = mujoco.MjData(engine.scene.models[0])
+        data, again = (mujoco.MjData(engine.scene.models[0]) for _ in range(2))
+        state = np.empty(mujoco.mj_stateSize(engine.scene.models[0], STATE))
         for i, world in enumerate(ids):
+            model = engine.scene.models[pair[world]]
             batch.get_data(i, data)
-            if data.ncon:
-                depth[world, step[world]] = -data.contact.dist.min()
-        step[ids] += 1
+            mujoco.mj_getState(model, data, state, STATE)
+            if data.ncon and world in before:
+                mujoco.mj_setState(model, again, before[world], STATE)
+                again.ctrl[:] = data.ctrl
+                for _ in range(config.scene.physics_steps):
+                    mujoco.mj_step(model, again)
+                    depth[world, torque[world]] = max(depth[world, torque[world]], deepest_of(again))
+                assert np.array_equal(again.qpos, data.qpos)
+            before[world] = state.copy()
+        torque[ids] += 1
 
     engine = NativeEngine(config, 2, on_step=look)
     return engine.run(attempts, actions), depth
+
+
+def deepest_of(data: Any) -> float:
+    """Return the deepest penetration of a state, m."""
+    return -float(data.contact.dist.min()) if data.ncon else 0.0
 
 
 def impossible_attempts(config: Config) -> dict[str, Any]:
