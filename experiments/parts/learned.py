@@ -20,7 +20,7 @@ from mjx_fit.report import script
 HERE = Path(__file__).parent
 TASK = ("--world", "forge", "--parts", "nist", "--config", HERE / "nist.yaml")
 BEFORE_ALPHA = ("--set", "task.success_probability=null")
-"""The first data set gives the α of the task; attempts do not depend on it."""
+"""The first data set gives these probabilities; its attempts do not depend on them."""
 EVALUATIONS = {
     "position": ("full", 300),
     "insertion": ("full,no_update,sample,oracle", 120, "--seeds", 1),
