@@ -134,7 +134,8 @@ def deepest(config: Config, attempts: Attempt) -> tuple[Rollout, np.ndarray]:
             model = engine.scene.models[pair[world]]
             batch.get_data(i, data)
             mujoco.mj_getState(model, data, state, STATE)
-            if data.ncon and world in before:
+            rests = world not in before or np.array_equal(state, before[world])  # at its start or end
+            if data.ncon and not rests:
                 mujoco.mj_setState(model, again, before[world], STATE)
                 again.ctrl[:] = data.ctrl
                 for _ in range(config.scene.physics_steps):
