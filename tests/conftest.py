@@ -26,7 +26,7 @@ os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=1")
 
 
 LONG = {
-    "assembly", "attention", "batches", "bench", "calibration", "checkpoint", "cli", "collect",
+    "assembly", "attempt", "attention", "batches", "bench", "calibration", "checkpoint", "cli", "collect",
     "collision", "compilation_cache", "contact_sensor", "crash", "damaged_checkpoint", "demo", "engines",
     "examples", "export", "export_readers", "files", "going_on", "hostile_configs", "hostile_data",
     "hostile_results", "hostile_runs", "interrupts", "loss", "machine_paths", "memory", "mirror",

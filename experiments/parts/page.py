@@ -25,8 +25,8 @@ def parts(table: dict[str, Any], speeds: dict[str, Any]) -> None:
     """Print geometry and speed of every part."""
     head = ["part", "area, mm²", "facets, µm", "gap", "pieces", "points", "steps", *SPEEDS.values()]
     lines = [[*head, "`native` of box", "MJX of box"]]
-    for name, speed in speeds.items():
-        row = table[name]
+    for name, row in ((name, row) for name, row in table.items() if name in speeds):
+        speed = speeds[name]
         lines.append(
             [
                 f"`{name}`",

@@ -39,7 +39,9 @@ def add_evaluate(parsers: Commands) -> None:
 
 
 def _add_attempt(commands: Commands) -> None:
-    parser = add_command(commands, "attempt", attempt, "measure the success rate of single attempts")
+    parser = add_command(
+        commands, "attempt", attempt, "measure the success rate of single attempts", resumes=True
+    )
     _with_trials(parser, 100, "matched attempts for each shape, and mismatched ones in all")
 
 

@@ -11,7 +11,7 @@ from mjx_fit.data.schedule import draw_places, mismatched_pairs
 from mjx_fit.engines.failures import as_run, report
 from mjx_fit.engines.interface import Engine
 from mjx_fit.engines.threads import even_batch
-from mjx_fit.evaluation import result_file, results
+from mjx_fit.evaluation import parts, result_file, results
 from mjx_fit.evaluation.request import Request
 from mjx_fit.evaluation.results import Result
 from mjx_fit.sensors.force_torque import peak_force
@@ -37,7 +37,9 @@ def attempt(request: Request) -> Result:
     result_file.require_trials(request.trials, n_types + (n_types > 1))  # each shape, and mismatched
     asked = {"trials": request.trials, **request.asked_policy()}
     here = result_file.header("attempt", request.config, request.seed, request.engine.name, asked)
-    return result_file.once(request.out, here, lambda: _attempt(request, here))
+    result = result_file.once(request.out, here, lambda: _attempt(request, here))
+    parts.finish(request.out)
+    return result
 
 
 def _attempt(request: Request, here: result_file.Header) -> Result:
@@ -46,10 +48,10 @@ def _attempt(request: Request, here: result_file.Header) -> Result:
     n = len(peg_type)
     batch = even_batch(n, ATTEMPT_BATCH)
     root, dumps = root_key(request.seed, "attempt"), result_file.broken(request.out)
-    rows: list[dict[str, Any]] = []
-    with Progress("attempts", n, 0, COMPILING if engine.name == "mjx" else "") as progress:
-        for start in range(0, n, batch):
-            ids = np.arange(start, start + batch)
+    finished = min(parts.kept(request.out) * batch, n)
+    with Progress("attempts", n, finished, COMPILING if engine.name == "mjx" else "") as progress:
+
+        def work(ids: Int[np.ndarray, "m"]) -> parts.Rows:
             there = draw_places(root, jnp.asarray(ids), config)
             attempts = spirals_at(
                 peg_type[ids % n],
@@ -61,8 +63,13 @@ def _attempt(request: Request, here: result_file.Header) -> Result:
             )
             rollouts = engine.run(attempts, actions, ids < n)
             report(rollouts, as_run(attempts, engine), ids, actions, config, dumps)
-            rows += _attempt_rows(rollouts, ids[ids < n], config.scene.names)
+            return _attempt_rows(rollouts, ids[ids < n], config.scene.names)
+
+        def told(rows: parts.Rows) -> None:
             progress(len(rows), f"{sum(row['inserted'] for row in rows)} inserted")
+
+        pieces = [np.arange(start, start + batch) for start in range(0, n, batch)]
+        rows = parts.in_parts(request.out, here, pieces, work, told)
     return result_file.write(request.out, here, results.summarise_attempt(rows, _method(engine)), rows)
 
 

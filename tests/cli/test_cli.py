@@ -131,7 +131,7 @@ def test_a_result_has_a_name_by_which_a_report_finds_it(refused, tmp_path):
     [
         ("mjx_fit.data.collect.collect", ["collect", "--out", "d"], True),
         ("mjx_fit.evaluation.assembly.assembly", ["evaluate", "assembly", "--out", "a.json"], True),
-        ("mjx_fit.evaluation.attempt.attempt", ["evaluate", "attempt", "--out", "a.json"], False),
+        ("mjx_fit.evaluation.attempt.attempt", ["evaluate", "attempt", "--out", "a.json"], True),
         ("mjx_fit.report.build.build", ["report", "d", "--out", "page"], False),
     ],
 )
