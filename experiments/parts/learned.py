@@ -44,7 +44,6 @@ def main(out: Path, until: str) -> None:
         own = ("--run", out / "run", *TASK)
         of_held_out = ("--data", out / "held_out", *own)
         script.command("evaluate", "calibration", "--out", out / "calibration.json", *of_held_out)
-        script.command("evaluate", "attempt", "--out", out / "attempt.json", "--trials", 100, *TASK)
         for experiment, (methods, trials, *more) in EVALUATIONS.items():
             asked = ("--methods", methods, "--trials", trials, *more)
             script.command("evaluate", experiment, "--out", out / f"{experiment}.json", *asked, *own)
