@@ -22,6 +22,7 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 import shapely
+from shapely import MultiPolygon
 
 from mjx_fit.config.files import read_config
 from mjx_fit.config.part_sets import parts_file
@@ -38,7 +39,7 @@ from mjx_fit.scene.build import pair_index
 from mjx_fit.scene.fits import fitting
 from mjx_fit.scene.outline import peg_outline
 from mjx_fit.task.attempt_loop import spirals_at
-from mjx_fit.types import Attempt, Rollout
+from mjx_fit.types import Attempt, Rollout, Trace
 from mjx_fit.utils import process_setup
 from mjx_fit.utils.randomness import root_key
 from mjx_fit.utils.rates import SUBSTEPS
@@ -187,34 +188,36 @@ def pressed(engine: str) -> list[dict[str, Any]]:
 
     running = make_engine(engine, config, policy=stateless(hold))
     done = running.run(asked, ACTIONS)
-    model = running.scene.models[0]
+    outlines = [peg_outline(shape, config.scene) for shape in pegs]
     rows = []
     for i in range(n):
-        wrench = done.felt.trace.wrench_sensor[i, -1].mean(0) - done.felt.tare_sensor[i]
-        centre = centre_on_face(model, np.asarray(wrench, float))
-        tip, quat = (
-            np.asarray(leaf[i, -1], float)
-            for leaf in (done.felt.trace.tip_pos_world, done.felt.trace.tip_quat_world)
-        )
-        across = axes_of(quat)
-        # The rim is a line along y at the plate's top; the face's own x axis meets it.
-        rim = (hole[i, 0] + RIM_M - tip[0]) / across[0, 0]
-        supported = peg_outline(pegs[kind[i]], config.scene).intersection(shapely.box(rim, -1, 1, 1))
-        expected = supported.bounds[0]
+        trace = jax.tree.map(lambda leaf, i=i: np.asarray(leaf[i, -1], float), done.felt.trace)
+        wrench = np.asarray(trace.wrench_sensor.mean(0) - done.felt.tare_sensor[i])
+        centre = centre_on_face(running.scene.models[0], wrench)
+        expected = edge_in_face(outlines[kind[i]], trace, float(hole[i, 0]) + RIM_M)
         rows.append(
             {
                 "engine": engine,
                 "peg": pegs[kind[i]].name,
                 "overhang_mm": 1e3 * float(overhang[i]),
                 "force_n": float(np.linalg.norm(wrench[:3])),
-                "tilt_deg": float(np.degrees(np.arccos(min(1.0, -across[2, 2])))),
-                "expected_mm": 1e3 * float(expected),
+                "tilt_deg": float(np.degrees(np.arccos(min(1.0, -axes_of(trace.tip_quat_world)[2, 2])))),
+                "expected_mm": 1e3 * expected,
                 "error_mm": 1e3 * float(centre[0] - expected),
                 "beside_mm": 1e3 * float(centre[1]),
             }
         )
         print(rows[-1], flush=True)
     return rows
+
+
+def edge_in_face(peg: MultiPolygon, trace: Trace, rim_m: float) -> float:
+    """Return where the supported part of a peg's face begins along the face's x axis, m.
+
+    The rim is a line along y at the plate's top, which the face's own x axis meets.
+    """
+    rim = (rim_m - trace.tip_pos_world[0]) / axes_of(trace.tip_quat_world)[0, 0]
+    return float(peg.intersection(shapely.box(rim, -1, 1, 1)).bounds[0])
 
 
 def axes_of(quat: np.ndarray) -> np.ndarray:
