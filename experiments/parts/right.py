@@ -201,7 +201,9 @@ def pressed(engine: str) -> list[dict[str, Any]]:
                 "peg": pegs[kind[i]].name,
                 "overhang_mm": 1e3 * float(overhang[i]),
                 "force_n": float(np.linalg.norm(wrench[:3])),
-                "tilt_deg": float(np.degrees(np.arccos(min(1.0, -axes_of(trace.tip_quat_world)[2, 2])))),
+                "tilt_deg": float(
+                    np.degrees(np.arccos(min(1.0, -axes_of(np.asarray(trace.tip_quat_world))[2, 2])))
+                ),
                 "expected_mm": 1e3 * expected,
                 "error_mm": 1e3 * float(centre[0] - expected),
                 "beside_mm": 1e3 * float(centre[1]),
@@ -216,7 +218,7 @@ def edge_in_face(peg: MultiPolygon, trace: Trace, rim_m: float) -> float:
 
     The rim is a line along y at the plate's top, which the face's own x axis meets.
     """
-    rim = (rim_m - trace.tip_pos_world[0]) / axes_of(trace.tip_quat_world)[0, 0]
+    rim = (rim_m - trace.tip_pos_world[0]) / axes_of(np.asarray(trace.tip_quat_world))[0, 0]
     return float(peg.intersection(shapely.box(rim, -1, 1, 1)).bounds[0])
 
 
