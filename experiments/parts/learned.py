@@ -22,9 +22,8 @@ TASK = ("--world", "forge", "--parts", "nist", "--config", HERE / "nist.yaml")
 BEFORE_ALPHA = ("--set", "task.success_probability=null")
 """The first data set gives these probabilities; its attempts do not depend on them."""
 EVALUATIONS = {
-    "position": ("full", 300),
-    "insertion": ("full,no_update,sample,oracle", 120, "--seeds", 1),
-    "assembly": ("full,failure_only,oracle", 20),
+    "insertion": ("full,no_update,sample,oracle", 80, "--seeds", 1),
+    "assembly": ("full,failure_only,oracle", 12),
 }
 STAGES = ("data", "training", "evaluation")
 

@@ -17,7 +17,7 @@ def main() -> None:
     """Print all tables."""
     parts(_read("table"), _read("speed")["rows"])
     causes(_read("causes"))
-    for name in ("insertion", "position", "assembly"):
+    for name in ("insertion", "assembly"):
         methods(name)
 
 
