@@ -8,6 +8,10 @@ from mjx_fit.cli.path_argument import path
 from mjx_fit.config.part_sets import PART_SETS, parts_file
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from mjx_fit.config.sections.scene import SceneConfig
+    from mjx_fit.config.sections.shape import Shape
     from mjx_fit.scene.part_files.importing import Wanted
 
 # Each command imports its own dependencies, so that `mjx-fit --help` answers immediately.
@@ -28,9 +32,8 @@ def _add_import(whats: argparse._SubParsersAction) -> None:
     read.add_argument("file", type=path, metavar="FILE", help=".dxf, .svg, .stl, .obj, .step")
     read.add_argument(
         "--units",
-        required=True,
         metavar="U",
-        help="mm, cm, m, in or um; STEP, and SVG with a width in mm or the like, state their own",
+        help="mm, cm, m, in or um (default: what the file states; STEP and SVG with a size keep their own)",
     )
     read.add_argument("--name", required=True, metavar="NAME", help="name of the part")
     read.add_argument(
@@ -82,6 +85,7 @@ def part_import(args: argparse.Namespace) -> None:
     from mjx_fit.scene.part_files.importing import import_part, shape_tree
     from mjx_fit.scene.part_files.parts_yaml import as_yaml, require_name, require_yaml, with_part
     from mjx_fit.scene.part_rules import require_possible
+    from mjx_fit.utils.errors import RequestError
     from mjx_fit.utils.files import require_writable, write_text
 
     wanted, picture = wanted_of(args), args.out.with_suffix(".png")
@@ -89,26 +93,41 @@ def part_import(args: argparse.Namespace) -> None:
     require_yaml(args.out)
     require_writable(args.out)
     require_writable(picture)
+    if picture.exists() and not args.out.exists():
+        raise RequestError(f"--out: {args.out} cannot be used: {picture} exists and would be replaced")
     found = import_part(args.file, wanted)
     shape = shape_tree(args.name, found, args.clearance / _MM_PER_M, wanted.chamfer_m)
     tree = with_part(args.out, shape)
     config = config_from_tree(tree)
     require_possible(config.scene.shapes[-1], config.scene)
     text = as_yaml(tree)
-    draw(picture, lambda: parts(config.scene))
     write_text(args.out, text)
+    draw(picture, lambda: parts(config.scene))
     x, y = (_MM_PER_M * side for side in found.size_m)
     print(
         f"{args.name}: {x:.4g} by {y:.4g} mm, {found.area_m2 * _MM_PER_M**2:.5g} mm², {found.corners} "
         f"corners, {args.clearance:g} mm of air per side"
     )
+    print(f"unit: {found.unit}")
+    if found.parts + found.holes > 1:
+        print(f"outlines: {found.parts} apart, {found.holes} inside of others, which bound holes")
     print(f"straight lines err by at most {_MM_PER_M * wanted.tolerance_m:.3g} mm")
     if found.change_m is not None:
         print(
             f"the section changes by {_MM_PER_M * found.change_m:.3f} mm over "
             f"{_MM_PER_M * wanted.depth_m:g} mm"
         )
+    _tell_lopsided(config.scene.shapes[-1:], config.scene)
     print(args.out)
+
+
+def _tell_lopsided(shapes: "Sequence[Shape]", scene: "SceneConfig") -> None:
+    """Say which parts training cannot mirror."""
+    from mjx_fit.scene.outline import is_its_own_mirror_image
+
+    for shape in shapes:
+        if not is_its_own_mirror_image(shape, scene):
+            print(f"{shape.name} is not its own mirror image in y: train with --set train.mirror=false")
 
 
 def wanted_of(args: argparse.Namespace) -> "Wanted":
@@ -127,7 +146,7 @@ def wanted_of(args: argparse.Namespace) -> "Wanted":
             raise RequestError(
                 f"{option}: {shown(value)} cannot be used: {args.file} is a drawing, not a solid"
             )
-    if args.units not in UNITS_M:
+    if args.units is not None and args.units not in UNITS_M:
         raise RequestError(f"--units: {shown(args.units)} is invalid: expected {', '.join(UNITS_M)}")
     axis = "-z" if args.axis is None else args.axis
     if axis not in AXES:
@@ -174,3 +193,4 @@ def part_show(args: argparse.Namespace) -> None:
             if turned[peg, i]
         ]
         print(f"{name} fits {', '.join(into)}")
+    _tell_lopsided(scene.shapes, scene)

@@ -23,7 +23,7 @@ def read_config(path: Path | Sequence[Path] | None = None, overrides: Sequence[s
     tree: dict[str, Any] = {}
     paths = [] if path is None else [path] if isinstance(path, Path) else path
     for one in paths:
-        for name, section in _read(one).items():
+        for name, section in read_tree(one).items():
             both = isinstance(section, dict) and isinstance(tree.get(name), dict)
             tree[name] = tree[name] | section if both else section
     for override in overrides:
@@ -40,10 +40,15 @@ def read_stored_config(path: Path) -> Config:
     Raises:
         RequestError: The file cannot be read, or a key or value is invalid.
     """
-    return config_from_stored(_read(path))
+    return config_from_stored(read_tree(path))
 
 
-def _read(path: Path) -> dict[str, Any]:
+def read_tree(path: Path) -> dict[str, Any]:
+    """Read the sections of a YAML file, which are not checked.
+
+    Raises:
+        RequestError: The file cannot be read.
+    """
     name = str(path) if str(path).isprintable() else shown(str(path))
     try:
         with Path(path).open("rb") as file:

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from mjx_fit.config.files import read_tree
 from mjx_fit.utils import resources
 from mjx_fit.utils.errors import RequestError, shown
 
@@ -16,7 +17,7 @@ def parts_file(name: str | None) -> list[Path]:
         name: Name of a preset, or path of a YAML file with parts; None: the default.
 
     Raises:
-        RequestError: There is no such preset or file.
+        RequestError: There is no such preset or file, or the file has no parts.
     """
     if name is None or name == PART_SETS[0]:
         return []
@@ -26,4 +27,7 @@ def parts_file(name: str | None) -> list[Path]:
         raise RequestError(
             f"--parts: {shown(name)} is invalid: expected {', '.join(PART_SETS)} or a YAML file"
         )
+    scene = read_tree(Path(name)).get("scene")
+    if isinstance(scene, dict | None) and "shapes" not in (scene or {}):
+        raise RequestError(f"--parts: {name} cannot be used: it has no scene.shapes")
     return [Path(name)]

@@ -96,11 +96,12 @@ def facet_tolerance_m(shape: Shape, scene: SceneConfig) -> float:
 
 
 def is_its_own_mirror_image(shape: Shape, scene: SceneConfig) -> bool:
-    """Check whether peg and hole are symmetric about the plane y = 0."""
+    """Check whether peg and hole are symmetric about the plane y = 0, to within the error of facets."""
+    most_m = 2 * facet_tolerance_m(shape, scene)
 
     def is_symmetric(figure: MultiPolygon) -> bool:
         mirrored = scale_about_origin(figure, 1, -1, origin=(0, 0))
-        return figure.symmetric_difference(mirrored).area < _SAME * figure.area
+        return bool(shapely.hausdorff_distance(figure.boundary, mirrored.boundary) <= most_m)
 
     return is_symmetric(peg_outline(shape, scene)) and is_symmetric(hole_outline(shape, scene))
 
@@ -108,10 +109,6 @@ def is_its_own_mirror_image(shape: Shape, scene: SceneConfig) -> bool:
 def rings_of(figure: MultiPolygon) -> Iterator[LinearRing]:
     """Yield outer and inner rings of all polygons."""
     return (ring for part in figure.geoms for ring in (part.exterior, *part.interiors))
-
-
-_SAME = 1e-6
-"""Share of an area that rounding may make."""
 
 
 def grown(figure: BaseGeometry, gap_m: float) -> MultiPolygon:

@@ -117,3 +117,23 @@ def test_presets_and_files_are_parts_of_any_command(tmp_path, capsys):
     assert '"rj45"' in capsys.readouterr().out
     assert main.main(["config", "--parts", "bolts"]) == 2
     assert "expected paper, nist, shafts or a YAML file" in capsys.readouterr().err
+
+
+def test_a_picture_of_something_else_is_not_replaced(tmp_path, capsys):
+    (tmp_path / "photo.png").write_text("mine")
+    assert imported(SLOT, "slot", tmp_path / "photo.yaml") == 2
+    assert "photo.png exists and would be replaced" in capsys.readouterr().err
+    assert (tmp_path / "photo.png").read_text() == "mine"
+    assert not (tmp_path / "photo.yaml").exists()
+
+
+def test_a_file_without_parts_is_not_read_as_the_default_ones(tmp_path, capsys):
+    (tmp_path / "task.yaml").write_text("detector: {half_width_m: 0.005}\n")
+    assert main.main(["part", "show", str(tmp_path / "task.yaml")]) == 2
+    assert "task.yaml cannot be used: it has no scene.shapes" in capsys.readouterr().err
+
+
+def test_parts_that_training_cannot_mirror_are_named(tmp_path, capsys):
+    assert imported(WEDGE, "wedge", tmp_path / "w.yaml") == 0
+    line = "wedge is not its own mirror image in y: train with --set train.mirror=false"
+    assert line in capsys.readouterr().out

@@ -11,7 +11,7 @@ from places import EXPERIMENTS
 
 from mjx_fit.config.sections.scene import SceneConfig
 from mjx_fit.config.sections.shape import Shape
-from mjx_fit.scene.outline import outline
+from mjx_fit.scene.outline import is_its_own_mirror_image, outline
 from mjx_fit.scene.part_files.importing import Wanted, import_part
 from mjx_fit.scene.part_rules import require_possible
 from mjx_fit.utils.errors import RequestError
@@ -45,6 +45,47 @@ def test_samples_have_their_sizes_and_areas(name, size_mm, area_mm2):
         assert part.area_m2 == pytest.approx(area_mm2 * MM2, rel=1e-3)
     assert (part.change_m is None) == name.endswith((".dxf", ".svg"))
     require_possible(Shape("part", section=part.section, clearance_m=1e-4), SceneConfig())
+
+
+@pytest.mark.parametrize("name", ["slot.dxf", "latch.dxf", "usb.step"])
+def test_samples_that_are_symmetric_in_y_can_be_mirrored(name):
+    """Straight lines in place of arcs are not symmetric, within the tolerance."""
+    shape = Shape("part", section=import_part(SAMPLES / name, Wanted()).section, clearance_m=1e-4)
+    assert is_its_own_mirror_image(shape, SceneConfig())
+
+
+def test_outlines_are_counted():
+    slot = import_part(SAMPLES / "slot.dxf", Wanted())
+    assert (slot.parts, slot.holes) == (1, 1)
+    wedge = import_part(SAMPLES / "wedge.stl", Wanted())
+    assert (wedge.parts, wedge.holes, wedge.corners) == (1, 0, 3)
+
+
+@pytest.mark.parametrize(
+    ("header", "asked", "size_m", "words"),
+    [
+        (1, None, 0.0508, "in, as the file states"),
+        (4, "mm", 0.002, "mm, as the file states"),
+        (1, "mm", 0.002, "--units mm; the file states in"),
+        (0, "cm", 0.02, "--units cm"),
+    ],
+)
+def test_a_drawing_is_read_in_its_unit_unless_another_is_asked_for(tmp_path, header, asked, size_m, words):
+    document = ezdxf.new(units=header)
+    document.modelspace().add_lwpolyline([(0, 0), (2, 0), (2, 1), (0, 1)], close=True)
+    document.saveas(tmp_path / "plate.dxf")
+    part = import_part(tmp_path / "plate.dxf", Wanted(units=asked))
+    assert part.size_m[0] == pytest.approx(size_m)
+    assert part.unit == words
+
+
+def test_a_file_without_a_unit_needs_one(tmp_path):
+    document = ezdxf.new(units=0)
+    document.modelspace().add_circle((0, 0), 3)
+    document.saveas(tmp_path / "plate.dxf")
+    for file in (tmp_path / "plate.dxf", SAMPLES / "wedge.stl"):
+        with pytest.raises(RequestError, match=f"--units: required: .*{file.name} does not state"):
+            import_part(file, Wanted(units=None))
 
 
 def test_a_gear_is_drawn_the_right_way_up(tmp_path):
@@ -92,12 +133,16 @@ def test_a_solid_is_seen_against_the_insertion(axis, corner_m):
 
 def bad_files(folder):
     """Files without a usable part, with the options and what is wrong."""
-    yield drawing(folder / "open.dxf", lambda space: space.add_line((0, 0), (5, 5))), {}, "is not closed"
+    yield (
+        drawing(folder / "open.dxf", lambda space: space.add_line((0, 0), (5, 5))),
+        {},
+        (r"is not closed, at \(0, 0\); the nearest other end is 7.07 away, more than 0.00125"),
+    )
     bow = [(0, 0), (9, 9), (9, 0), (0, 9)]
     yield (
         drawing(folder / "bow.dxf", lambda space: space.add_lwpolyline(bow, close=True)),
         {},
-        "outlines cross",
+        r"outlines cross: one crosses itself, which begins at \(0, 0\)",
     )
     yield drawing(folder / "none.dxf", lambda space: None), {}, "holds no line"
 
@@ -105,7 +150,7 @@ def bad_files(folder):
         space.add_circle((0, 0), 3)
         space.add_circle((4, 0), 3)
 
-    yield drawing(folder / "two.dxf", two_circles), {}, "outlines cross"
+    yield drawing(folder / "two.dxf", two_circles), {}, r"outlines cross, at \(2, -?2.23"
     for units, size in (("m", r"2e\+04 by 1e\+04"), ("um", "0.02 by 0.01")):
         yield SAMPLES / "slot.dxf", {"units": units}, f"the section is {size} mm in --units {units}"
     yield SAMPLES / "usb.step", {"axis": "z"}, "its section changes by .* more than the tolerance"

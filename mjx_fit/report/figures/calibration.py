@@ -118,7 +118,8 @@ def match_by_pair(summary: list[Row]) -> Figure:
     ax.axhline(0.5, color=style.PAPER_COLOUR, linestyle="--", linewidth=1)
     texts = ["{} peg,\n{} hole".format(*name.split(":")) for name in names]
     ax.set_xticks(range(len(rows)), texts, rotation=HEADED, ha="right", rotation_mode="anchor")
-    ax.set(ylabel="Match AUROC", ylim=(0.45, 1.0))
+    lowest = min([0.45, *(row.value if row.low is None else row.low - 0.02 for row in rows)])
+    ax.set(ylabel="Match AUROC", ylim=(max(lowest, 0.0), 1.0))
     return figure
 
 

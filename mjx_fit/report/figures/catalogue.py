@@ -111,8 +111,8 @@ def _calibration(result: Result) -> list[Drawing]:
         *several,
         (
             "actions",
-            "Mean position error after one failed attempt, by the number of actions used, with 95 % "
-            "intervals by bootstrap over holes.",
+            "Mean position error after an update from each failed attempt, by the number of actions used, "
+            "with 95 % intervals by bootstrap over holes.",
             lambda: calibration.error_by_actions(result.summary),
         ),
         (
@@ -135,8 +135,8 @@ def _by_pair(result: Result, n_types: int) -> list[Drawing]:
     if n_types == 1:
         return []
     caption = (
-        "Match AUROC after one failed attempt, by peg type and mismatched hole type, with 95 % intervals by "
-        "bootstrap over holes; 0.5 is chance."
+        "Match AUROC after an update from each failed attempt, by peg type and mismatched hole type, with "
+        "95 % intervals by bootstrap over holes; 0.5 is chance."
     )
     return [("pairs", caption, lambda: calibration.match_by_pair(result.summary))]
 

@@ -9,7 +9,7 @@ from matplotlib.path import Path
 from shapely import MultiPolygon
 
 from mjx_fit.config.sections.scene import SceneConfig
-from mjx_fit.scene.outline import hole_outline, peg_outline
+from mjx_fit.scene.outline import hole_outline, inset, peg_outline, rings_of
 
 MM_PER_M = 1000.0
 _COLUMNS = 4
@@ -18,7 +18,10 @@ _PEG, _PLATE = "#0072B2", "#d9d9d9"
 
 
 def parts(scene: SceneConfig) -> Figure:
-    """Draw every peg in its socket as seen from above, all at one scale, with the gap in the title."""
+    """Draw every peg in its socket as seen from above, all at one scale, with the gap in the title.
+
+    Thin lines bound the chamfers of tips and mouths.
+    """
     n = len(scene.shapes)
     rows = -(-n // _COLUMNS)
     columns = min(n, _COLUMNS)
@@ -31,8 +34,13 @@ def parts(scene: SceneConfig) -> Figure:
     for ax, shape, hole in zip(axes, scene.shapes, holes, strict=False):
         ax.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal", facecolor=_PLATE)
         ax.grid(visible=False)
+        peg = peg_outline(shape, scene)
         _fill(ax, hole, "white")
-        _fill(ax, peg_outline(shape, scene), _PEG)
+        _fill(ax, peg, _PEG)
+        if shape.chamfer_m:
+            _draw(ax, inset(peg, shape.chamfer_m), "white")
+        if shape.socket.chamfer_m:
+            _draw(ax, inset(hole, -shape.socket.chamfer_m), "black")
         ax.set_title(f"{shape.name}\ngap {MM_PER_M * scene.clearance_of(shape):g} mm")
     figure.supxlabel("x (mm)", fontsize=11)
     figure.supylabel("y (mm)", fontsize=11)
@@ -54,6 +62,13 @@ def fit_table(
     ax.set(xlabel="socket", ylabel="peg")
     ax.grid(visible=False)
     return figure
+
+
+def _draw(ax: Axes, figure: MultiPolygon, colour: str) -> None:
+    """Draw the outlines of polygons as thin lines."""
+    for ring in rings_of(figure):
+        x, y = MM_PER_M * np.asarray(ring.coords).T
+        ax.plot(x, y, color=colour, linewidth=0.5, marker="")
 
 
 def _fill(ax: Axes, figure: MultiPolygon, colour: str) -> None:

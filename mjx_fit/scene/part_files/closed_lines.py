@@ -37,10 +37,9 @@ def closed_area(lines: list[Line], tolerance: float, path: Path) -> MultiPolygon
         raise RequestError(f"{path}: cannot be used: a coordinate is not finite")
     joined = shapely.MultiLineString([LineString(line) for line in _joined(lines, tolerance)])
     drawn = list(shapely.set_precision(joined, _GRID * tolerance, mode="pointwise").geoms)
-    if _crosses(drawn):
-        raise RequestError(f"{path}: cannot be used: its outlines cross")
+    _require_uncrossed(drawn, path)
     single = shapely.union_all(drawn)
-    _require_closed(single, path)
+    _require_closed(single, tolerance, path)
     figure = shapely.build_area(single)
     if figure.is_empty:
         raise RequestError(f"{path}: cannot be used: no outline is closed")
@@ -48,14 +47,32 @@ def closed_area(lines: list[Line], tolerance: float, path: Path) -> MultiPolygon
     return MultiPolygon([shapely.orient_polygons(part) for part in parts])
 
 
-def _require_closed(drawn: BaseGeometry, path: Path) -> None:
+def _require_closed(drawn: BaseGeometry, tolerance: float, path: Path) -> None:
     """Require that lines neither end nor fork: where outlines share a side, their inside is not defined."""
     parts = [np.array(part.coords)[[0, -1]] for part in getattr(drawn, "geoms", [drawn])]
     places, count = np.unique(np.concatenate(parts), axis=0, return_counts=True)
-    for what, odd in (("is not closed", count == 1), ("runs along another", count % 2 == 1)):
-        if odd.any():
-            x, y = places[odd][0]
-            raise RequestError(f"{path}: cannot be used: an outline {what}, at ({x:g}, {y:g})")
+    ends = places[count == 1]
+    if len(ends):
+        away = np.sort(np.linalg.norm(ends - ends[0], axis=1))
+        gap = (
+            f"; the nearest other end is {away[1]:.3g} away, more than {tolerance:.3g}"
+            if away[1:].size
+            else ""
+        )
+        raise RequestError(
+            f"{path}: cannot be used: an outline is not closed, at {_in_file(ends[0], path)}{gap}"
+        )
+    forks = places[count % 2 == 1]
+    if len(forks):
+        raise RequestError(
+            f"{path}: cannot be used: an outline runs along another, at {_in_file(forks[0], path)}"
+        )
+
+
+def _in_file(point: Float[np.ndarray, "2"], path: Path) -> str:
+    """Write a place in the file's own coordinates: y of SVG points down."""
+    y = -point[1] if path.suffix.lower() == ".svg" else point[1]
+    return f"({point[0]:.6g}, {y + 0.0:.6g})"
 
 
 def _joined(lines: list[Line], tolerance: float) -> list[Line]:
@@ -91,10 +108,18 @@ def _near(points: Float[np.ndarray, "n 2"], distance: float) -> Int[np.ndarray, 
     return np.stack([rows, other[rows, columns]], 1)[order]
 
 
-def _crosses(lines: list[LineString]) -> bool:
-    """Check whether lines cross, themselves or others, anywhere but at their ends."""
-    if not all(line.is_simple for line in lines):
-        return True
+def _require_uncrossed(lines: list[LineString], path: Path) -> None:
+    """Require that lines touch themselves and others at their ends alone."""
+    for line in lines:
+        if not line.is_simple:
+            raise RequestError(
+                f"{path}: cannot be used: its outlines cross: one crosses itself, which begins at "
+                f"{_in_file(np.array(line.coords[0]), path)}"
+            )
     tree = shapely.STRtree(lines)
     one, other = tree.query(lines, predicate="crosses")
-    return bool((one != other).any())
+    crossing = one != other
+    if crossing.any():
+        k = int(np.flatnonzero(crossing)[0])
+        place = shapely.get_coordinates(lines[one[k]].intersection(lines[other[k]]))[0]
+        raise RequestError(f"{path}: cannot be used: its outlines cross, at {_in_file(place, path)}")

@@ -18,6 +18,7 @@ MOST_LINES = 2**12
 """Most lines in place of one curve."""
 _BAD = (ValueError, TypeError, IndexError, KeyError, AttributeError, AssertionError, ArithmeticError)
 """What readers of drawings raise where an element is broken."""
+DXF_UNITS = {1: "in", 4: "mm", 5: "cm", 6: "m", 13: "um"}
 PIXEL_M = 0.0254 / 96
 """Unit of an SVG file without a view box."""
 _SAME_UNIT = 0.001
@@ -43,6 +44,20 @@ def read_dxf(path: Path, tolerance: float) -> list[Line]:
             for entity in _entities(ezdxf.readfile(path).modelspace())
             for curve in _curves(entity)
         ]
+    except (OSError, ezdxf.DXFError, *_BAD) as error:
+        raise RequestError(f"{path}: cannot be read as DXF: {_one_line(error)}") from None
+
+
+def dxf_unit(path: Path) -> str | None:
+    """Return the unit that the header of a DXF file states; None: none, or another than ``DXF_UNITS``.
+
+    Raises:
+        RequestError: The file is no DXF.
+    """
+    import ezdxf
+
+    try:
+        return DXF_UNITS.get(ezdxf.readfile(path).header.get("$INSUNITS", 0))
     except (OSError, ezdxf.DXFError, *_BAD) as error:
         raise RequestError(f"{path}: cannot be read as DXF: {_one_line(error)}") from None
 

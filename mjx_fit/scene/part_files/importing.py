@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
@@ -33,8 +33,8 @@ class Wanted:
     """What to take from a file.
 
     Attributes:
-        units: Unit of the file's coordinates, a key of ``UNITS_M``, if the file does not state it as STEP
-            and some SVG files do.
+        units: Unit of the file's coordinates, a key of ``UNITS_M``; None: the one that the file states. STEP
+            files, and SVG files with a size, are always read in their own.
         tolerance_m: Largest distance of a straight line from the part, m.
         axis: Direction of insertion of a solid.
         at_m: Distance of a solid's section from the end that is inserted first, m; None: in the middle of the
@@ -43,7 +43,7 @@ class Wanted:
         chamfer_m: Height of the chamfer at that end, where the section may change, m.
     """
 
-    units: str = "mm"
+    units: str | None = "mm"
     tolerance_m: float = 5e-6
     axis: str = "-z"
     at_m: float | None = None
@@ -60,6 +60,9 @@ class Imported:
         size_m: Extent along x and y, m.
         area_m2: Area, m².
         corners: Number of corners.
+        parts: Number of outlines that are apart.
+        holes: Number of outlines inside of others, which bound holes.
+        unit: Unit of the file's coordinates in words.
         change_m: Largest change of the section over the insertion depth, m; None: the file is a drawing.
     """
 
@@ -67,6 +70,9 @@ class Imported:
     size_m: tuple[float, float]
     area_m2: float
     corners: int
+    parts: int
+    holes: int
+    unit: str
     change_m: float | None
 
 
@@ -79,8 +85,10 @@ def import_part(path: Path, wanted: Wanted) -> Imported:
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise RequestError(f"{path}: cannot be read: expected a file that ends in {', '.join(SUFFIXES)}")
-    figure, change = _drawn(path, suffix, wanted) if suffix in DRAWINGS else _cut(path, wanted)
-    size = _require_size(path, figure, _unit_in_words(path, wanted))
+    unit = _unit(path, suffix, wanted.units)
+    read = _drawn if suffix in DRAWINGS else _cut
+    figure, change = read(path, wanted, unit)
+    size = _require_size(path, figure, unit)
     if change is not None and change > wanted.tolerance_m:
         raise RequestError(
             f"{path}: cannot be used: its section changes by {1000 * change:.3g} mm over the insertion depth "
@@ -90,57 +98,72 @@ def import_part(path: Path, wanted: Wanted) -> Imported:
     x0, y0, x1, y1 = figure.bounds
     centred = translate(figure, -(x0 + x1) / 2, -(y0 + y1) / 2)
     simple = shapely.set_precision(centred.simplify(_OF_CORNERS * wanted.tolerance_m), GRID_M)
-    corners = int(shapely.get_num_coordinates(simple))
+    polygons = getattr(simple, "geoms", [simple])
+    holes = sum(len(part.interiors) for part in polygons)
+    outlines = len(polygons) + holes
+    corners = int(shapely.get_num_coordinates(simple)) - outlines  # rings end where they begin
     if corners > MOST_CORNERS:
         raise RequestError(
             f"{path}: cannot be used: it has {corners} corners: expected at most {MOST_CORNERS}; choose a "
             "larger --tolerance"
         )
-    pieces = sum(1 + shapely.get_num_interior_rings(part) for part in getattr(simple, "geoms", [simple]))
-    if pieces > MOST_OUTLINES:
+    if outlines > MOST_OUTLINES:
         raise RequestError(
-            f"{path}: cannot be used: it has {pieces} outlines: expected at most {MOST_OUTLINES}"
+            f"{path}: cannot be used: it has {outlines} outlines: expected at most {MOST_OUTLINES}"
         )
-    return Imported(_section(simple), size, simple.area, corners, change)
+    return Imported(_section(simple), size, simple.area, corners, len(polygons), holes, unit.words, change)
 
 
-def _drawn(path: Path, suffix: str, wanted: Wanted) -> tuple[MultiPolygon, None]:
+class _Unit(NamedTuple):
+    """Unit of a file's coordinates, in m, and where it is stated."""
+
+    metres: float
+    words: str
+
+
+def _unit(path: Path, suffix: str, asked: str | None) -> _Unit:
+    if suffix in STEP:
+        return _Unit(1.0, "the unit that the file states")
+    if suffix == ".svg" and (own_m := drawing_files.svg_unit_m(path)):
+        return _Unit(own_m, "the unit that the file states")
+    stated = drawing_files.dxf_unit(path) if suffix == ".dxf" else None
+    if asked is None and stated is None:
+        raise RequestError(f"--units: required: {path} does not state the unit of its coordinates")
+    if asked is None or asked == stated:
+        return _Unit(UNITS_M[stated or ""], f"{stated}, as the file states")
+    instead = f"; the file states {stated}" if stated else ""
+    return _Unit(UNITS_M[asked], f"--units {asked}{instead}")
+
+
+def _drawn(path: Path, wanted: Wanted, unit: _Unit) -> tuple[MultiPolygon, None]:
     """Return the figure of a drawing, m."""
-    own_m = drawing_files.svg_unit_m(path) if suffix == ".svg" else None
-    unit_m = own_m or UNITS_M[wanted.units]
-    tolerance = wanted.tolerance_m / unit_m
-    read = drawing_files.read_dxf if suffix == ".dxf" else drawing_files.read_svg
+    tolerance = wanted.tolerance_m / unit.metres
+    read = drawing_files.read_dxf if path.suffix.lower() == ".dxf" else drawing_files.read_svg
     figure = closed_area(read(path, _OF_CURVES * tolerance), _OF_ENDS * tolerance, path)
-    return scale(figure, unit_m, unit_m, origin=(0, 0)), None
+    return scale(figure, unit.metres, unit.metres, origin=(0, 0)), None
 
 
-def _cut(path: Path, wanted: Wanted) -> tuple[MultiPolygon, float]:
+def _cut(path: Path, wanted: Wanted, unit: _Unit) -> tuple[MultiPolygon, float]:
     """Return the section of a solid, and how far it changes over the insertion depth, m."""
-    solid = Solid(path, wanted.axis, _OF_CURVES * wanted.tolerance_m, UNITS_M[wanted.units])
+    solid = Solid(path, wanted.axis, _OF_CURVES * wanted.tolerance_m, unit.metres)
     start, depth = wanted.chamfer_m, wanted.depth_m
     if solid.length <= depth:
         raise RequestError(
-            f"{path}: cannot be used: it is {1000 * solid.length:.4g} mm long along {wanted.axis} "
-            f"{_unit_in_words(path, wanted)}: expected more than the insertion depth "
+            f"{path}: cannot be used: it is {1000 * solid.length:.4g} mm long along {wanted.axis} in "
+            f"{unit.words}: expected more than the insertion depth "
             f"({1000 * depth:g} mm, --depth)"
         )
     at = (start + depth) / 2 if wanted.at_m is None else wanted.at_m
     return solid.section(at), solid.largest_change(at, start, depth)
 
 
-def _unit_in_words(path: Path, wanted: Wanted) -> str:
-    suffix = path.suffix.lower()
-    own = suffix in STEP or (suffix == ".svg" and drawing_files.svg_unit_m(path) is not None)
-    return "in the unit that the file states" if own else f"in --units {wanted.units}"
-
-
-def _require_size(path: Path, figure: MultiPolygon, unit: str) -> tuple[float, float]:
+def _require_size(path: Path, figure: MultiPolygon, unit: _Unit) -> tuple[float, float]:
     x0, y0, x1, y1 = figure.bounds
     size = x1 - x0, y1 - y0
     if not LEAST_ACROSS_M <= max(size) <= MOST_ACROSS_M or min(size) < LEAST_ACROSS_M:
         raise RequestError(
-            f"{path}: cannot be used: the section is {1000 * size[0]:.4g} by {1000 * size[1]:.4g} mm "
-            f"{unit}: expected {1000 * LEAST_ACROSS_M} to {1000 * MOST_ACROSS_M:g} mm"
+            f"{path}: cannot be used: the section is {1000 * size[0]:.4g} by {1000 * size[1]:.4g} mm in "
+            f"{unit.words}: expected {1000 * LEAST_ACROSS_M} to {1000 * MOST_ACROSS_M:g} mm"
         )
     return size
 

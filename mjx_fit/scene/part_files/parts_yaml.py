@@ -34,8 +34,8 @@ def with_part(path: Path, shape: dict[str, Any]) -> dict[str, Any]:
     tree = yaml.safe_load(text)
     if as_yaml(tree) != text or list(tree) != ["scene"] or list(tree["scene"]) != ["shapes"]:
         raise RequestError(
-            f"--out: {path} cannot be used: expected a file that part import wrote and nobody edited; "
-            "import into a new file and copy the part"
+            f"--out: {path} cannot be used: expected a file that has nothing but parts as part import "
+            "writes them; import into a new file and copy the part"
         )
     return {"scene": {"shapes": [*tree["scene"]["shapes"], shape]}}
 
