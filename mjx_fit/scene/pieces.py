@@ -12,12 +12,12 @@ from typing import NamedTuple
 import numpy as np
 import shapely
 from jaxtyping import Float
-from shapely import MultiPolygon
+from shapely import MultiPolygon, Polygon
 from shapely.geometry.base import BaseGeometry
 
 from mjx_fit.config.sections.scene import SceneConfig
 from mjx_fit.config.sections.shape import Shape
-from mjx_fit.scene.decomposition import convex_pieces, corners_of
+from mjx_fit.scene.decomposition import convex_lofts, convex_pieces, corners_of
 from mjx_fit.scene.outline import PLATE_RIM_M, hole_outline, inset, peg_outline, rings_of
 from mjx_fit.scene.parts import FLOOR_THICKNESS_M, Boxes, hole_boxes, peg_boxes
 
@@ -91,8 +91,10 @@ def peg_pieces(shape: Shape, scene: SceneConfig, scale: float = 1.0) -> list[Pie
         rings = (corners_of(figure.geoms[0]), corners_of(tip.geoms[0]))
         found = [Piece((Ring(rings[0], 0.0), Ring(rings[0], length - chamfer), Ring(rings[1], length)))]
     else:
-        found = _prisms(figure, 0.0, length - chamfer)
-        found += [*_prisms(tip, length - chamfer, length), *_wedges(figure, tip, length - chamfer, length)]
+        start = length - chamfer
+        narrowed = _lofts(figure, tip, start, length)
+        found = _prisms(figure, 0.0, start)
+        found += narrowed or [*_prisms(tip, start, length), *_wedges(figure, tip, start, length)]
     return [Piece(tuple(Ring(_hanging(ring.corners), ring.height_m) for ring in one.rings)) for one in found]
 
 
@@ -128,7 +130,8 @@ def socket_pieces(shape: Shape, scene: SceneConfig, scale: float = 1.0) -> list[
     found += _prisms(around.difference(hole), -depth, top)
     if socket.chamfer_m:
         mouth = inset(hole, -socket.chamfer_m)
-        found += [*_prisms(around.difference(mouth), top, 0.0), *_wedges(hole, mouth, top, 0.0)]
+        widened = _lofts(_outside(hole, around), _outside(mouth, around), top, 0.0)
+        found += widened or [*_prisms(around.difference(mouth), top, 0.0), *_wedges(hole, mouth, top, 0.0)]
     return found
 
 
@@ -164,6 +167,18 @@ def _of_boxes(boxes: Boxes) -> list[Piece]:
 
 def _prisms(figure: BaseGeometry, low_m: float, high_m: float) -> list[Piece]:
     return [Piece((Ring(corners, low_m), Ring(corners, high_m))) for corners in convex_pieces(figure)]
+
+
+def _lofts(figure: MultiPolygon, moved: MultiPolygon, low_m: float, high_m: float) -> list[Piece] | None:
+    """Return the material between polygons and their moved selves; None: it has no convex pieces of both."""
+    pairs = convex_lofts(figure, moved)
+    return [Piece((Ring(low, low_m), Ring(high, high_m))) for low, high in pairs] if pairs else None
+
+
+def _outside(hole: MultiPolygon, around: Polygon) -> MultiPolygon:
+    """Return the material around a hole, with its corners in the order of the hole's."""
+    pins = [Polygon(ring) for part in hole.geoms for ring in part.interiors]
+    return MultiPolygon([Polygon(around.exterior, [part.exterior for part in hole.geoms]), *pins])
 
 
 def _wedges(figure: MultiPolygon, moved: MultiPolygon, low_m: float, high_m: float) -> list[Piece]:
