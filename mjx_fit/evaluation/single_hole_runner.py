@@ -100,8 +100,8 @@ def _worked_out(
             world = study.holes(config, ids)
             reporting = Reporting(engine, config, result_file.broken(out) / f"trials-{ids[0]:06d}")
             table = single_hole.HoleTable(config, study.methods, world, study.max_attempts)
-            for attempts in single_hole.rounds(table, reporting, update):
-                progress(finished, f"{attempts} attempts in this round")
+            for number, attempts in enumerate(single_hole.rounds(table, reporting, update), 1):
+                progress(finished, f"{attempts} attempts in round {number}")
             wanted = np.tile(ids < study.n, n_methods)
             return list(compress(study.rows(ids, world, table.outcomes()), wanted))
 
