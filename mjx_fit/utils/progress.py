@@ -78,5 +78,5 @@ class Progress:
             return ""
         since, first = self._paced_from or (now, done)
         if done == first:
-            return "time left not known yet"
+            return "time left unknown"
         return f"{(now - since) / (done - first) * (self._total - done):.0f} s left"

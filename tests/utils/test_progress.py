@@ -25,7 +25,11 @@ def test_the_time_left_goes_by_the_pace_after_the_first_part(clock, capsys):
         clock.now += 90 if done == 1 else 10
         show(done, "fine" if done == 2 else "")
     lines = capsys.readouterr().err.splitlines()
-    assert lines[:3] == ["work: 1/10, time left not known yet", "work: 2/10, fine, 80 s left", "work: 3/10, 70 s left"]
+    assert lines[:3] == [
+        "work: 1/10, time left unknown",
+        "work: 2/10, fine, 80 s left",
+        "work: 3/10, 70 s left",
+    ]
     assert lines[-1] == "work: 10/10"
 
 
@@ -35,8 +39,8 @@ def test_work_that_goes_on_does_not_count_what_was_done_before(clock, capsys):
         clock.now += seconds
         show(done)
     assert capsys.readouterr().err.splitlines() == [
-        "work: 90/100, time left not known yet",
-        "work: 92/100, time left not known yet",
+        "work: 90/100, time left unknown",
+        "work: 92/100, time left unknown",
         "work: 94/100, 90 s left",
     ]
 
