@@ -64,7 +64,8 @@ def methods(name: str) -> None:
     """Print each row of a result's summary that speaks of all trials."""
     lines = [["method", "metric", "group", "value", "n"]]
     for row in results.read(HERE / f"{name}.json").summary:
-        value = f"{row.value:.3f} ({row.low:.3f} to {row.high:.3f})"
+        spread = "" if row.low is None else f" ({row.low:.3f} to {row.high:.3f})"
+        value = f"{row.value:.3f}{spread}"
         lines.append([row.method, row.metric, row.group, value, str(row.n)])
     _print(lines)
 
