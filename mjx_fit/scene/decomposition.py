@@ -9,8 +9,10 @@ from itertools import pairwise
 import numpy as np
 import shapely
 from jaxtyping import Float
-from shapely import LinearRing, MultiPolygon, Polygon
+from shapely import MultiPolygon
 from shapely.geometry.base import BaseGeometry
+
+from mjx_fit.scene.outline import rings_of
 
 FLAT = 1e-9
 """Largest sine of an angle at which a merged piece may turn inwards, by rounding."""
@@ -44,8 +46,7 @@ def convex_lofts(
         triangle that the move turns over.
     """
     own, others = (
-        np.concatenate([np.asarray(ring.coords)[:-1] for part in one.geoms for ring in rings(part)])
-        for one in (figure, moved)
+        np.concatenate([np.asarray(ring.coords)[:-1] for ring in rings_of(one)]) for one in (figure, moved)
     )
     if not (figure.is_valid and moved.is_valid):
         return None
@@ -57,11 +58,6 @@ def convex_lofts(
     if not all(_is_convex(there[one]) for one in triangles):
         return None
     return [(corners[piece], there[piece]) for piece in _merged(triangles, [corners, there])]
-
-
-def rings(polygon: Polygon) -> list[LinearRing]:
-    """Return the outer ring of a polygon and the inner ones."""
-    return [polygon.exterior, *polygon.interiors]
 
 
 def _triangles(figure: BaseGeometry) -> tuple[Float[np.ndarray, "n 2"], list[_Piece]]:

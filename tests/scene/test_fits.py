@@ -76,3 +76,19 @@ def test_prongs_fit_a_slot_and_two_holes_but_not_holes_that_are_further_apart():
     assert fits(prongs, grown(box(0.014, 0.01), 1e-4))
     assert fits(prongs, grown(prongs, 1e-4))
     assert not fits(prongs, grown(pair(0.004, 0.0055), 1e-4))
+
+
+def regular(sides, radius):
+    angle = 2 * np.pi * np.arange(sides) / sides
+    return MultiPolygon([Polygon(radius * np.column_stack([np.cos(angle), np.sin(angle)]))])
+
+
+def test_pegs_of_the_size_of_a_round_hole_fit_where_its_corners_are():
+    """Of 64 corners, every 16th takes a corner of a square; no yaw has one for all six of a hexagon."""
+    hole = regular(64, 8.1025e-3)
+    for yaw in (0.0, 3.0):
+        square = rotate(regular(4, 8.102e-3), yaw)
+        assert fits_turned(square, hole)
+        hexagon = rotate(regular(6, 8.1e-3), yaw)
+        assert not fits_turned(hexagon, hole)
+    assert fits_turned(regular(6, 8.09e-3), hole)

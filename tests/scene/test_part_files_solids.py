@@ -118,3 +118,10 @@ def test_the_chamfer_of_a_solid_is_left_out(tmp_path):
     part = import_part(tmp_path / "peg.stl", Wanted(chamfer_m=0.001))
     assert part.area_m2 == pytest.approx(32e-6)
     assert part.change_m == pytest.approx(0, abs=1e-9)
+
+
+def test_a_sheet_that_encloses_nothing_is_refused(tmp_path):
+    corners = [[0, 0, 0], [9, 0, 0], [0, 0, 20]]
+    trimesh.Trimesh(corners, [[0, 1, 2], [0, 2, 1]], process=False).export(tmp_path / "sheet.obj")
+    with pytest.raises(RequestError, match=r"sheet\.obj: cannot be used: .*(encloses nothing|not closed)"):
+        import_part(tmp_path / "sheet.obj", Wanted())

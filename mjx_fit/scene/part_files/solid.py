@@ -55,6 +55,10 @@ class Solid:
         self._towards = (-1.0 if axis.startswith("-") else 1.0) * np.eye(3)["xyz".index(axis[-1])]
         self._vertices = mesh.vertices
         along = self._vertices @ self._towards
+        with np.errstate(invalid="ignore"):  # of a sheet, trimesh computes a centre of mass as well
+            encloses = mesh.volume != 0
+        if not encloses:
+            raise RequestError(f"{path}: cannot be used: its surface encloses nothing")
         self._outer, self._cavities = _bodies(mesh.copy().apply_scale(1 / _UM))
         self.length, self._tip = float(np.ptp(along)), float(along.max())
 
