@@ -110,7 +110,8 @@ def first(out: Path, parts: int) -> Path:
         if not (folder / shard.name).exists():
             os.link(out / "learn" / shard.name, folder / shard.name)
     if not (folder / MANIFEST_NAME).exists():
-        write_manifest(folder, replace(whole, shards=shards))
+        request = whole.request | {"episodes": sum(shard.episodes for shard in shards)}
+        write_manifest(folder, replace(whole, request=request, shards=shards))
     return folder
 
 
