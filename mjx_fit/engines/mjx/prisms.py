@@ -14,6 +14,8 @@ from mjx_fit.utils.linalg import times, total
 
 MOST_OF_A_KIND = 16
 """Candidates of one kind that are all kept: corners of the tip, of the rim, crossings and so on."""
+ROOT_HALF = 0.5**0.5
+"""Component of the normal of a chamfer."""
 _GROUPS = range(MOST_OF_A_KIND, 21)
 """Numbers of candidates that are kept of more."""
 
