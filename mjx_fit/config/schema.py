@@ -18,6 +18,7 @@ from mjx_fit.config.sections.learning import SensorConfig, TrainConfig
 from mjx_fit.config.sections.measurement import PoseConfig, WristConfig
 from mjx_fit.config.sections.randomize import RandomizeConfig
 from mjx_fit.config.sections.scene import SceneConfig
+from mjx_fit.config.sections.shape import Shape
 from mjx_fit.config.sections.task import TaskConfig
 from mjx_fit.config.sections.world import (
     ArmConfig,
@@ -171,8 +172,28 @@ def config_differences(
     """
     there, here = config_to_tree(one), config_to_tree(other)
     return [
-        f"{section}.{key} is {in_words(value)} there and {in_words(here[section][key])} here"
+        difference
         for section, values in there.items()
         for key, value in values.items()
         if value != here[section][key] and considered(section, key)
+        for difference in (
+            shape_differences(one.scene.shapes, other.scene.shapes)
+            if key == "shapes"
+            else [f"{section}.{key} is {in_words(value)} there and {in_words(here[section][key])} here"]
+        )
+    ]
+
+
+def shape_differences(one: tuple[Shape, ...], other: tuple[Shape, ...]) -> list[str]:
+    """List the differences of parts: their names, or else the keys in which parts of one name differ."""
+    there, here = ([shape.name for shape in shapes] for shapes in (one, other))
+    if there != here:
+        return [f"scene.shapes is {', '.join(there)} there and {', '.join(here)} here"]
+    return [
+        f"scene.shapes: {old.name}.{field.name} is {before} there and {after} here"
+        if isinstance(before, float | None) and isinstance(after, float | None)
+        else f"scene.shapes: {field.name} of {old.name} is another there than here"
+        for old, new in zip(one, other, strict=True)
+        for field in dataclasses.fields(Shape)
+        if (before := getattr(old, field.name)) != (after := getattr(new, field.name))
     ]

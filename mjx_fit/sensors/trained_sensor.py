@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from mjx_fit.config.quantities import MEASURED, NUMERICAL, QUANTITIES
 from mjx_fit.config.randomized import difference, not_covered
-from mjx_fit.config.schema import Config, config_differences
+from mjx_fit.config.schema import Config, config_differences, shape_differences
 from mjx_fit.sensors.contact_sensor import ContactSensor
 from mjx_fit.utils.errors import RequestError
 
@@ -43,9 +43,9 @@ class TrainedSensor:
         """
         trained = self.config
         if trained.scene.shapes != config.scene.shapes:
-            there, here = (", ".join(one.scene.names) for one in (trained, config))
+            difference = shape_differences(trained.scene.shapes, config.scene.shapes)[0]
             raise RequestError(
-                f"--run: cannot be used with scene.shapes ({here}): the sensor was trained on ({there})"
+                f"--run: cannot be used with other scene.shapes than the sensor was trained on: {difference}"
             )
         for section in ("sensor", "train"):
             asked, there = getattr(config, section), getattr(trained, section)

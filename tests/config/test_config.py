@@ -1,10 +1,16 @@
+from dataclasses import replace
+
 import pytest
 import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
 from mjx_fit.config.files import read_config
-from mjx_fit.config.schema import Config, config_to_yaml
+from mjx_fit.config.schema import Config, config_differences, config_to_yaml
+from mjx_fit.config.sections.cross_section import Circle, CrossSection
+from mjx_fit.config.sections.scene import SceneConfig
+from mjx_fit.config.sections.shape import Shape
+from mjx_fit.config.sections.task import TaskConfig
 from mjx_fit.utils import resources
 from mjx_fit.utils.errors import RequestError
 
@@ -91,3 +97,19 @@ def test_a_mistyped_key_is_named_at_any_depth(section, said, tmp_path):
     file.write_text(f"scene: {{shapes: [{{name: one, section: {section}}}]}}")
     with pytest.raises(RequestError, match=said):
         read_config([file])
+
+
+def test_differences_of_parts_name_the_part_and_the_key():
+    """Sections are long lists of numbers: they are named and not printed."""
+    pin = Shape("pin", section=CrossSection(circle=Circle(0.008)), clearance_m=0.0001)
+    config = replace(Config(), scene=SceneConfig(shapes=(pin,)), task=TaskConfig())
+    for other, word in (
+        (replace(pin, clearance_m=0.0003), "scene.shapes: pin.clearance_m is 0.0001 there and 0.0003 here"),
+        (replace(pin, name="pen"), "scene.shapes is pin there and pen here"),
+        (
+            replace(pin, section=CrossSection(circle=Circle(0.009))),
+            "scene.shapes: section of pin is another there than here",
+        ),
+    ):
+        changed = replace(config, scene=SceneConfig(shapes=(other,)), task=TaskConfig())
+        assert config_differences(config, changed) == [word]

@@ -152,7 +152,7 @@ def bad_files(folder):
 
     yield drawing(folder / "two.dxf", two_circles), {}, r"outlines cross, at \(2, -?2.23"
     for units, size in (("m", r"2e\+04 by 1e\+04"), ("um", "0.02 by 0.01")):
-        yield SAMPLES / "slot.dxf", {"units": units}, f"the section is {size} mm in --units {units}"
+        yield SAMPLES / "slot.dxf", {"units": units}, rf"the section is {size} mm \(unit: --units {units}"
     yield SAMPLES / "usb.step", {"axis": "z"}, "its section changes by .* more than the tolerance"
     yield SAMPLES / "wedge.stl", {"depth_m": 0.04}, "expected more than the insertion depth"
     for name, content in (

@@ -11,7 +11,6 @@ from matplotlib.ticker import MaxNLocator, PercentFormatter
 from mjx_fit.evaluation.results import by_method, pegs_inserted_wrongly
 from mjx_fit.evaluation.statistics import Row, bootstrap_means, wilson
 from mjx_fit.report.figures import style
-from mjx_fit.report.paper_values import PAPER
 
 ATTEMPTS_BIN = 6
 """Width of a histogram bin in attempts, as in the paper."""
@@ -157,11 +156,12 @@ def _spent(trial: dict[str, Any]) -> tuple[int, int, int]:
     return inserted, fits - inserted, sum(trial["attempts"]) - fits
 
 
-def attempt_success(summary: Sequence[Row]) -> Figure:
+def attempt_success(summary: Sequence[Row], paper: Mapping[tuple[str, str, str], float]) -> Figure:
     """Draw the success rate of attempts, matched, by shape and mismatched, with the paper's α as a line.
 
     Args:
         summary: Rows of an attempt result.
+        paper: Values by method, metric and group; without α there is no line.
     """
     rates = {row.group: row for row in summary if row.metric == "success_rate"}
     order = [name for name in ("matched", "mismatched") if name in rates]
@@ -172,10 +172,10 @@ def attempt_success(summary: Sequence[Row]) -> Figure:
     labels = [f"{name}\n{row.value:.0%} of {row.n}" for name, row in zip(names, rows, strict=True)]
     figure = _bars(rows, labels, colour)
     ax = figure.axes[0]
-    alpha = PAPER["spiral", "success_rate", "matched"]
-    line = ax.axvline(alpha, color=style.PAPER_COLOUR, linewidth=1, linestyle="--")
-    line.set_label(f"paper, matched: {alpha:.2f}")
-    style.legend(figure, [line])
+    if alpha := paper.get(("spiral", "success_rate", "matched")):
+        line = ax.axvline(alpha, color=style.PAPER_COLOUR, linewidth=1, linestyle="--")
+        line.set_label(f"paper, matched: {alpha:.2f}")
+        style.legend(figure, [line])
     ax.set_xlim(0, 1.02)
     ax.set_xlabel("Success rate")
     return figure

@@ -68,11 +68,14 @@ def _attempt(result: Result) -> list[Drawing]:
     kind = result.config.get("detector", {}).get("kind", "unknown")
     drawings: list[Drawing] = []
     if any(row.metric == "success_rate" for row in result.summary):
-        caption = (
-            f"Success rate of single attempts by pair, detector “{kind}”, with Wilson 95 % intervals; the "
-            "paper's rate is for matched pairs, and its figures suggest the detector “disc”."
+        beside = paper_values.beside(result.config)
+        caption = f"Success rate of single attempts by pair, detector “{kind}”, with Wilson 95 % intervals"
+        caption += (
+            "; the paper's rate is for matched pairs, and its figures suggest the detector “disc”."
+            if beside
+            else "."
         )
-        drawings.append(("success", caption, lambda: assembly.attempt_success(result.summary)))
+        drawings.append(("success", caption, lambda: assembly.attempt_success(result.summary, beside)))
     matched = [trial for trial in result.trials if trial["matched"]]
     if matched:
         caption = (

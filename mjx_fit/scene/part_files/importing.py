@@ -123,9 +123,9 @@ class _Unit(NamedTuple):
 
 def _unit(path: Path, suffix: str, asked: str | None) -> _Unit:
     if suffix in STEP:
-        return _Unit(1.0, "the unit that the file states")
+        return _Unit(1.0, f"the unit that the file states{'; --units is not used' * bool(asked)}")
     if suffix == ".svg" and (own_m := drawing_files.svg_unit_m(path)):
-        return _Unit(own_m, "the unit that the file states")
+        return _Unit(own_m, f"the unit that the file states{'; --units is not used' * bool(asked)}")
     stated = drawing_files.dxf_unit(path) if suffix == ".dxf" else None
     if asked is None and stated is None:
         raise RequestError(f"--units: required: {path} does not state the unit of its coordinates")
@@ -162,8 +162,8 @@ def _require_size(path: Path, figure: MultiPolygon, unit: _Unit) -> tuple[float,
     size = x1 - x0, y1 - y0
     if not LEAST_ACROSS_M <= max(size) <= MOST_ACROSS_M or min(size) < LEAST_ACROSS_M:
         raise RequestError(
-            f"{path}: cannot be used: the section is {1000 * size[0]:.4g} by {1000 * size[1]:.4g} mm in "
-            f"{unit.words}: expected {1000 * LEAST_ACROSS_M} to {1000 * MOST_ACROSS_M:g} mm"
+            f"{path}: cannot be used: the section is {1000 * size[0]:.4g} by {1000 * size[1]:.4g} mm "
+            f"(unit: {unit.words}): expected {1000 * LEAST_ACROSS_M} to {1000 * MOST_ACROSS_M:g} mm"
         )
     return size
 
