@@ -48,8 +48,8 @@ def shifted(out: Path, name: str) -> dict[str, Any]:
     return {group: scores(result, group) for group in ("all", "attempt:1")}
 
 
-def scores(result: Path, group: str) -> dict[str, list[float]]:
-    """Return the scores of a group of attempts."""
+def scores(result: Path, group: str) -> dict[str, list[float | int | None]]:
+    """Return the scores of a group of attempts, each with its interval and number."""
     of_group = [row for row in results.read(result).summary if row.group == group]
     return {
         f"{row.method}_{row.metric}": [row.value, row.low, row.high, row.n]
