@@ -80,7 +80,7 @@ def test_a_sensor_of_other_shapes_is_refused_wherever_it_is_used():
     config = replace(Config(), scene=replace(Config().scene, shapes=(bar, *SHAPES[1:])))
     network: Any = object()
     with pytest.raises(
-        RequestError, match="--run: .* cross, rectangle, square there and bar, rectangle, square here"
+        RequestError, match=r"--run: .* cross, rectangle, square there and bar, rectangle, square here"
     ):
         TrainedSensor(network, Config(), "f").adapt(config)
 
