@@ -105,7 +105,7 @@ def of_crossings(
 
     There the tip rests on the rim, unless it is further below the rim than it is beyond the wall: then the
     wall holds it. Of a side of the tip, its end out of the hole counts for that, and of a side of the rim its
-    end in the tip.
+    end in the tip. A wall holds the sides of the peg, which are further out than the tip by its chamfer.
     """
     beyond, within = ((x, jnp.roll(x, -1, 0)) for x in overlap)
     rim, along = socket.rim.start, socket.rim.end - socket.rim.start
@@ -124,7 +124,7 @@ def of_crossings(
         there = (t > 0) & (t < 1) & (s > 0) & (s < 1)
         # The tip is to the right of its sides, as it hangs down; the hole is to the left of the rim's.
         most = jnp.maximum(jnp.where(scale > 0, *out), jnp.where(scale > 0, *within[::-1]))
-        there &= -(height + t * slope) < most
+        there &= -(height + t * slope) < most + peg.chamfer
         first, last = (
             jnp.where(there, choose(end, t), end)
             for choose, end in zip((jnp.minimum, jnp.maximum), found, strict=True)
