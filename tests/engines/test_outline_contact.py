@@ -28,6 +28,9 @@ NOSE = Shape(
     "nose", section=CrossSection(rectangle=Rectangle((0.012, 0.0045))), clearance_m=0.0001, chamfer_m=0.0005
 )
 PIN = Shape("pin", section=CrossSection(circle=Circle(0.008)), clearance_m=0.0001, chamfer_m=0.0005)
+BLOCK = Shape(
+    "block", section=CrossSection(rectangle=Rectangle((0.012, 0.008))), clearance_m=0.0001, chamfer_m=0.0005
+)
 MOUTH = Shape(
     "mouth",
     section=CrossSection(polygon=Polygon(6, 0.02)),
@@ -45,13 +48,13 @@ STAR = Shape("star", section=CrossSection(star=Star(5, 0.03, 0.016)), clearance_
 TURNED = Shape("turned", section=CrossSection(rectangle=Rectangle((0.02, 0.012)), turn_deg=25.0))
 
 
-def in_c(shape, tips, turns):
-    """Contacts of the convex pieces of a part: distances, positions and normals of each state."""
+def in_c(shape, tips, turns, hole=None):
+    """Contacts of the convex pieces of a peg and its own or another hole: distances and positions."""
     spec = mujoco.MjSpec()
     spec.worldbody.add_body(name="peg").add_freejoint()
     spec.worldbody.add_body(name="hole")
     for body, pieces, bits in (("peg", peg_pieces, (1, 2)), ("hole", socket_pieces, (2, 1))):
-        for i, piece in enumerate(pieces(shape, SCENE)):
+        for i, piece in enumerate(pieces(shape if body == "peg" else hole or shape, SCENE)):
             add_piece(
                 spec, body, f"{body}_{i}", piece, dict(zip(("contype", "conaffinity"), bits, strict=True))
             )
@@ -78,19 +81,19 @@ def framed(turn):
     return frame.reshape(3, 3)
 
 
-def ours(shape, tips, turns, count=COUNT):
+def ours(shape, tips, turns, count=COUNT, hole=None):
     """Contacts of the outlines: distances (n, count), positions and normals (n, count, 3)."""
+    hole = hole or shape
     n, frames = len(tips), np.stack([framed(turn) for turn in turns])
 
     def everywhere(x):
         return jnp.broadcast_to(jnp.asarray(x, jnp.float32)[..., None], (*np.shape(x), n))
 
-    peg, socket = (
-        jax.tree.map(everywhere, make(shape, SCENE)) for make in (outlines.peg_of, outlines.socket_of)
-    )
+    peg = jax.tree.map(everywhere, outlines.peg_of(shape, SCENE))
+    socket = jax.tree.map(everywhere, outlines.socket_of(hole, SCENE))
     if not shape.chamfer_m:
         peg = peg._replace(tip=None)
-    if not shape.socket.chamfer_m:
+    if not hole.socket.chamfer_m:
         socket = socket._replace(mouth=None)
     pos = jnp.asarray((tips - frames[..., 2] * SCENE.peg_length_m).T, jnp.float32)
     found = jax.jit(lambda at, frame: touching_points(peg, socket, at, frame, count))(
@@ -177,6 +180,25 @@ def test_a_chamfer_slides_as_deep_as_in_c(shape, gap, chamfer, tolerance):
     assert abs(depth - there).max() < tolerance
     deepest_normal = normal[np.arange(N), dist.argmin(1), 2][depth > 1e-6]
     assert (abs(deepest_normal + 0.5**0.5) < 0.01).mean() > 0.5
+
+
+def test_the_corner_of_a_chamfer_on_the_rim_of_another_hole_is_as_deep_as_in_c():
+    """A chamfered rectangle whose corner is inside of a round hole at its tip, and outside above it."""
+    rng = np.random.default_rng(5)
+    corner = np.array([0.006, 0.004])
+    hole = Shape("round", section=CrossSection(circle=Circle(0.016)), clearance_m=0.0001)
+    angle, deep = rng.uniform(0, 2 * np.pi, N), rng.uniform(0, 3e-4, N)
+    # The corner's edge leads out by √2 of its height; it is in the rim by up to 50 µm.
+    tip_corner = corner - BOTH.chamfer_m
+    out = 0.0081 - np.sqrt(2) * deep + rng.uniform(0, 5e-5, N)
+    tips = np.column_stack([out * np.cos(angle), out * np.sin(angle)]) - tip_corner
+    tips = np.column_stack([tips, -deep])
+    turns = rng.normal(0, 3e-4, (N, 3))
+    c = deepest(in_c(BLOCK, tips, turns, hole))
+    x = -ours(BLOCK, tips, turns, hole=hole)[0].min(1, initial=0.0)
+    alone = (c > 5e-6) & (c < 5e-5)
+    assert alone.sum() > 20
+    np.testing.assert_allclose(x[alone], c[alone], atol=1e-6)
 
 
 def test_a_pressed_peg_stands_on_the_points_that_c_finds():

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Bool, Float
 
 from mjx_fit.engines.mjx.boundary import (
+    TINY,
     Boundary,
     Outline,
     boundary,
@@ -93,15 +94,38 @@ def _of_corners(
     """Find corners of the peg in the plate: those of the tip, and above a chamfer those of the sides."""
     tip, at_tip, reach = of_tip
     pointing = _points_at_walls(peg.face, pose, at_tip)
-    touch, by_wall = _in_the_plate(socket, tip, at_tip, pointing, reach)
     if peg.tip is None:
-        return [touch]
-    # A wall is touched by the sides, which are further out than the tip.
-    upper = touch._replace(depth=jnp.where(by_wall, 0.0, touch.depth))
+        return [_in_the_plate(socket, tip, at_tip, pointing, (reach, at_tip.distance))[0]]
     corner = in_socket_frame(pose, peg.outline.start, peg.length - peg.chamfer)
+    # A wall is touched by the chamfer or the sides, which are further out than the tip.
+    by_chamfer, _ = _by_chamfer(corner - tip, at_tip, -tip[2])
+    touch, by_wall = _in_the_plate(socket, tip, at_tip, pointing, (reach, by_chamfer))
+    upper = touch._replace(depth=jnp.where(by_wall, 0.0, touch.depth))
     at = boundary(socket.outline, corner[:2])
-    touch, by_wall = _in_the_plate(socket, corner, at, _points_at_walls(peg.outline, pose, at), reach)
+    pointing = _points_at_walls(peg.outline, pose, at)
+    touch, by_wall = _in_the_plate(socket, corner, at, pointing, (reach, at.distance))
     return [upper, touch._replace(depth=jnp.where(by_wall, touch.depth, 0.0))]
+
+
+def _by_chamfer(
+    edge: Float[Array, "3 n b"], at: Boundary, below: Float[Array, "n b"]
+) -> tuple[Float[Array, "n b"], Float[Array, "3 n b"]]:
+    """Return the way out of the plate past the edges of a chamfer, and the normal there.
+
+    An edge that rises by e and leads out over the rim by o is held at right angles to itself and to the rim:
+    a place on it that is d beyond the wall, seen from above, is d / √(1 + (o / e)²) deep.
+
+    Args:
+        edge: Vectors along the edges from the tip, m.
+        at: Places of points of the edges in relation to the hole.
+        below: How far these points are below the rim, m.
+    """
+    rise = edge[2]
+    lean = total(edge[:2] * at.across) / jnp.where(rise > TINY, rise, 1.0)
+    size = jnp.sqrt(1 + lean**2)
+    leads_out = (rise > TINY) & (lean > 0)
+    depth = jnp.where(leads_out, (at.mitred + below * lean) / size, jnp.inf)
+    return depth, (level(at.across) + lean * down(edge)) / size
 
 
 def _points_at_walls(outline: Outline, pose: Pose, at: Boundary) -> Bool[Array, "n b"]:
@@ -118,19 +142,21 @@ def _in_the_plate(
     corner: Float[Array, "3 n b"],
     at: Boundary,
     pointing: Bool[Array, "n b"],
-    reach: Float[Array, "b"],
+    ways: tuple[Float[Array, "b"], Float[Array, "n b"]],
 ) -> tuple[Touch, Bool[Array, "n b"]]:
     """Find corners in the plate, which leave it by its top, a wall or the chamfer between them.
 
+    The two ways are how far the outlines of tip and hole overlap, and how far each corner has to its wall.
     Only corners that are ``pointing`` at the wall leave by the wall or the chamfer. The others lie on the
     plate, if they are less deep than the outlines of tip and hole overlap; otherwise the tip is in the hole.
     """
+    reach, by_way = ways
     below = -corner[2]
     on_plate = jnp.maximum(abs(corner[0]), abs(corner[1])) < socket.half_width
     slope = ROOT_HALF * (at.mitred + below - socket.chamfer)
     solid = on_plate & ~at.inside & (below > 0) & (slope > 0)
     solid &= pointing | (below <= jnp.maximum(at.distance - socket.chamfer, reach))
-    beside = jnp.where(pointing, at.distance, jnp.inf)
+    beside = jnp.where(pointing, by_way, jnp.inf)
     slope = jnp.where(pointing, slope, jnp.inf)
     by_wall = beside < jnp.minimum(below, slope)
     depth = jnp.where(solid, jnp.minimum(jnp.minimum(below, beside), slope), 0.0)
@@ -148,17 +174,21 @@ def _of_the_floor(socket: Socket, tip: Float[Array, "3 n b"]) -> Touch:
 
 
 def _of_sides(peg: Peg, socket: Socket, pose: Pose, tip: Float[Array, "3 n b"]) -> Touch:
-    """Find edges along the peg, or its chamfer, that are in a wall at its upper end."""
+    """Find edges along the peg, or of its chamfer, that are in a wall at its upper end."""
     axis, top = pose.frame[:, 2], -socket.chamfer
     corner = in_socket_frame(pose, peg.outline.start, peg.length - peg.chamfer)
-    there = corner[:2] - (corner[2] - top) / axis[2] * axis[:2, None]
+    edge = corner - tip
+    above = jnp.maximum(corner[2] - top, 0.0)
+    on_chamfer = (above > 0) & (edge[2] > TINY)
+    along = jnp.where(on_chamfer, edge[:2] / jnp.where(on_chamfer, edge[2], 1.0), axis[:2, None] / axis[2])
+    there = corner[:2] - (corner[2] - top) * along
     at, below = boundary(socket.outline, there), top - tip[2]
-    slope = ROOT_HALF * (at.mitred + below - peg.chamfer)
-    depth = jnp.minimum(at.distance, slope)
+    slope, sloping = _by_chamfer(edge, at, jnp.maximum(top - corner[2], 0.0))
+    beside = jnp.where(on_chamfer, jnp.inf, at.distance)
+    depth = jnp.minimum(beside, slope)
     pointing = _points_at_walls(peg.outline, pose, at)
     depth = jnp.where(~at.inside & pointing & (depth > 0) & (depth < below), depth, 0.0)
     outward = level(at.outward)
-    sloping = ROOT_HALF * (level(at.across) + axis[:, None])
-    normal = jnp.where(slope < at.distance, sloping, outward)
+    normal = jnp.where(slope < beside, sloping, outward)
     wall = jnp.concatenate([there, jnp.broadcast_to(top, there[:1].shape)]) - at.distance * outward
     return Touch(depth, wall + 0.5 * depth * normal, normal)
