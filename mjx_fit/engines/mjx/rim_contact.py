@@ -119,11 +119,12 @@ def of_crossings(
         scale = along[0] * step_y - along[1] * step_x
         scale = jnp.where(abs(scale) < TINY, TINY, scale)
         gap_x, gap_y = x - rim[0], y - rim[1]
-        t = (gap_x * step_y - gap_y * step_x) / scale
-        s = (gap_x * along[1] - gap_y * along[0]) / scale
+        per_scale = 1 / scale
+        t = (gap_x * step_y - gap_y * step_x) * per_scale
+        s = (gap_x * along[1] - gap_y * along[0]) * per_scale
         there = (t > 0) & (t < 1) & (s > 0) & (s < 1)
         # The tip is to the right of its sides, as it hangs down; the hole is to the left of the rim's.
-        most = jnp.maximum(jnp.where(scale > 0, *out), jnp.where(scale > 0, *within[::-1]))
+        most = jnp.where(scale > 0, jnp.maximum(out[0], within[1]), jnp.maximum(out[1], within[0]))
         there &= -(height + t * slope) < most + peg.chamfer
         first, last = (
             jnp.where(there, choose(end, t), end)
