@@ -178,8 +178,7 @@ def _of_sides(peg: Peg, socket: Socket, pose: Pose, tip: Float[Array, "3 n b"]) 
     axis, top = pose.frame[:, 2], -socket.chamfer
     corner = in_socket_frame(pose, peg.outline.start, peg.length - peg.chamfer)
     edge = corner - tip
-    above = jnp.maximum(corner[2] - top, 0.0)
-    on_chamfer = (above > 0) & (edge[2] > TINY)
+    on_chamfer = (corner[2] > top) & (edge[2] > TINY)
     along = jnp.where(on_chamfer, edge[:2] / jnp.where(on_chamfer, edge[2], 1.0), axis[:2, None] / axis[2])
     there = corner[:2] - (corner[2] - top) * along
     at, below = boundary(socket.outline, there), top - tip[2]
