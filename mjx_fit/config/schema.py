@@ -16,6 +16,7 @@ from mjx_fit.config.sections.filter import FilterConfig
 from mjx_fit.config.sections.first import FIRST_VALUES
 from mjx_fit.config.sections.learning import SensorConfig, TrainConfig
 from mjx_fit.config.sections.measurement import PoseConfig, WristConfig
+from mjx_fit.config.sections.moves import MovesConfig
 from mjx_fit.config.sections.randomize import RandomizeConfig
 from mjx_fit.config.sections.scene import SceneConfig
 from mjx_fit.config.sections.shape import Shape
@@ -52,6 +53,7 @@ class Config:
     wrist: WristConfig = WristConfig()
     pose: PoseConfig = PoseConfig()
     task: TaskConfig = TaskConfig()
+    moves: MovesConfig = MovesConfig()
     filter: FilterConfig = FilterConfig()
     sensor: SensorConfig = SensorConfig()
     train: TrainConfig = TrainConfig()

@@ -7,8 +7,10 @@ from jaxtyping import Int
 
 from mjx_fit.engines.failures import Reporting
 from mjx_fit.evaluation import parts, result_file, results
+from mjx_fit.evaluation.effort_summary import shares_in_time, summarise_effort
 from mjx_fit.evaluation.request import Request
 from mjx_fit.evaluation.results import Result
+from mjx_fit.evaluation.statistics import Row
 from mjx_fit.scene.scenarios import draw_trials
 from mjx_fit.task.assembly import confirmation_of_rows, rounds, update_of_rows
 from mjx_fit.task.assembly_state import Table
@@ -77,9 +79,28 @@ def _assembly(
             progress(before, _running(rows))
 
         rows = parts.in_parts(out, here, pieces, work, told)
-    result = result_file.write(out, here, results.summarise_assembly(rows), rows)
+    result = result_file.write(out, here, summarise(rows), rows)
     parts.finish(out)
     return result
+
+
+def summarise(trials: parts.Rows) -> list[Row]:
+    """Compute the rows of ``summarise_assembly``, and seconds and newtons of whole assemblies.
+
+    Seconds are those of all pegs together; ``in_by_5s`` and so on are shares of pegs, not of assemblies. A
+    peg that a human inserted is in by no time, and one in a hole of another type is not in.
+    """
+    rows = results.summarise_assembly(trials)
+    for method, own in results.by_method(trials).items():
+        rows += summarise_effort(method, own)
+        timed = [trial for trial in own if "seconds" in trial]
+        if timed:
+            seconds = np.array([sum(peg) for trial in timed for peg in trial["seconds"]])
+            helped = np.array([human for trial in timed for human in trial["human"]])
+            right = ~helped & ~results.pegs_inserted_wrongly(timed).ravel()
+            draws = [trial["trial"] for trial in timed for _ in trial["pegs"]]
+            rows += shares_in_time(method, np.where(right, seconds, np.inf), draws, "all")
+    return rows
 
 
 def _running(rows: parts.Rows) -> str:

@@ -12,10 +12,12 @@ from mjx_fit.engines.failures import as_run, report
 from mjx_fit.engines.interface import Engine
 from mjx_fit.engines.threads import even_batch
 from mjx_fit.evaluation import parts, result_file, results
+from mjx_fit.evaluation.effort_summary import summarise_effort
 from mjx_fit.evaluation.request import Request
 from mjx_fit.evaluation.results import Result
-from mjx_fit.sensors.force_torque import peak_force
+from mjx_fit.evaluation.statistics import Row
 from mjx_fit.task.attempt_loop import spirals_at
+from mjx_fit.task.effort import COLUMNS, effort_of
 from mjx_fit.types import Rollout
 from mjx_fit.utils.progress import COMPILING, Progress
 from mjx_fit.utils.randomness import root_key
@@ -70,7 +72,17 @@ def _attempt(request: Request, here: result_file.Header) -> Result:
 
         pieces = [np.arange(start, start + batch) for start in range(0, n, batch)]
         rows = parts.in_parts(request.out, here, pieces, work, told)
-    return result_file.write(request.out, here, results.summarise_attempt(rows, _method(engine)), rows)
+    return result_file.write(request.out, here, summarise(rows, _method(engine)), rows)
+
+
+def summarise(trials: parts.Rows, method: str = results.ATTEMPT_METHOD) -> list[Row]:
+    """Compute the rates of ``summarise_attempt``, and seconds and newtons of matched and other attempts."""
+    rows = results.summarise_attempt(trials, method)
+    valid = [trial for trial in trials if trial["valid"]]
+    matched = [trial for trial in valid if trial["matched"]]
+    others = [trial for trial in valid if not trial["matched"]]
+    rows += summarise_effort(method, matched, "matched", [trial["inserted"] for trial in matched])
+    return rows + summarise_effort(method, others, "mismatched")
 
 
 def _method(engine: Engine) -> str:
@@ -90,7 +102,8 @@ def _attempt_rows(
     rollouts: Rollout, ids: Int[np.ndarray, "n"], names: tuple[str, ...]
 ) -> list[dict[str, Any]]:
     error = np.linalg.norm(rollouts.felt.estimate_world - rollouts.truth.hole_pos_world, axis=1)
-    force, wrongly = peak_force(rollouts.felt), rollouts.inserted_wrongly
+    effort, wrongly = effort_of(rollouts.felt), rollouts.inserted_wrongly
+    columns = {name: getattr(effort, name)[:, None] for name in COLUMNS}
     return [
         {
             "trial": int(trial),
@@ -99,7 +112,8 @@ def _attempt_rows(
             "inserted": bool(rollouts.succeeded[i]),
             "valid": bool(rollouts.truth.valid[i]),
             "length": int(rollouts.felt.length[i]),
-            "peak_force_n": float(force[i]),
+            **{name: result_file.rounded(values[i]) for name, values in columns.items()},
+            "move_seconds": 0.0,
             "error_m": float(error[i]),
             **({"inserted_wrongly": True} if wrongly[i] else {}),
         }

@@ -6,10 +6,12 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
 from mjx_fit.config.schema import Config
 from mjx_fit.data.schedule import draw_places
 from mjx_fit.evaluation import result_file, single_hole_runner
+from mjx_fit.evaluation.effort_summary import effort_columns, summarise_effort, totals
 from mjx_fit.evaluation.parts import Rows
 from mjx_fit.evaluation.request import Request
 from mjx_fit.evaluation.results import Result, by_method
@@ -52,11 +54,12 @@ def summarise(trials: Rows) -> list[Row]:
     """Compute success within k attempts, mean attempts, and attempts saved by ``full`` over other methods.
 
     A failed trial counts one attempt more than the maximum. ``success_rate`` has a group for each k,
-    ``attempts`` the group ``all``. ``attempts_saved`` and ``p_value`` have a group for each other method;
-    p comes from a sign-flip test on pairs of the same draw and seed, with Holm's adjustment. The seeds of a
-    draw are dependent, so whole draws are resampled or flipped.
+    ``attempts`` the group ``all``; seconds and newtons are those of ``summarise_effort``. ``attempts_saved``
+    and ``p_value`` have a group for each other method; p comes from a sign-flip test on pairs of the same
+    draw and seed, with Holm's adjustment. ``seconds_saved`` and ``seconds_p_value`` compare the seconds of
+    all attempts in the same way. The seeds of a draw are dependent, so whole draws are resampled or flipped.
     """
-    rows, needed, draws = [], {}, []
+    rows, needed, seconds, draws = [], {}, {}, []
     for method, unordered in by_method(trials).items():
         own = sorted(unordered, key=lambda trial: (trial["trial"], trial["seed"]))
         draws = [trial["trial"] for trial in own]
@@ -66,17 +69,29 @@ def summarise(trials: Rows) -> list[Row]:
             within = attempts <= k
             rows.append(Row.of(method, "success_rate", str(k), clustered_rate(within, draws), len(own)))
         rows.append(Row.of(method, "attempts", "all", bootstrap_mean(attempts, draws), len(own)))
-        # The force of a diverged simulation is unknown.
-        force = [max((f for f in trial["peak_force_n"] if f is not None), default=0.0) for trial in own]
-        rows.append(Row.of(method, "peak_force_n", "all", bootstrap_mean(np.array(force), draws), len(own)))
-    others = [method for method in needed if method not in ("full", "oracle")]
-    if "full" in needed and others:
-        saved = {method: needed[method] - needed["full"] for method in others}
-        p_values = holm([sign_flip(saved[method], draws) for method in others])
-        for method, p_value in zip(others, p_values, strict=True):
-            n = len(saved[method])
-            rows.append(Row.of("full", "attempts_saved", method, bootstrap_mean(saved[method], draws), n))
-            rows.append(Row("full", "p_value", method, p_value, None, None, n))
+        rows += summarise_effort(method, own, success=[trial["success"] for trial in own])
+        if all("seconds" in trial for trial in own):
+            seconds[method] = totals(own, "seconds")
+    rows += _saved(needed, draws, ("attempts_saved", "p_value"))
+    if len(seconds) == len(needed):
+        rows += _saved(seconds, draws, ("seconds_saved", "seconds_p_value"))
+    return rows
+
+
+def _saved(
+    spent: dict[str, Float[np.ndarray, " n"]], draws: list[int], metrics: tuple[str, str]
+) -> list[Row]:
+    """Compare what ``full`` spends with the other methods, trial by trial; each is a group."""
+    others = [method for method in spent if method not in ("full", "oracle")]
+    if "full" not in spent or not others:
+        return []
+    saved = {method: spent[method] - spent["full"] for method in others}
+    p_values = holm([sign_flip(saved[method], draws) for method in others])
+    rows = []
+    for method, p_value in zip(others, p_values, strict=True):
+        n = len(saved[method])
+        rows.append(Row.of("full", metrics[0], method, bootstrap_mean(saved[method], draws), n))
+        rows.append(Row("full", metrics[1], method, p_value, None, None, n))
     return rows
 
 
@@ -97,7 +112,8 @@ def _rows(ids: Ids, world: single_hole.Holes, outcomes: Outcomes, seeds: int, na
             "shape": names[world.peg_type[i]],
             "attempts": int(done.attempts[i]),
             "success": bool(done.inserted_at[i] > 0),
-            "peak_force_n": result_file.rounded(done.peak_force_n[i][: int(done.attempts[i])]),
+            **effort_columns(done.effort, i, int(done.attempts[i])),
+            "move_seconds": round(float(done.move_seconds[i]), 4),
         }
         for method, done in outcomes.items()
         for i, trial in enumerate(ids)

@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float, Key
 from mjx_fit.config.schema import Config
 from mjx_fit.data.schedule import draw_places, mismatched_pairs
 from mjx_fit.evaluation import result_file, single_hole_runner
+from mjx_fit.evaluation.effort_summary import effort_columns, summarise_effort
 from mjx_fit.evaluation.parts import Rows
 from mjx_fit.evaluation.request import Request
 from mjx_fit.evaluation.results import Result, by_method
@@ -57,8 +58,9 @@ def summarise(trials: Rows) -> list[Row]:
     Groups: ``k`` after k attempts at mismatched holes, where every trial has all attempts; ``matched:k`` at
     matching holes, where the belief is constant after the insertion; ``left:k`` at matching holes with the
     peg not inserted after k attempts. Coverage and NEES use the trials of both kinds with the peg not yet
-    inserted. ``inserted_wrongly`` is the share of mismatched holes that the peg went into, given if it is
-    above 0. Intervals by bootstrap over trials.
+    inserted. Seconds and newtons (``summarise_effort``) have the groups ``mismatched`` and ``matched``.
+    ``inserted_wrongly`` is the share of mismatched holes that the peg went into, given if it is above 0.
+    Intervals by bootstrap over trials.
     """
     rows = []
     for method, own in by_method(trials).items():
@@ -79,6 +81,10 @@ def summarise(trials: Rows) -> list[Row]:
             }
             rows += _means(method, scores, f"{k}", ids, left) if method != "oracle" else []
         wrongly = np.array([trial.get("inserted_wrongly", False) for trial in own])
+        for group, keep in {"mismatched": ~matched, "matched": matched}.items():
+            kept = [trial for trial, wanted in zip(own, keep, strict=True) if wanted]
+            success = None if group == "mismatched" else np.isfinite(inserted_at[keep]).tolist()
+            rows += summarise_effort(method, kept, group, success)
         if wrongly.any():
             rows += _means(method, {"inserted_wrongly": wrongly}, "mismatched", ids, ~matched)
     return rows
@@ -128,7 +134,8 @@ def _rows(ids: Ids, world: single_hole.Holes, outcomes: Outcomes, names: tuple[s
                 "error_cm": result_file.rounded(distance[i]),
                 "squared_mahalanobis": result_file.rounded(squared[i]),
                 "inserted_at": int(done.inserted_at[i]) or None,
-                "peak_force_n": result_file.rounded(done.peak_force_n[i]),
+                **effort_columns(done.effort, i, ATTEMPTS),
+                "move_seconds": round(float(done.move_seconds[i]), 4),
                 **({"inserted_wrongly": True} if done.inserted_at[i] and wrong[i] else {}),
             }
             for i, trial in enumerate(ids)

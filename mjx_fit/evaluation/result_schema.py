@@ -9,6 +9,7 @@ from typing_extensions import TypedDict
 from mjx_fit.config.sections.scene import MOST_TYPES, SceneConfig
 from mjx_fit.evaluation import trial_rows
 from mjx_fit.evaluation.trial_rows import STRICT, Name, Number, Whole
+from mjx_fit.task.effort import COLUMNS
 from mjx_fit.utils import bounded_json
 
 LARGEST = 4 * 2**30
@@ -151,8 +152,8 @@ def _assembly(trial: dict[str, Any], first: dict[str, Any], _: set[str]) -> Iter
     for column in ("attempts", "human", *(trial.keys() & {"inserted_wrongly", "pulled_out"})):
         yield from _other_length(column, trial[column], len(trial["pegs"]), "pegs")
     of_attempts = trial.keys() & {
-        "tried", "chance", "next_best", "match_probability", "error_cm", "peak_force_n", "match_after",
-        "error_after_cm",
+        "tried", "chance", "next_best", "match_probability", "error_cm", "match_after", "error_after_cm",
+        *COLUMNS,
     }  # fmt: skip
     for column in sorted(of_attempts):
         yield from _other_length(column, trial[column], len(trial["pegs"]), "pegs")
@@ -177,7 +178,8 @@ def _position(trial: dict[str, Any], first: dict[str, Any], names: set[str]) -> 
     places = len(first["error_cm"])
     yield from _other_length("error_cm", trial["error_cm"], places, "the first trial")
     yield from _other_length("squared_mahalanobis", trial["squared_mahalanobis"], places, "error_cm")
-    yield from _other_length("peak_force_n", [None, *trial["peak_force_n"]], places, "error_cm")
+    for column in sorted(trial.keys() & {*COLUMNS}):
+        yield from _other_length(column, [None, *trial[column]], places, "error_cm")
     if (trial["inserted_at"] or 0) >= places:
         yield f"inserted_at: {trial['inserted_at']} is invalid: there are {places - 1} attempts"
 
@@ -187,11 +189,14 @@ def _robustness(trial: dict[str, Any], first: dict[str, Any], names: set[str]) -
     places = len(first["error_cm"])
     for column in ("error_cm", "squared_mahalanobis", "match_probability"):
         yield from _other_length(column, trial[column], places, "the first trial")
+    for column in sorted(trial.keys() & {*COLUMNS}):
+        yield from _other_length(column, [None, *trial[column]], places, "error_cm")
 
 
 def _insertion(trial: dict[str, Any], _: dict[str, Any], names: set[str]) -> Iterator[str]:
     yield from _unknown("shape", [trial["shape"]], names)
-    yield from _other_length("peak_force_n", trial["peak_force_n"], trial["attempts"], "attempts")
+    for column in sorted(trial.keys() & {*COLUMNS}):
+        yield from _other_length(column, trial[column], trial["attempts"], "attempts")
 
 
 def _calibration(trial: dict[str, Any], _: dict[str, Any], names: set[str]) -> Iterator[str]:

@@ -10,6 +10,7 @@ from mjx_fit.engines.failures import Reporting
 from mjx_fit.engines.interface import Engine
 from mjx_fit.engines.select import make_engine
 from mjx_fit.evaluation import parts, result_file
+from mjx_fit.evaluation.effort_summary import effort_columns, summarise_effort
 from mjx_fit.evaluation.parts import Rows
 from mjx_fit.evaluation.perturbations import Perturbation, chosen_perturbations
 from mjx_fit.evaluation.position import draw_holes
@@ -153,6 +154,8 @@ def _rows(part: _Part, world: single_hole.Holes, done: single_hole.Outcome, name
             "squared_mahalanobis": result_file.rounded(squared[i]),
             "match_probability": result_file.rounded(done.match_probability[i]),
             "inserted_at": int(done.inserted_at[i]) or None,
+            **effort_columns(done.effort, i, ATTEMPTS),
+            "move_seconds": round(float(done.move_seconds[i]), 4),
         }
         for i, trial in enumerate(part.ids)
     ]
@@ -175,8 +178,9 @@ def summarise(trials: Rows) -> list[Row]:
     Groups are ``NAME:K``: perturbation and attempts made. ``position_error_mm`` uses the mismatched holes,
     whose belief stays as it is after an insertion; ``coverage_90`` and ``nees`` the same; ``match_auroc`` the
     trials of both kinds whose first K attempts failed. ``runaway`` and ``inserted_wrongly``, with the group
-    ``NAME``, are shares of the mismatched holes; the second is given if it is above 0. Intervals by
-    bootstrap over trials, Wilson's for rates of 0 and 1.
+    ``NAME``, are shares of the mismatched holes; the second is given if it is above 0. Seconds and newtons
+    (``summarise_effort``), with the group ``NAME``, are those of the mismatched holes. Intervals by bootstrap
+    over trials, Wilson's for rates of 0 and 1.
     """
     rows = []
     for name in dict.fromkeys(trial["perturbation"] for trial in trials):
@@ -204,6 +208,7 @@ def summarise(trials: Rows) -> list[Row]:
             rate = bootstrap_mean if metric.startswith(("position", "nees")) else clustered_rate
             interval = rate(values[kept], ids[kept].tolist())
             rows.append(Row.of(METHOD, metric.partition(" ")[0], group, interval, int(kept.sum())))
+        rows += summarise_effort(METHOD, [trial for trial, keep in zip(own, kept, strict=True) if keep], name)
         for k in SHOWN:
             failed = inserted_at > k
             if min(int((failed & matched).sum()), int((failed & ~matched).sum())) >= LEAST_OF_EACH:

@@ -71,6 +71,27 @@ def bootstrap_mean(
     return Interval(float(mean[0]), float(low[0]), float(high[0]))
 
 
+def bootstrap_median(
+    values: Float[np.ndarray, " n"], clusters: Sequence[int] | Int[np.ndarray, " n"], seed: int = 0
+) -> Interval:
+    """Compute the median of ``values``, which may be infinite, and its percentile interval over clusters.
+
+    The median is the lowest value with at least half of all observations at or below it.
+    """
+    names, index = np.unique(clusters, return_inverse=True)
+    order = np.argsort(values, kind="stable")
+
+    def median(times: Float[np.ndarray, "resamples clusters"]) -> Float[np.ndarray, " resamples"]:
+        below = np.cumsum(times[:, index[order]], axis=1)
+        return values[order][(2 * below >= below[:, -1:]).argmax(1)]
+
+    value = float(median(np.ones((1, len(names))))[0])
+    if len(names) < 2:
+        return Interval(value, math.nan, math.nan)
+    low, high = np.quantile(median(_times_drawn(len(names), seed)), _ENDS, method="nearest")
+    return Interval(value, min(float(low), value), max(float(high), value))
+
+
 def clustered_rate(happened: Bool[np.ndarray, " n"], clusters: Sequence[int]) -> Interval:
     """Compute a rate, with its interval by bootstrap over clusters.
 

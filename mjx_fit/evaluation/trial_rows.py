@@ -30,6 +30,7 @@ Size = Annotated[float, Field(ge=0, le=LARGEST, allow_inf_nan=False)]
 Probability = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
 Pair = Annotated[list[Name], Field(min_length=2, max_length=2)]
 STRICT = ConfigDict(strict=True)
+_One = Annotated[list[Size | None], Field(min_length=1, max_length=1)]
 
 
 class AssemblyTrial(TypedDict):
@@ -38,11 +39,11 @@ class AssemblyTrial(TypedDict):
     A peg that a human inserted (``human``) has the maximum number of attempts. ``inserted_wrongly``, present
     only if true for some peg, marks pegs that the robot put into holes of another type; ``pulled_out``,
     present only if there is any, counts how often an inserted peg was pulled out again. ``holes`` are the
-    shapes of the holes. The remaining lists have an entry for each peg and attempt: the hole ``tried``, its
-    match probability and position error before (``match_probability``, ``error_cm``) and after the attempt
-    (``match_after``, ``error_after_cm``), the predicted probability of success (``chance``), the highest one
-    at the other empty holes (``next_best``, null if there is no other), and the largest tared force
-    (``peak_force_n``).
+    shapes of the holes, and ``move_seconds`` is the time of all moves between holes with a peg in hand. The
+    remaining lists have an entry for each peg and attempt: the hole ``tried``, its match probability and
+    position error before (``match_probability``, ``error_cm``) and after the attempt (``match_after``,
+    ``error_after_cm``), the predicted probability of success (``chance``), the highest one at the other empty
+    holes (``next_best``, null if there is no other), and the time and force of ``Effort``.
     """
 
     __pydantic_config__ = STRICT  # pyright: ignore[reportGeneralTypeIssues]
@@ -60,7 +61,12 @@ class AssemblyTrial(TypedDict):
     next_best: NotRequired[list[list[Probability | None]]]
     match_probability: NotRequired[list[list[Probability]]]
     error_cm: NotRequired[list[list[Size]]]
+    seconds: NotRequired[list[list[Size]]]
+    contact_s: NotRequired[list[list[Size | None]]]
     peak_force_n: NotRequired[list[list[Size | None]]]
+    over_20n_s: NotRequired[list[list[Size | None]]]
+    impulse_ns: NotRequired[list[list[Size | None]]]
+    move_seconds: NotRequired[Size]
     match_after: NotRequired[list[list[Probability]]]
     error_after_cm: NotRequired[list[list[Size]]]
 
@@ -68,9 +74,10 @@ class AssemblyTrial(TypedDict):
 class AttemptTrial(TypedDict):
     """One attempt.
 
-    ``pair`` contains the shapes of peg and hole, ``length`` counts actions, ``error_m`` is the distance of
-    the detector's estimate from the hole, and ``peak_force_n`` the largest tared force. ``inserted`` means
-    inserted into a matching hole; ``inserted_wrongly``, present only if true, into a mismatched one.
+    ``pair`` contains the shapes of peg and hole, ``length`` counts actions, and ``error_m`` is the distance
+    of the detector's estimate from the hole. ``inserted`` means inserted into a matching hole;
+    ``inserted_wrongly``, present only if true, into a mismatched one. Time and force are lists of one, as in
+    the other experiments; older files have a number as ``peak_force_n``.
     """
 
     __pydantic_config__ = STRICT  # pyright: ignore[reportGeneralTypeIssues]
@@ -81,7 +88,12 @@ class AttemptTrial(TypedDict):
     inserted: bool
     valid: bool
     length: Annotated[int, Field(ge=0, le=MAX_ACTIONS)]
-    peak_force_n: Size | None
+    peak_force_n: _One | Size | None
+    seconds: NotRequired[_One]
+    contact_s: NotRequired[_One]
+    over_20n_s: NotRequired[_One]
+    impulse_ns: NotRequired[_One]
+    move_seconds: NotRequired[Size]
     error_m: Annotated[float, Field(ge=0, le=1000, allow_inf_nan=False)]
     inserted_wrongly: NotRequired[bool]
 
@@ -91,8 +103,8 @@ class PositionTrial(TypedDict):
 
     ``error_cm`` and ``squared_mahalanobis`` score the belief before the first and after each attempt; they
     are constant after the insertion. ``inserted_at`` is the attempt that inserted the peg, from 1, or null;
-    ``inserted_wrongly``, present only if true, marks an insertion into a mismatched hole. ``peak_force_n`` is
-    the largest tared force of each attempt, null without an attempt.
+    ``inserted_wrongly``, present only if true, marks an insertion into a mismatched hole. Time and force of
+    each attempt (``Effort``) are null without an attempt; ``move_seconds`` is the time of the moves between.
     """
 
     __pydantic_config__ = STRICT  # pyright: ignore[reportGeneralTypeIssues]
@@ -104,6 +116,11 @@ class PositionTrial(TypedDict):
     squared_mahalanobis: list[Size]
     inserted_at: Count | None
     peak_force_n: list[Size | None]
+    seconds: NotRequired[list[Size | None]]
+    contact_s: NotRequired[list[Size | None]]
+    over_20n_s: NotRequired[list[Size | None]]
+    impulse_ns: NotRequired[list[Size | None]]
+    move_seconds: NotRequired[Size]
     inserted_wrongly: NotRequired[bool]
 
 
@@ -123,12 +140,18 @@ class RobustnessTrial(TypedDict):
     squared_mahalanobis: list[Size]
     match_probability: list[Probability]
     inserted_at: Count | None
+    seconds: NotRequired[list[Size | None]]
+    contact_s: NotRequired[list[Size | None]]
+    peak_force_n: NotRequired[list[Size | None]]
+    over_20n_s: NotRequired[list[Size | None]]
+    impulse_ns: NotRequired[list[Size | None]]
+    move_seconds: NotRequired[Size]
 
 
 class InsertionTrial(TypedDict):
     """One trial of the insertion experiment: a draw of hole and detection with a seed of exploration noise.
 
-    ``attempts`` counts all attempts, including the successful one.
+    ``attempts`` counts all attempts, including the successful one; time and force as in ``PositionTrial``.
     """
 
     __pydantic_config__ = STRICT  # pyright: ignore[reportGeneralTypeIssues]
@@ -140,6 +163,11 @@ class InsertionTrial(TypedDict):
     attempts: Count
     success: bool
     peak_force_n: list[Size | None]
+    seconds: NotRequired[list[Size]]
+    contact_s: NotRequired[list[Size | None]]
+    over_20n_s: NotRequired[list[Size | None]]
+    impulse_ns: NotRequired[list[Size | None]]
+    move_seconds: NotRequired[Size]
 
 
 class CalibrationTrial(TypedDict):

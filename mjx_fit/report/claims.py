@@ -9,6 +9,8 @@ MAIN = "full"
 """Method that the claims are about; the first method of a result that lacks it."""
 _NUMBERS = ("zero", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
 
+_PLURALS = {"trial": "trials", "assembly": "assemblies"}
+
 _Rows = dict[tuple[str, str, str], Row]
 
 
@@ -37,7 +39,7 @@ def _assembly(rows: _Rows) -> list[str]:
     pegs = _last_number(rows, main.method, "attempts")
     claim = f"{main.method} needs {main.value:.1f} attempts on average for {_pegs(pegs)} "
     claim += f"(95 % interval {_ends(main, '.1f')}; n = {main.n})"
-    claims = [f"{claim}{_interventions(rows, main.method)}."]
+    claims = [f"{claim}{_interventions(rows, main.method)}.", *_effort(rows, main.method, "assembly")]
     for other in mean.values():
         if other is not main:
             ratio = rows.get((main.method, "attempts_ratio", other.method))
@@ -58,7 +60,7 @@ def _insertion(rows: _Rows) -> list[str]:
     rate = rows.get((main.method, "success_rate", str(cap)))
     if rate:
         claim += f" and inserts {_share(rate)} of the pegs within {cap} attempts"
-    claims = [f"{claim}."]
+    claims = [f"{claim}.", *_effort(rows, main.method, "trial")]
     for other in mean.values():
         if other is not main:
             saved = rows.get((main.method, "attempts_saved", other.method))
@@ -88,6 +90,19 @@ def _position(rows: _Rows) -> list[str]:
         others = [row for name, row in after.items() if name not in (main.method, "oracle")]
         return claims + [f"{_comparison(end, other, _apart(end, other), 'cm')}." for other in others]
     return []
+
+
+def _effort(rows: _Rows, method: str, trial: str) -> list[str]:
+    """Claim the seconds of a trial and its largest force."""
+    seconds, force = (rows.get((method, metric, "all")) for metric in ("seconds", "peak_force_n"))
+    in_time, hard = (rows.get((method, metric, "all")) for metric in ("in_by_10s", "over_20n_share"))
+    if not (seconds and force and in_time and hard):
+        return []
+    return [
+        f"The attempts of {method} take {seconds.value:.1f} s per {trial} ({_ends(seconds, '.1f')}); "
+        f"{_share(in_time)} of the pegs are in within 10 s. The largest force averages {force.value:.1f} N "
+        f"({_ends(force, '.1f')}); {_share(hard)} of the {_PLURALS[trial]} exceed 20 N for more than 0.1 s."
+    ]
 
 
 def _comparison(main: Row, other: Row, side: int, unit: str) -> str:

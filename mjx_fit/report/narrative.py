@@ -35,6 +35,7 @@ COLUMNS = (
     "P(success)",
     "P(success), next best hole",
     "position error",
+    "time",
     "peak force",
     "outcome",
     "P(match) after",
@@ -79,8 +80,11 @@ def _row(trial: dict[str, Any], peg: int, attempt: int) -> tuple[str, ...]:
     def told(column: str) -> Any:
         return trial[column][peg][attempt]
 
-    hole, force = told("tried"), trial.get("peak_force_n", [[]])
-    felt = force[peg][attempt] if len(force) > peg and len(force[peg]) > attempt else None
+    def told_if(column: str) -> Any:
+        given = trial.get(column, [[]])
+        return given[peg][attempt] if len(given) > peg and len(given[peg]) > attempt else None
+
+    hole, seconds, force = told("tried"), told_if("seconds"), told_if("peak_force_n")
     last = attempt == len(trial["tried"][peg]) - 1
     inserted = last and not trial["human"][peg]
     return (
@@ -88,7 +92,8 @@ def _row(trial: dict[str, Any], peg: int, attempt: int) -> tuple[str, ...]:
         f"{told('match_probability'):.0%}",
         *(_share(told(column) if column in trial else None) for column in ("chance", "next_best")),
         f"{10 * told('error_cm'):.1f} mm",
-        "-" if felt is None else f"{felt:.0f} N",
+        "-" if seconds is None else f"{seconds:.1f} s",
+        "-" if force is None else f"{force:.0f} N",
         "inserted wrongly" if inserted and _wrongly(trial, peg) else "inserted" if inserted else "failed",
         "" if inserted else f"{told('match_after'):.0%}",
         "" if inserted else f"{10 * told('error_after_cm'):.1f} mm",

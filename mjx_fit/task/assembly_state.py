@@ -13,17 +13,17 @@ from operator import attrgetter
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Int
+from jaxtyping import Bool, Float, Int
 
 from mjx_fit.config.schema import Config
 from mjx_fit.filters.outcome_model import success_probability
 from mjx_fit.filters.updates import initial_belief
 from mjx_fit.scene.scenarios import Trials
-from mjx_fit.sensors.force_torque import peak_force
 from mjx_fit.task import greedy
 from mjx_fit.task.assembly_snapshot import EMPTY, KEPT_FROM, Choice, State
 from mjx_fit.task.attempt_log import Diary, believed
 from mjx_fit.task.attempt_loop import Tried, Try, spirals_at
+from mjx_fit.task.effort import COLUMNS, effort_of, move_time_s
 from mjx_fit.task.methods import Method, of_rows
 from mjx_fit.task.oracle import reveal_hole, reveal_match
 from mjx_fit.types import Belief, Rollout
@@ -53,6 +53,7 @@ class Table:
         self._attempts = np.zeros((n_rows, n), int)
         self._human, self._wrongly = np.zeros((n_rows, n), bool), np.zeros((n_rows, n), bool)
         self._pulled_out = np.zeros((n_rows, n), int)
+        self._starts, self._move_seconds = np.zeros((n_rows, 2)), np.zeros(n_rows)
         self._diary = Diary(n_rows, n)
         self.pegs_done = np.zeros(n_rows, int)
         self._root = root_key(seed, "assembly: attempts")
@@ -141,6 +142,7 @@ class Table:
                 "human": self._human[row].tolist(),
                 **({"inserted_wrongly": self._wrongly[row].tolist()} if self._wrongly[row].any() else {}),
                 **({"pulled_out": self._pulled_out[row].tolist()} if self._pulled_out[row].any() else {}),
+                "move_seconds": round(float(self._move_seconds[row]), 4),
                 "holes": [names[hole] for hole in self._world["hole_type"][row]],
                 **self._diary.of(row),
             }
@@ -169,23 +171,33 @@ class Table:
             leaf[rows, chosen] = np.asarray(new)[rows]
 
     def _note(self, rollouts: Rollout, before: Belief) -> None:
-        """Log the choice, the belief before and after the attempt, and the peak force."""
+        """Log the choice, the belief before and after the attempt, and its time and force."""
         chosen, rows = self.choice.hole, np.flatnonzero(self.active)
         position = self._world["hole_pos_world"][np.arange(len(chosen)), chosen]
         match, error = believed(before, self._peg(), position)
         match_after, error_after = believed(self._belief_about(chosen), self._peg(), position)
+        self._count_moves(np.asarray(rollouts.felt.estimate_world), rows)
+        effort = effort_of(rollouts.felt)
         columns = {
             "tried": chosen,
             "chance": self.choice.chance,
             "next_best": self.choice.next_best,
             "match_probability": match,
             "error_cm": error,
-            "peak_force_n": np.round(peak_force(rollouts.felt), 1),
+            **{name: getattr(effort, name) for name in COLUMNS},
             "match_after": match_after,
             "error_after_cm": error_after,
         }
         own = {name: values[rows] for name, values in columns.items()}
         self._diary.write(rows, self.pegs_done[rows], **own)
+
+    def _count_moves(self, start_world: Float[np.ndarray, "R 2"], rows: Int[np.ndarray, "k"]) -> None:
+        """Add the time of each row's move to this attempt; a peg begins above its first hole."""
+        moved = np.where(
+            self._attempt_number() > 0, move_time_s(self._starts, start_world, self._config.moves), 0
+        )
+        self._move_seconds[rows] += moved[rows]
+        self._starts[rows] = start_world[rows]
 
     def _initial_beliefs(self) -> Belief:
         """Return writable priors (R, n): from the detector, or the truth if the method knows it."""

@@ -17,8 +17,8 @@ from mjx_fit.config.schema import Config
 from mjx_fit.engines.interface import Engine
 from mjx_fit.filters.kalman import scale_tril
 from mjx_fit.filters.updates import initial_belief
-from mjx_fit.sensors.force_torque import peak_force
 from mjx_fit.task.attempt_loop import Tried, Try, attempt_rounds, spirals_at
+from mjx_fit.task.effort import COLUMNS, Effort, effort_of, move_time_s
 from mjx_fit.task.estimator import Update
 from mjx_fit.task.methods import KNOWN_VARIANCE_M2, HoleMethod, of_rows
 from mjx_fit.types import Array, Belief, Felt
@@ -59,7 +59,8 @@ class Outcome:
         cov: Covariance of the position, (T, K + 1, 2, 2), m².
         match_probability: Probability that the hole matches the peg, before the first and after each attempt,
             (T, K + 1).
-        peak_force_n: Peak tared force of each attempt, (T, K), N; NaN for attempts that were not made.
+        effort: Time and force of each attempt, (T, K); NaN for attempts that were not made.
+        move_seconds: Time of the moves between the attempts, (T,), s.
     """
 
     inserted_at: Int[np.ndarray, "T"]
@@ -67,7 +68,8 @@ class Outcome:
     mean_world: Float[np.ndarray, "T after 2"]
     cov: Float[np.ndarray, "T after 2 2"]
     match_probability: Float[np.ndarray, "T after"]
-    peak_force_n: Float[np.ndarray, "T K"]
+    effort: Effort
+    move_seconds: Float[np.ndarray, "T"]
 
 
 class HoleTable:
@@ -91,11 +93,13 @@ class HoleTable:
         self._inserted_at, self._attempts = np.zeros(n_rows, int), np.zeros(n_rows, int)
         self._means, self._covs = [self._belief.pos_mean_world], [self._belief.pos_cov]
         self._matches = [self._match_probability()]
-        self._forces: list[Float[np.ndarray, "R"]] = []
+        self._efforts: list[Effort] = []
+        self._moves, self._starts = config.moves, np.asarray(self._belief.pos_mean_world)
+        self._move_seconds = np.zeros(n_rows)
 
     def next_try(self) -> Try | None:
         """Return the next attempt of each unfinished row; None if all pegs are in, or after K attempts."""
-        active, number = self._inserted_at == 0, len(self._forces)
+        active, number = self._inserted_at == 0, len(self._efforts)
         if number == self._max_attempts or not active.any():
             return None
         wiggle, noise, sample = _keys(self._keys, number)
@@ -109,12 +113,17 @@ class HoleTable:
         """Count the attempts and store the posteriors of the active rows."""
         active = tried.asked.active
         self._attempts += active
-        self._forces.append(np.where(active, peak_force(tried.rollouts.felt), np.nan))
-        self._inserted_at[active & tried.rollouts.truth.inserted] = len(self._forces)
 
         def taken(old, new):
             return np.where(active.reshape(-1, *[1] * (old.ndim - 1)), new, old)
 
+        starts = np.asarray(tried.asked.attempts.estimate_world)
+        if self._efforts:
+            self._move_seconds += active * move_time_s(self._starts, starts, self._moves)
+        self._starts = taken(self._starts, starts)
+        effort = effort_of(tried.rollouts.felt)
+        self._efforts.append(jax.tree.map(lambda column: np.where(active, column, np.nan), effort))
+        self._inserted_at[active & tried.rollouts.truth.inserted] = len(self._efforts)
         self._belief = jax.tree.map(taken, self._belief, tried.beliefs)
         self._means.append(self._belief.pos_mean_world)
         self._covs.append(self._belief.pos_cov)
@@ -124,23 +133,28 @@ class HoleTable:
         kind = np.exp(np.asarray(self._belief.type_logp))
         return np.take_along_axis(kind, self._world["peg_type"][:, None], axis=1)[:, 0]
 
+    def _none(self) -> Effort:
+        """Return the effort of attempts that were not made."""
+        return Effort(*[np.full(len(self._samples), np.nan)] * len(COLUMNS))
+
     def outcomes(self) -> dict[str, Outcome]:
         """Return the outcome of the trials per method."""
-        left = self._max_attempts - len(self._forces)
+        left = self._max_attempts - len(self._efforts)
         columns = {
             "inserted_at": self._inserted_at,
             "attempts": self._attempts,
             "mean_world": np.stack([*self._means, *[self._means[-1]] * left], 1),
             "cov": np.stack([*self._covs, *[self._covs[-1]] * left], 1),
             "match_probability": np.stack([*self._matches, *[self._matches[-1]] * left], 1),
-            "peak_force_n": np.stack([*self._forces, *[np.full(len(self._samples), np.nan)] * left], 1),
+            "effort": jax.tree.map(lambda *made: np.stack(made, 1), *self._efforts, *[self._none()] * left),
+            "move_seconds": self._move_seconds,
         }
         own = {
             method.name: slice(m * self._n_trials, (m + 1) * self._n_trials)
             for m, method in enumerate(self._methods)
         }
         return {
-            name: Outcome(**{column: leaf[rows] for column, leaf in columns.items()})
+            name: Outcome(**jax.tree.map(lambda leaf, rows=rows: leaf[rows], columns))
             for name, rows in own.items()
         }
 

@@ -352,6 +352,7 @@ def told() -> Result:
             "match_after": [[0.75] * n for n in attempts],
             "error_after_cm": [[0.13] * n for n in attempts],
             "peak_force_n": [[41.2] * n for n in attempts],
+            "seconds": [[10.0] * n for n in attempts],
         }
         trials.append(
             {"trial": i, "method": "full", "pegs": ["cross", EVIL], "holes": ["square", "cross"],
@@ -368,8 +369,8 @@ def test_the_page_tells_a_median_and_the_hardest_assembly(tmp_path: Path):
     hardest = text.index("Hardest of 3 assemblies with full: trial 2, 5 attempts")
     assert "Peg 1, a cross: inserted after 2 attempts" in text[median:hardest]
     rows = (
-        ("1 (square)", "25%", "3.1%", "1.2%", "15.7 mm", "41 N", "failed", "75%", "1.3 mm"),
-        ("2 (cross)", "25%", "3.1%", "1.2%", "15.7 mm", "41 N", "inserted", "", ""),
+        ("1 (square)", "25%", "3.1%", "1.2%", "15.7 mm", "10.0 s", "41 N", "failed", "75%", "1.3 mm"),
+        ("2 (cross)", "25%", "3.1%", "1.2%", "15.7 mm", "10.0 s", "41 N", "inserted", "", ""),
     )
     table = "".join("<tr>" + "".join(f"<td>{cell}</td>" for cell in row) + "</tr>" for row in rows)
     assert table in text[median:hardest]

@@ -69,7 +69,7 @@ def test_it_goes_on_until_the_peg_is_in_and_the_belief_stays_from_there_on():
         got = np.linalg.norm(done.mean_world[i] - holes.hole_pos_world[i], axis=1)
         np.testing.assert_allclose(got, error[i] * 0.5**updates, rtol=1e-3, atol=1e-6)
         np.testing.assert_allclose(done.cov[i, :, 0, 0], 1e-4 * 0.25**updates, rtol=1e-5)
-        assert np.isfinite(done.peak_force_n[i]).sum() == done.attempts[i]
+        assert np.isfinite(done.effort.peak_force_n[i]).sum() == done.attempts[i]
     for number, (_, active) in enumerate(engine.seen):
         assert np.array_equal(active, (done.inserted_at == 0) | (done.inserted_at > number))
 
@@ -342,8 +342,9 @@ def test_the_peak_force_of_an_insertion_is_the_largest_of_its_attempts():
          "peak_force_n": force}
         for i, force in enumerate([[30.0, 50.0, None], [20.0, 10.0, 15.0]])
     ]  # fmt: skip
-    rows = {row.metric: row for row in insertion.summarise(trials)}
-    assert rows["peak_force_n"].value == pytest.approx((50 + 20) / 2)
+    rows = {(row.metric, row.group): row for row in insertion.summarise(trials)}
+    assert rows["peak_force_n", "all"].value == pytest.approx((50 + 20) / 2)
+    assert rows["peak_force_n", "median"].value == 20
 
 
 class Breaking(FakeEngine):

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from mjx_fit.config.schema import config_from_stored
 from mjx_fit.evaluation.results import Result
 from mjx_fit.report import paper_values
-from mjx_fit.report.figures import assembly, calibration, robustness, single_hole
+from mjx_fit.report.figures import assembly, calibration, effort, robustness, single_hole
 
 Drawing = tuple[str, str, Callable[[], Figure]]
 
@@ -61,7 +61,7 @@ def _assembly(result: Result) -> list[Drawing]:
             "intervals by bootstrap over trials; full needs fewer attempts left of the dashed line."
         )
         shown.append(("ratio", caption, lambda: assembly.attempts_ratio(result.summary)))
-    return shown
+    return shown + _effort(result)
 
 
 def _attempt(result: Result) -> list[Drawing]:
@@ -197,7 +197,25 @@ def _insertion(result: Result) -> list[Drawing]:
             "% intervals by bootstrap over draws; p from a sign-flip test with Holm's adjustment."
         )
         shown.append(("saved", caption, lambda: single_hole.attempts_saved(result.summary)))
-    return shown
+    return shown + _effort(result)
+
+
+def _effort(result: Result) -> list[Drawing]:
+    if not effort.has_effort(result.trials):
+        return []
+    return [
+        (
+            "seconds",
+            "Share of pegs that the robot has inserted after a number of seconds of attempts, without the "
+            "moves between them; a peg inserted by a human is never in.",
+            lambda: effort.inserted_by_seconds(result.trials),
+        ),
+        (
+            "forces",
+            "Share of trials whose largest force stays below a force; the dashed line is at 20 N.",
+            lambda: effort.peak_forces(result.trials),
+        ),
+    ]
 
 
 def _robustness(result: Result) -> list[Drawing]:
