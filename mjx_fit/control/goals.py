@@ -1,4 +1,8 @@
-"""Motion of the controller's goal during an action."""
+"""Motion of the controller's goal during an action.
+
+If a push is a force (``ControlConfig.push``), the third component of a goal is no height: it is the vertical
+command itself, which ``mjx_fit.control.force_control`` takes for a force.
+"""
 
 from dataclasses import replace
 from functools import partial
@@ -6,6 +10,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Float, Int
 
 from mjx_fit.config.sections.world import ControlConfig
@@ -30,9 +35,19 @@ class Goal:
     smooth_world: Float[Array, "*n 3"]
 
 
-def at_rest(tip_pos_world: Float[Array, "*n 3"]) -> Goal:
-    """Return the goal of a TCP that stays where it is."""
-    return Goal(tip_pos_world, tip_pos_world, tip_pos_world)
+def at_rest(tip_pos_world: Float[Array, "*n 3"], control: ControlConfig) -> Goal:
+    """Return the goal of a TCP that stays where it is, and does not push."""
+    here = commanded(tip_pos_world, 0 * tip_pos_world, control)
+    return Goal(here, here, here)
+
+
+def commanded(
+    tip_pos_world: Float[Array, "*n 3"], command_world: Float[Array, "*n 3"], control: ControlConfig
+) -> Float[Array, "*n 3"]:
+    """Return the goal at the end of an action that starts at a position of the TCP, m."""
+    if control.push == "displacement":
+        return tip_pos_world + command_world
+    return tip_pos_world * np.array([1, 1, 0], np.float32) + command_world
 
 
 def after(goal: Goal, next_world: Float[Array, "*n 3"]) -> Goal:
@@ -69,8 +84,8 @@ def after_actions(
         done = after(jax.lax.fori_loop(0, SUBSTEPS, step, goal), next_world)
         return jax.tree.map(partial(jnp.where, number < count), done, goal), None
 
-    rows = jnp.arange(len(action_world)), before_world + action_world
-    return jax.lax.scan(action, at_rest(start_world), rows)[0]
+    rows = jnp.arange(len(action_world)), commanded(before_world, action_world, control)
+    return jax.lax.scan(action, at_rest(start_world, control), rows)[0]
 
 
 def goal_during(

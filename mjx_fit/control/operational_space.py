@@ -24,6 +24,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mjx_fit.config.schema import Config
+from mjx_fit.control.force_control import position_force
 from mjx_fit.control.kinematics import STRAIGHT_DOWN, jacobian, posture_towards, rotation_error
 from mjx_fit.scene.robot import PANDA, Robot
 from mjx_fit.types import Array, pytree
@@ -107,6 +108,10 @@ class Gains:
     payload_kg: Any
     tilt_x_rad: Any
     tilt_y_rad: Any
+    push: str
+    press_n: float
+    press_speed_mps: float
+    slide_n: float
 
 
 def gains_of(config: Config, physics: Physics = AS_CONFIGURED) -> Gains:
@@ -123,7 +128,8 @@ def torque(
 
     Args:
         arm: State of the arm.
-        goal_pos_world: Goal position of the TCP, m.
+        goal_pos_world: Goal position of the TCP, m; its third component is a vertical command if a push is a
+            force (``mjx_fit.control.force_control``).
         gains: Stiffness and damping, and the arm's imperfections.
         robot: Robot with the null-space posture and the torque limits.
 
@@ -138,7 +144,8 @@ def torque(
     error = jnp.concatenate([goal_pos_world - arm.tip_pos_world, turn])
     stiffness = _six(gains.kp_position, gains.kp_orientation, error)
     damping = 2 * gains.damping_ratio * jnp.sqrt(stiffness)
-    task_acc = stiffness * error - damping * times(jac, arm.qvel)
+    velocity = times(jac, arm.qvel)
+    task_acc = stiffness * error - damping * velocity
 
     # Turn the posture with the first joint, so that it never pulls the arm to the middle of the workspace.
     posture_error = posture_towards(arm.tip_pos_world, robot) - arm.qpos
@@ -151,7 +158,13 @@ def torque(
     # The factor of a leading block is the leading block of the factor.
     of_position = CholeskyFactor(root.lower[:3], root.inverse_diagonal[:3])
     of_rotation = cholesky_factor(inverse_inertia[3:, 3:], _DAMPING_TASK)
-    apart = [cholesky_solve(of_position, task_acc[:3]), cholesky_solve(of_rotation, task_acc[3:])]
+    if gains.push == "force":
+        error = jnp.concatenate([error[:2], goal_pos_world[2:]])
+        press = gains.press_n, gains.press_speed_mps, gains.slide_n
+        on_tip = position_force(error, velocity[:3], of_position, (stiffness[:2], damping[:2]), press)
+    else:
+        on_tip = cholesky_solve(of_position, task_acc[:3])
+    apart = [on_tip, cholesky_solve(of_rotation, task_acc[3:])]
     force = _felt_by_arm(jnp.concatenate(apart), gains) - cholesky_solve(root, times(jac, posture_acc))
     unlimited = total(jac * force[:, None]) + times(arm.mass_matrix, posture_acc) + arm.bias
     unlimited = _disturbed(unlimited, jac, arm.qvel, gains)

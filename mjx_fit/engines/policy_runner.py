@@ -45,7 +45,11 @@ class Memory:
 
 
 def begin(
-    policy: Policy, attempt: Attempt, tare_sensor: Float[Array, "6"], tip_pos_world: Float[Array, "3"]
+    policy: Policy,
+    config: Config,
+    attempt: Attempt,
+    tare_sensor: Float[Array, "6"],
+    tip_pos_world: Float[Array, "3"],
 ) -> Memory:
     """Initialise the memory before the first action, with the wrench of free space and the TCP's position."""
     start = start_of(attempt)
@@ -56,7 +60,7 @@ def begin(
         key=attempt.key,
         tare_sensor=tare_sensor,
         wrench_sensor=wrench,
-        goal=goals.at_rest(tip_pos_world),
+        goal=goals.at_rest(tip_pos_world, config.control),
         physics=attempt.physics,
     )
 

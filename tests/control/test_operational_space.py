@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from benchmarks import python_loop
+from mjx_fit.api import load_config
 from mjx_fit.config.schema import Config
 from mjx_fit.control import operational_space
 from mjx_fit.control.kinematics import STRAIGHT_DOWN, chain_of, inverse, rotation_error
@@ -68,6 +69,34 @@ def test_torque_is_the_textbooks(scene):
         assert python_loop.torque(model, data, goal, Config().control) == pytest.approx(
             want, rel=1e-6, abs=1e-6
         )
+
+
+def test_a_push_is_the_force_of_the_formula(scene):
+    """τ = Jᵀ (F_xy, F_z, Λr ar) + posture, with explicit inverses in float64."""
+    model, config = scene.models[0], load_config(None, "control.push=force", "control.slide_n=5")
+    gains, control, rng = operational_space.gains_of(config), config.control, np.random.default_rng(6)
+    for data in random_states(model, 20):
+        command = rng.uniform(-0.02, 0.02, 3)
+        goal = data.site("tip").xpos * [1, 1, 0] + command
+        arm = python_loop.arm_state(model, data)
+        got = np.asarray(operational_space.torque(arm, jnp.asarray(goal, jnp.float32), gains))
+        mass, linear, angular = np.zeros((7, 7)), np.zeros((3, 7)), np.zeros((3, 7))
+        mujoco.mj_fullM(model, data, mass)
+        mujoco.mj_jacSite(model, data, linear, angular, model.site("tip").id)
+        plane = np.linalg.inv(linear[:2] @ np.linalg.inv(mass) @ linear[:2].T)
+        pull = plane @ (control.kp_position * command[:2])
+        pull *= min(1, control.slide_n / np.linalg.norm(pull))
+        damping = 2 * control.damping_ratio * np.sqrt(control.kp_position)
+        velocity = linear @ data.qvel
+        sideways = pull - plane @ (damping * velocity[:2])
+        down = control.press_n * (command[2] / 0.004 - velocity[2] / control.press_speed_mps)
+        moved = textbook_torque(model, data, data.site("tip").xpos)
+        of_position = np.linalg.inv(linear @ np.linalg.inv(mass) @ linear.T)
+        moved_force = -of_position @ (damping * velocity)  # what the textbook has instead, at its own goal
+        want = moved + linear.T @ (np.append(sideways, down) - moved_force)
+        inside = np.abs(got) < LIMIT_NM
+        assert inside.sum() >= 3  # at random states the first joints may be at their limits
+        assert np.abs(got - want)[inside].max() < 3e-3 * np.abs(want).max()
 
 
 def test_torques_stay_within_limits(scene):

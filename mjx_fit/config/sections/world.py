@@ -29,6 +29,12 @@ class ControlConfig:
             previous goal to the next at constant speed.
         smoothing_s: Time constant of a low pass. It smooths the goal; 0: none.
         goal_delay_s: Delay of the goal. At most one action.
+        push: Meaning of a vertical command. ``displacement``: it moves the goal, as in the paper, and the
+            force follows from the stiffness; ``force``: it is a force, ``press_n`` for each 4 mm
+            (``mjx_fit.control.force_control``).
+        press_n: Force of a push of 4 mm. For ``push: force``.
+        press_speed_mps: Speed of such a push in free space. It limits the impact on touch-down.
+        slide_n: Largest lateral force of the stiffness. For ``push: force``; it limits the impact on edges.
     """
 
     kp_position: Annotated[float, Field(ge=50, le=1400, json_schema_extra=PER_S2_UNIT)] = 600.0
@@ -38,6 +44,10 @@ class ControlConfig:
     goal: Literal["step", "ramp"] = "ramp"
     smoothing_s: Annotated[float, Field(ge=0, le=0.5)] = 0.0
     goal_delay_s: Annotated[float, Field(ge=0, le=0.1)] = 0.0
+    push: Literal["displacement", "force"] = "displacement"
+    press_n: Annotated[float, Field(ge=0.5, le=30)] = 5.0
+    press_speed_mps: Annotated[float, Field(ge=0.002, le=0.1, json_schema_extra={"unit": "m/s"})] = 0.01
+    slide_n: Annotated[float, Field(ge=1, le=100)] = 12.0
 
 
 @dataclass(frozen=True, config=STRICT)

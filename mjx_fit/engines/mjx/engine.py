@@ -14,9 +14,10 @@ from mujoco import mjx
 
 from mjx_fit.config.schema import Config
 from mjx_fit.control import operational_space, policies
-from mjx_fit.control.goals import Goal, after, goal_during
+from mjx_fit.control.goals import Goal, after, commanded, goal_during
 from mjx_fit.control.kinematics import chain_of
 from mjx_fit.control.policies import Policy
+from mjx_fit.control.regulation import regulated
 from mjx_fit.engines import attempt_rules, policy_runner
 from mjx_fit.engines.mjx.compiler import compiler_options
 from mjx_fit.engines.mjx.step import Models, WorldModel, accelerate, advance, placed
@@ -66,7 +67,7 @@ class MjxEngine:
         self._models = Models.of(self.scene)
         self._chain = chain_of(self.scene.models[0], self.scene.robot)
         self.config = config
-        self._world = World(config, self.scene, policy or policies.shipped(config))
+        self._world = World(config, self.scene, regulated(policy or policies.shipped(config), config.control))
         self._policies = len(policies.NAMES) if policy is None else ANY_POLICY
         self.policy_name = None if policy is None else policy.name
         self._threads = threads if jax.default_backend() == "cpu" else 1
@@ -162,7 +163,7 @@ class World:
             arm = arm_state(model, data, self.scene)
             tip = attempt_rules.tip_of(arm, memory.physics, self.config)
             state, command = policy_runner.act(self.policy, self.config, horizon, memory, tip, step)
-            wanted = arm.tip_pos_world + command
+            wanted = commanded(arm.tip_pos_world, command, self.config.control)
             driven, goal, wrench = self.drive(model, data, memory.goal, wanted, memory.physics)
             arm = arm_state(model, driven, self.scene)
             tip = attempt_rules.tip_of(arm, memory.physics, self.config)
@@ -179,7 +180,7 @@ class World:
             return carry, (row, running, running & verdict.inserted, running & ~verdict.valid)
 
         tip_pos_world = arm_state(model, data, self.scene).tip_pos_world
-        memory = policy_runner.begin(self.policy, attempt, tare, tip_pos_world)
+        memory = policy_runner.begin(self.policy, self.config, attempt, tare, tip_pos_world)
         carry = data, active, jnp.int32(0), memory
         (end, *_), (trace, ran, inserted, broke) = jax.lax.scan(act, carry, jnp.arange(actions))
         felt = Felt(

@@ -13,6 +13,7 @@ from jaxtyping import Float, Int
 
 from mjx_fit.config.schema import Config
 from mjx_fit.control import operational_space
+from mjx_fit.control.goals import commanded
 from mjx_fit.control.kinematics import chain_of
 from mjx_fit.control.policies import Policy
 from mjx_fit.engines import attempt_rules, policy_runner
@@ -62,7 +63,7 @@ class Brain:
         self._policy, self._robot = policy, scene.robot
         chain = chain_of(scene.models[0], scene.robot)
         self.start = jax.jit(partial(attempt_rules.start_qpos, chain, config=config))
-        self.begin = jax.jit(jax.vmap(partial(policy_runner.begin, policy)))
+        self.begin = jax.jit(jax.vmap(partial(policy_runner.begin, policy, config)))
         self.act = jax.jit(jax.vmap(self._act, (0, 0, None, None)), static_argnums=3)
         self.torque = jax.jit(self._torque)
         self.tip = jax.jit(jax.vmap(self._tip))
@@ -84,7 +85,7 @@ class Brain:
     def _act(self, memory: Memory, packed: Float[Array, "k"], step, horizon: int):
         tip = self._tip(packed, memory.physics)
         state, command = policy_runner.act(self._policy, self.config, horizon, memory, tip, step)
-        return state, command, tip.pos_world + command
+        return state, command, commanded(tip.pos_world, command, self.config.control)
 
     def _tip(self, packed: Float[Array, "k"], physics: Physics) -> Tip:
         return attempt_rules.tip_of(self.layout.unpack(packed), physics, self.config)

@@ -17,6 +17,7 @@ from mjx_fit.config.schema import Config
 from mjx_fit.control import policies
 from mjx_fit.control.goals import Goal, after, at_rest, goal_during
 from mjx_fit.control.policies import Policy
+from mjx_fit.control.regulation import regulated
 from mjx_fit.engines import attempt_rules
 from mjx_fit.engines.attempt_rules import Verdict
 from mjx_fit.engines.native.block import Block, batch_at_rest
@@ -64,7 +65,7 @@ class NativeEngine:
         self._threads, self._on_step = threads, on_step
         self._policies = len(policies.NAMES) if policy is None else ANY_POLICY
         self.policy_name = None if policy is None else policy.name
-        self._brain = Brain(self.scene, config, policy or policies.shipped(config))
+        self._brain = Brain(self.scene, config, regulated(policy or policies.shipped(config), config.control))
         self._models = Models(self.scene)
 
     def run(
@@ -177,7 +178,8 @@ class _Part:
         """Set the state of the simulations before their first action, and their goals if not at rest."""
         self.block.move(qpos, qvel)
         if goal is None:
-            goal = at_rest(self.brain.tip(self.block.packed(), self.memory.physics).pos_world)
+            tip = self.brain.tip(self.block.packed(), self.memory.physics)
+            goal = at_rest(tip.pos_world, self.brain.config.control)
         else:
             goal = padded(goal, np.arange(len(qpos)))
         self.memory = replace(self.memory, goal=goal)
