@@ -14,7 +14,7 @@ from mjx_fit.data import reader
 from mjx_fit.data.episode import Episode
 from mjx_fit.evaluation.held_out import failed_attempts
 from mjx_fit.evaluation.statistics import bootstrap_mean
-from mjx_fit.sensors.force_torque import Window, read_window
+from mjx_fit.sensors.reading import Window, read_window
 from mjx_fit.types import Reading
 from mjx_fit.utils.randomness import root_key
 

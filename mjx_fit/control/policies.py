@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Int, Key
 
 from mjx_fit.config.schema import Config
 from mjx_fit.config.sections.world import RandomConfig, SpiralConfig
-from mjx_fit.types import Array, Attempt
+from mjx_fit.types import Array, Attempt, Reading
 from mjx_fit.utils.pytrees import pytree, static
 
 NAMES = ("spiral", "random")
@@ -64,6 +64,8 @@ class PolicyInput:
         wrench_sensor: Force (N) and torque (N·m) that the arm exerts on the peg, measured by the F/T sensor
             during the previous action: 500 Hz, tared, with sensor noise. Noise alone before the first action.
         contact: True if this wrench indicates contact (``mjx_fit.sensors.force_torque.in_contact``).
+        reading: The previous action as the learned sensor reads it (``sensors.reading.read_action``), for
+            policies that read; None for the others. Before the first action it is meaningless.
     """
 
     start: PolicyStart
@@ -77,6 +79,7 @@ class PolicyInput:
     wrench_sensor: Float[Array, "50 6"]
     contact: Bool[Array, ""]
     horizon: int = static()
+    reading: Reading | None = None
 
 
 class Policy(NamedTuple):
@@ -100,11 +103,18 @@ class Policy(NamedTuple):
         act: Maps the state and the input to the state after the action and the command: the desired
             displacement of the TCP in the world frame (3,), m.
         name: Name in data sets and results, which refuse a policy without one.
+        reads: Whether it needs ``PolicyInput.reading``.
+        report: Maps the state after each action to a pytree of arrays that the engines record in
+            ``Rollout.report``, such as a belief; None: nothing is recorded.
+        gives_up: Maps the state after an action to whether the attempt ends with it; None: never.
     """
 
     init: Callable[[PolicyStart, Key[Array, ""]], State]
     act: Callable[[State, PolicyInput], tuple[State, Float[Array, "3"]]]
     name: str = ""
+    reads: bool = False
+    report: Callable[[State], Any] | None = None
+    gives_up: Callable[[State], Bool[Array, ""]] | None = None
 
 
 def start_of(attempt: Attempt) -> PolicyStart:

@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 
 from mjx_fit.control.policies import Policy, PolicyInput, PolicyStart, stateless
-from mjx_fit.types import Array
+from mjx_fit.types import Array, Reading
 from mjx_fit.utils import numerics
 from mjx_fit.utils.errors import RequestError, shortened, shown
 from mjx_fit.utils.rates import SUBSTEPS
@@ -73,14 +73,20 @@ def require_policy(policy: Policy) -> None:
     if policy.name and NAME.fullmatch(policy.name) is None:
         raise RequestError(f"--policy: name {shown(policy.name)} is invalid: expected letters, digits and _")
     try:
-        seen = _seen()
+        seen = _seen(reads=policy.reads)
         state = jax.eval_shape(policy.init, seen.start, seen.key)
         after, command = jax.eval_shape(policy.act, state, seen)
+        if policy.report is not None:
+            jax.eval_shape(policy.report, after)
+        ends = _of(dtype=jnp.bool_) if policy.gives_up is None else jax.eval_shape(policy.gives_up, after)
     except Exception as error:  # the user's code may raise anything
         raise RequestError(f"--policy: {name} cannot be used: {_said(error)}") from None
     if jnp.shape(command) != (3,) or not jnp.issubdtype(command.dtype, jnp.floating):
         found = f"{getattr(command, 'dtype', type(command).__name__)} {jnp.shape(command)}"
         raise RequestError(f"--policy: the command of {name} is {found}: expected floats (3,), in m")
+    if jnp.shape(ends) != () or ends.dtype != jnp.bool_:
+        found = f"{getattr(ends, 'dtype', type(ends).__name__)} {jnp.shape(ends)}"
+        raise RequestError(f"--policy: gives_up of {name} is {found}: expected one bool")
     if _form(state) != _form(after):
         raise RequestError(
             f"--policy: the state of {name} changes from {_form(state)[1]} to {_form(after)[1]}: "
@@ -115,7 +121,7 @@ def _of(*shape: int, dtype: Any = jnp.float32) -> Any:
     return jax.ShapeDtypeStruct(shape, dtype)
 
 
-def _seen() -> PolicyInput:
+def _seen(*, reads: bool) -> PolicyInput:
     """Return the shapes and types of a policy's input."""
     key = jax.eval_shape(lambda: numerics.key(0))
     return PolicyInput(
@@ -130,4 +136,21 @@ def _seen() -> PolicyInput:
         wrench_sensor=_of(SUBSTEPS, 6),
         contact=_of(dtype=jnp.bool_),
         horizon=100,
+        reading=_row() if reads else None,
+    )
+
+
+def _row() -> Reading:
+    """Return the shapes and types of a reading of one action."""
+    return Reading(
+        wrench_sensor=_of(1, SUBSTEPS, 6),
+        pressure_tip=_of(1, 2),
+        tip_pos_estimate=_of(1, 3),
+        tip_quat_world=_of(1, 4),
+        tip_linvel_world=_of(1, 3),
+        tip_angvel_world=_of(1, 3),
+        contact=_of(1),
+        action_world=_of(1, 3),
+        mask=_of(1, dtype=jnp.bool_),
+        peg_type=_of(dtype=jnp.int32),
     )

@@ -5,6 +5,7 @@ of the push arrives, and the TCP's position shows how far it lags behind; both l
 to the next command. Without losses both estimates stay near zero.
 """
 
+from collections.abc import Callable
 from typing import Any
 
 import jax.numpy as jnp
@@ -12,7 +13,7 @@ from jaxtyping import Float, Key
 
 from mjx_fit.config.sections.world import ControlConfig
 from mjx_fit.control.force_control import FULL_PUSH_M
-from mjx_fit.control.policies import Policy, PolicyInput, PolicyStart
+from mjx_fit.control.policies import Policy, PolicyInput, PolicyStart, State
 from mjx_fit.types import Array
 from mjx_fit.utils.pytrees import pytree
 
@@ -70,7 +71,15 @@ def regulated(policy: Policy, control: ControlConfig) -> Policy:
         after = Losses(state, force, lag, here + command[:2], push)
         return after, jnp.concatenate([lateral, push[None]])
 
-    return policy._replace(init=init, act=act)
+    own = {
+        name: None if function is None else _of_state(function)
+        for name, function in (("report", policy.report), ("gives_up", policy.gives_up))
+    }
+    return policy._replace(init=init, act=act, **own)
+
+
+def _of_state(function: Callable[[State], Any]) -> Callable[[Losses], Any]:
+    return lambda losses: function(losses.state)
 
 
 def _lost(push_m: Float[Array, ""], seen: PolicyInput, control: ControlConfig) -> Float[Array, ""]:

@@ -16,7 +16,7 @@ from mjx_fit.config.schema import Config
 from mjx_fit.data.episode import Episode, happened
 from mjx_fit.data.mirror import mirror_belief, mirror_place, mirror_reading
 from mjx_fit.filters.outcome_model import enters_others
-from mjx_fit.sensors.force_torque import Window, read_window
+from mjx_fit.sensors.reading import Window, read_window
 from mjx_fit.types import Array, Belief, Reading, pytree
 
 MIN_ACTIONS = 5

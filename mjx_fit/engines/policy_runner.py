@@ -1,24 +1,27 @@
 """Run a policy inside a rollout: its input before each action, and its memory between actions."""
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
-from jaxtyping import Float, Int, Key
+from jaxtyping import Bool, Float, Int, Key
 
 from mjx_fit.config.schema import Config
 from mjx_fit.config.sections.measurement import PoseConfig
 from mjx_fit.control import goals
 from mjx_fit.control.goals import Goal
 from mjx_fit.control.policies import Policy, PolicyInput, PolicyStart, State, start_of
-from mjx_fit.engines.attempt_rules import Tip
+from mjx_fit.engines.attempt_rules import Tip, trace_row
 from mjx_fit.scene.randomization import draw_errors, with_arrays
 from mjx_fit.sensors import distortion, force_torque
 from mjx_fit.sensors.pose import is_exact, measured_trace
-from mjx_fit.types import Array, Attempt, Trace, pytree
+from mjx_fit.sensors.reading import read_action
+from mjx_fit.types import Array, Attempt, Felt, Reading, Trace, pytree
 from mjx_fit.types.physics import Physics
 from mjx_fit.utils.rates import SUBSTEPS
 
-_NOISE = 2**21
-"""Offset that separates the noise keys of the F/T sensor from the keys that policies derive."""
+_NOISE, _READING = 2**21, 2**21 + 1
+"""Offsets that separate the noise keys of the F/T sensor and of readings from those that policies derive."""
 
 
 @pytree
@@ -31,6 +34,7 @@ class Memory:
         key: Key of the attempt.
         tare_sensor: Clean reading of the F/T sensor in free space, N and N·m.
         wrench_sensor: Clean wrenches of the previous action, N and N·m.
+        command_world: Command of the previous action, m.
         goal: Goal of the TCP at the end of the previous action, at first its position.
         physics: Quantities that the world has of its own, unknown to the policy.
     """
@@ -40,6 +44,7 @@ class Memory:
     key: Key[Array, ""]
     tare_sensor: Float[Array, "6"]
     wrench_sensor: Float[Array, "50 6"]
+    command_world: Float[Array, "3"]
     goal: Goal
     physics: Physics
 
@@ -60,6 +65,7 @@ def begin(
         key=attempt.key,
         tare_sensor=tare_sensor,
         wrench_sensor=wrench,
+        command_world=jnp.zeros(3),
         goal=goals.at_rest(tip_pos_world, config.control),
         physics=attempt.physics,
     )
@@ -86,22 +92,47 @@ def act(
     clean = distortion.distorted(memory.wrench_sensor[None], memory.tare_sensor, error_key, wrist, before)
     noisy = force_torque.measured(clean, tare, jax.random.fold_in(noise_key, step), wrist)
     wrench = distortion.sampled(noisy, tare, wrist)[0]
+    measured = tip
     if not is_exact(pose):
-        tip = _measured(tip, jax.random.fold_in(pose_key, step), pose)
+        measured = _measured(tip, jax.random.fold_in(pose_key, step), pose)
     seen = PolicyInput(
         start=memory.start,
         attempt_key=memory.key,
         key=jax.random.fold_in(memory.key, step),
         step=step,
-        tip_pos_world=tip.pos_world,
-        tip_quat_world=tip.quat_world,
-        tip_linvel_world=tip.linvel_world,
-        tip_angvel_world=tip.angvel_world,
+        tip_pos_world=measured.pos_world,
+        tip_quat_world=measured.quat_world,
+        tip_linvel_world=measured.linvel_world,
+        tip_angvel_world=measured.angvel_world,
         wrench_sensor=wrench,
         contact=force_torque.in_contact(wrench, wrist),
+        reading=_read(memory, tip, config, before) if policy.reads else None,
         horizon=horizon,
     )
     return policy.act(memory.state, seen)
+
+
+def gives_up(policy: Policy, state: State) -> Bool[Array, ""]:
+    """Return whether a policy ends its attempt with the action that led to this state."""
+    return jnp.zeros((), bool) if policy.gives_up is None else policy.gives_up(state)
+
+
+def reported(policy: Policy, state: State) -> Any:
+    """Return what a policy reports after an action; None if it reports nothing."""
+    return None if policy.report is None else policy.report(state)
+
+
+def _read(memory: Memory, tip: Tip, config: Config, step: Int[Array, ""]) -> Reading:
+    """Read the previous action, at whose end the TCP is now."""
+    row = trace_row(tip, memory.wrench_sensor, memory.command_world)
+    felt = Felt(
+        trace=jax.tree.map(lambda leaf: leaf[None], row),
+        length=jnp.ones((), jnp.int32),
+        tare_sensor=memory.tare_sensor,
+        estimate_world=memory.start.estimate_world,
+        peg_type=memory.start.peg_type,
+    )
+    return read_action(felt, jax.random.fold_in(memory.key, _READING), config, step)
 
 
 def _measured(tip: Tip, key: Key[Array, ""], pose: PoseConfig) -> Tip:

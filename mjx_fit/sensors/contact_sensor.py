@@ -7,14 +7,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from flax import nnx
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from mjx_fit.config.sections.learning import SensorConfig
-from mjx_fit.sensors.encoder import WRENCH_AXES, TraceEncoder
+from mjx_fit.sensors.encoder import WRENCH_AXES, Past, TraceEncoder
 from mjx_fit.sensors.heads import MatchModel, PositionNoise, SkipMLP
 from mjx_fit.sensors.pose import rotation_from_down
 from mjx_fit.sensors.traces import require_reading
 from mjx_fit.types import Array, Observation, Reading
+from mjx_fit.utils.errors import RequestError
 
 METRES_PER_CM = 0.01
 ROW_FEATURES = 3 + 4 + 3 + 3 + 1 + 3
@@ -62,16 +63,22 @@ class ContactSensor(nnx.Module):
         self.position_noise = PositionNoise(n_types, code_width, config.noise == "trace", rngs)
         self.match_model = MatchModel(n_types, rngs)
 
-    def __call__(self, reading: Reading, rngs: nnx.Rngs | None = None) -> Observation:
+    def __call__(
+        self, reading: Reading, rngs: nnx.Rngs | None = None, *, every_row: bool = False
+    ) -> Observation:
         """Compute the observation of a reading.
 
         Args:
             reading: Reading with any batch axes; the content of padding rows is ignored.
             rngs: Random keys of dropout in training; None at test time.
+            every_row: Compute the observation after each row, with the time as the last batch axis.
 
         Raises:
-            RequestError: A field of the reading has the wrong shape or is not finite (``sensors.traces``).
+            RequestError: A field of the reading has the wrong shape or is not finite (``sensors.traces``), or
+                the sensor cannot read a trace that grows and ``every_row`` is set.
         """
+        if every_row:
+            self._require_growing()
         require_reading(reading, self.match_model.n_types)
         batch = reading.mask.shape[:-1]
         flat = jax.tree.map(lambda x: x.reshape(math.prod(batch), *x.shape[len(batch) :]), reading)
@@ -79,23 +86,73 @@ class ContactSensor(nnx.Module):
         if self.from_final_position:
             origin = final_position(flat)
             flat = seen_from(flat, origin)
-        peg_type = jnp.asarray(flat.peg_type)
         # Zero the padding before any computation, so that not even a NaN in it can spread.
-        wrench = jnp.where(
-            flat.mask[..., None, None], _standard(flat.wrench_sensor, self.wrench_scale[...]), 0
-        )
-        rows = jnp.where(flat.mask[..., None], _standard(self._rows(flat), self.row_scale[...]), 0)
-        at = jnp.concatenate([flat.tip_pos_estimate[..., :2], contact_position(flat)], axis=-1)
-        places = jnp.where(flat.mask[..., None], at / METRES_PER_CM, 0)
-        trace_code = self.trace_encoder(wrench, rows, places, flat.mask, rngs)
+        wrench, rows, places = self._inputs(flat)
+        wrench = jnp.where(flat.mask[..., None, None], wrench, 0)
+        rows, places = (jnp.where(flat.mask[..., None], x, 0) for x in (rows, places))
+        trace_code = self.trace_encoder(wrench, rows, places, flat.mask, rngs, every_row=every_row)
+        peg_type = jnp.asarray(flat.peg_type)
+        if every_row:
+            peg_type = jnp.broadcast_to(peg_type[:, None], flat.mask.shape)
+        observation = self._observation(trace_code, peg_type, origin)
+        return jax.tree.map(lambda x: x.reshape(*batch, *x.shape[1:]), observation)
+
+    def begin(self, rows: int) -> Past:
+        """Return the past of an attempt without actions yet, for ``add``.
+
+        Args:
+            rows: Most actions of the attempt.
+
+        Raises:
+            RequestError: The sensor cannot read a trace that grows.
+        """
+        self._require_growing()
+        return self.trace_encoder.begin(1, rows)
+
+    def add(self, past: Past, reading: Reading, step: Int[Array, ""]) -> tuple[Past, Observation]:
+        """Compute the observation of one attempt after one more action, from that action alone.
+
+        Args:
+            past: What earlier actions left.
+            reading: Reading of the new action, one row.
+            step: Index of the action.
+
+        Returns:
+            The past with this action, and the observation.
+        """
+        measured = self._inputs(reading)
+        past, code = self.trace_encoder.add(past, measured, step)
+        observation = self._observation(code, jnp.asarray(reading.peg_type)[None], jnp.zeros((1, 2)))
+        return past, jax.tree.map(lambda x: x[0], observation)
+
+    def _require_growing(self) -> None:
+        if not self.trace_encoder.blocks[0].causal or self.from_final_position:
+            raise RequestError(
+                "sensor: it cannot read an attempt in progress: train one with sensor.causal true and "
+                "sensor.reference estimate"
+            )
+
+    def _inputs(self, reading: Reading) -> tuple[Array, Array, Array]:
+        """Return standardised wrenches and other inputs, and the places in cm."""
+        at = jnp.concatenate([reading.tip_pos_estimate[..., :2], contact_position(reading)], axis=-1)
+        wrench = _standard(reading.wrench_sensor, self.wrench_scale[...])
+        return wrench, _standard(self._rows(reading), self.row_scale[...]), at / METRES_PER_CM
+
+    def _observation(
+        self,
+        trace_code: Float[jax.Array, "n *L f"],
+        peg_type: Int[jax.Array, "n *L"],
+        origin: Float[Array, "n 2"],
+    ) -> Observation:
         code = jnp.concatenate([trace_code, self.peg_encoder(peg_type)], axis=-1)
-        observation = Observation(
+        if code.ndim > origin.ndim:
+            origin = origin[:, None]
+        return Observation(
             innovation=origin + self.position(code) * METRES_PER_CM,
             pos_noise_cov=self.position_noise(peg_type, code) * METRES_PER_CM**2,
             match_logits=self.match(code),
             match_model_logp=self.match_model(peg_type),
         )
-        return jax.tree.map(lambda x: x.reshape(*batch, *x.shape[1:]), observation)
 
     def fit_input_scale(self, reading: Reading) -> None:
         """Fit the input standardisation to the real rows of readings (n, L, ...)."""

@@ -11,16 +11,19 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from flax import nnx
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from mjx_fit.config.sections.learning import SensorConfig
 from mjx_fit.sensors.attention import attend
+from mjx_fit.sensors.pooling import Pooled, after_each_row, code_of, join, of_rows
 from mjx_fit.types import Array
 from mjx_fit.utils.errors import RequestError
+from mjx_fit.utils.pytrees import pytree
 from mjx_fit.utils.rates import SUBSTEPS
 
 WRENCH_AXES = 6
 PLACE_AXES = 4
+_Keys = tuple[Float[Array, "batch heads rows d"], Float[Array, "batch heads rows d"]]
 
 
 class WrenchEncoder(nnx.Module):
@@ -86,8 +89,37 @@ class DecoderBlock(nnx.Module):
         hidden = nnx.relu(self.up(self.feedforward_norm(x)))
         return x + self._drop(self.down(hidden), rngs)
 
+    def add(
+        self, x: Float[Array, "batch width"], past: "_Keys", step: Int[Array, ""]
+    ) -> tuple[Float[Array, "batch width"], "_Keys"]:
+        """Process the row ``step`` given the keys and values of the rows before it."""
+        qkv = self.query_key_value(self.attention_norm(x))
+        # (3, batch, heads, 1, d)
+        query, key, value = qkv.reshape(len(x), 3, self.heads, 1, -1).swapaxes(0, 1)
+        keys, values = (
+            jax.lax.dynamic_update_slice_in_dim(old, new, step, axis=2)
+            for old, new in zip(past, (key, value), strict=True)
+        )
+        seen = jnp.broadcast_to(jnp.arange(keys.shape[2]) <= step, (len(x), keys.shape[2]))
+        attended = attend(query, keys, values, seen).reshape(x.shape)
+        x = x + self.attention_out(attended)
+        return x + self.down(nnx.relu(self.up(self.feedforward_norm(x)))), (keys, values)
+
     def _drop(self, x: Float[Array, "*batch width"], rngs: nnx.Rngs | None) -> Float[Array, "*batch width"]:
         return self.dropout(x, deterministic=rngs is None, rngs=rngs)
+
+
+@pytree
+class Past:
+    """What an encoder keeps of a trace that grows.
+
+    Attributes:
+        keys: Keys and values of the attention, for each block.
+        pooled: The rows so far, pooled.
+    """
+
+    keys: tuple[_Keys, ...]
+    pooled: Pooled
 
 
 class TraceEncoder(nnx.Module):
@@ -112,6 +144,7 @@ class TraceEncoder(nnx.Module):
         self.blocks = nnx.List([DecoderBlock(config, rngs) for _ in range(config.layers)])
         self.norm = nnx.LayerNorm(config.width, rngs=rngs)
         self.place_scores = nnx.Linear(config.width, config.places, rngs=rngs) if config.places else None
+        self.width, self.n_places = config.width, config.places
         self.out_features = config.width + config.places * PLACE_AXES
 
     def __call__(
@@ -121,7 +154,9 @@ class TraceEncoder(nnx.Module):
         places: Float[Array, "batch L 4"],
         mask: Bool[Array, "batch L"],
         rngs: nnx.Rngs | None,
-    ) -> Float[Array, "batch features"]:
+        *,
+        every_row: bool = False,
+    ) -> Float[jax.Array, "batch *L features"]:
         """Encode traces; traces without real rows are encoded as zeros.
 
         Args:
@@ -131,6 +166,7 @@ class TraceEncoder(nnx.Module):
                 that positions reach the heads without being encoded by the network.
             mask: True for real rows.
             rngs: Random keys of dropout; None disables it.
+            every_row: Encode the trace up to each row instead of the whole; for causal encoders.
         """
         measured = jnp.concatenate([self.wrench_encoder(wrench), rows], axis=-1)
         x = self.token(measured.reshape(mask.size, -1))
@@ -140,12 +176,58 @@ class TraceEncoder(nnx.Module):
         for block in self.blocks:
             x = block(x, mask, rngs)
         codes = self.norm(x).reshape(*mask.shape, -1)
+        if every_row:
+            return code_of(after_each_row(of_rows(*self._pooled_inputs(codes), places, mask)))
         code = jnp.where(mask[..., None], codes, -jnp.inf).max(axis=1)
         if self.place_scores is not None:
             scores = jnp.where(mask[..., None], self.place_scores(codes), -jnp.inf)
             means = jnp.einsum("blk,bld->bkd", jax.nn.softmax(scores, axis=1), places)
             code = jnp.concatenate([code, means.reshape(len(means), -1)], axis=-1)
         return jnp.where(jnp.any(mask, axis=1)[:, None], code, 0)
+
+    def begin(self, batch: int, rows: int) -> Past:
+        """Return the past of traces without rows yet.
+
+        Args:
+            batch: Number of traces.
+            rows: Most rows that a trace will have.
+        """
+        heads = self.blocks[0].heads
+        empty = jnp.zeros((batch, heads, rows, self.width // heads))
+        nothing = jnp.zeros((batch, self.width)), jnp.zeros((batch, self.n_places))
+        pooled = of_rows(*nothing, jnp.zeros((batch, PLACE_AXES)), jnp.zeros(batch, bool))
+        return Past(tuple((empty, empty) for _ in self.blocks), pooled)
+
+    def add(
+        self, past: Past, measured: tuple[Array, Array, Array], step: Int[Array, ""]
+    ) -> tuple[Past, Float[jax.Array, "batch features"]]:
+        """Encode traces with one more row, without computing the earlier rows again.
+
+        Args:
+            past: The rows before.
+            measured: Wrench windows (batch, 50, 6), other inputs (batch, features) and places (batch, 4) of
+                the new row, as in a call.
+            step: Index of the row.
+
+        Returns:
+            The past with this row, and the code of the trace up to it.
+        """
+        wrench, rows, places = measured
+        x = self.token(jnp.concatenate([self.wrench_encoder(wrench), rows], axis=-1))
+        if self.positional:
+            x = x + jnp.asarray(_sinusoids(past.keys[0][0].shape[2], self.width), x.dtype)[step]
+        keys = []
+        for block, before in zip(self.blocks, past.keys, strict=True):
+            x, after = block.add(x, before, step)
+            keys.append(after)
+        now = of_rows(*self._pooled_inputs(self.norm(x)), places, jnp.ones(len(x), bool))
+        pooled = join(past.pooled, now)
+        return Past(tuple(keys), pooled), code_of(pooled)
+
+    def _pooled_inputs(self, codes: Float[jax.Array, "*batch width"]) -> tuple[jax.Array, jax.Array]:
+        """Return the codes of rows, and their scores for the mean places."""
+        none = jnp.zeros((*codes.shape[:-1], 0))
+        return codes, none if self.place_scores is None else self.place_scores(codes)
 
 
 def _sinusoids(length: int, width: int) -> Float[np.ndarray, "L width"]:

@@ -1,32 +1,12 @@
-"""Preprocessing of a rollout to a reading: tared, with sensor noise, relative to the estimate.
-
-The simulator stores noise-free wrenches; noise is drawn when a trace is read, so training sees new noise each
-time and evaluation draws it once per attempt.
-"""
-
-from dataclasses import replace
-from typing import NamedTuple
+"""Wrenches of the F/T sensor: noise, tare, contact, centre of pressure, peak force."""
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int, Key
+from jaxtyping import Bool, Float, Key
 
-from mjx_fit.config.schema import Config
 from mjx_fit.config.sections.measurement import WristConfig
-from mjx_fit.scene.parts import plate_top_m
-from mjx_fit.scene.randomization import draw_errors
-from mjx_fit.sensors.distortion import distorted, sampled
-from mjx_fit.sensors.pose import (
-    from_start,
-    is_exact,
-    measured_trace,
-    rotation_offset,
-    start_of,
-    turned,
-)
-from mjx_fit.sensors.traces import require_readable
-from mjx_fit.types import Array, Felt, Reading
+from mjx_fit.types import Array, Felt
 
 MIN_PRESS_N = 1.0
 _ATTEMPTS_AT_ONCE = 256
@@ -119,73 +99,3 @@ def peak_force(felt: Felt) -> Float[np.ndarray, "n"]:
     wrench = felt.trace.wrench_sensor - felt.tare_sensor[:, None, None]
     real = np.arange(wrench.shape[1]) < np.asarray(felt.length)[:, None]
     return np.where(real[..., None], np.linalg.norm(wrench[..., :3], axis=-1), 0).max((1, 2))
-
-
-class Window(NamedTuple):
-    """Window of consecutive actions of an attempt, in a fixed number of rows.
-
-    Attributes:
-        rows: Number of rows L, static; rows beyond the window are zero padding and masked out.
-        start: Index of the first action.
-        count: Number of actions to read; those after the end of the attempt are padding. None: all.
-    """
-
-    rows: int
-    start: int | Int[Array, ""] = 0
-    count: int | Int[Array, ""] | None = None
-
-
-def read_window(felt: Felt, key: Key[Array, ""], config: Config, window: Window) -> Reading:
-    """Read a window of one attempt; vmap for a batch.
-
-    The noise of the tare is drawn once per reading.
-
-    Args:
-        felt: Measurements of one attempt, without batch axes.
-        key: Random key of the noise.
-        config: Defines the errors of the F/T sensor and of the poses, the scene, and the origin of poses
-            (``sensor.pose``).
-        window: Window of actions to read.
-
-    Raises:
-        RequestError: The attempt cannot be read (``mjx_fit.sensors.traces``).
-    """
-    scene = config.scene
-    require_readable(felt, scene.n_types, batch=0)
-    offsets = jnp.arange(window.rows)
-    mask = window.start + offsets < felt.length
-    if window.count is not None:
-        mask &= offsets < window.count
-    # Gather with clipped indices: a dynamic slice near the end would shift the whole window instead.
-    last = felt.trace.action_world.shape[0] - 1
-    trace = jax.tree.map(lambda x: x[jnp.minimum(window.start + offsets, last)], felt.trace)
-    trace = jax.tree.map(
-        lambda x: jnp.where(mask.reshape(-1, *[1] * (x.ndim - 1)), x, jnp.zeros_like(x)), trace
-    )
-    sample_key, tare_key, wrist_key, pose_key, size_key = jax.random.split(key, 5)
-    wrist, pose = draw_errors(size_key, config)
-    clean = distorted(trace.wrench_sensor, felt.tare_sensor, wrist_key, wrist, window.start)
-    start = start_of(felt, scene)
-    if not is_exact(pose):
-        offset_key, noise_key = jax.random.split(pose_key)
-        trace = measured_trace(trace, offset_key, noise_key, pose)
-        start = replace(start, quat_world=turned(start.quat_world, rotation_offset(offset_key, pose)))
-    origin_m = jnp.asarray(plate_top_m(scene), clean.dtype)
-    if config.sensor.pose == "start":
-        trace, origin_m = from_start(trace, start), start.pos_world[2]
-    tare = measured_tare(felt.tare_sensor, tare_key, wrist)
-    noisy = sampled(measured(clean, tare, sample_key, wrist), tare, wrist)
-    origin = jnp.append(felt.estimate_world, origin_m)
-    wrench = jnp.where(mask[:, None, None], noisy, 0)
-    return Reading(
-        wrench_sensor=wrench,
-        pressure_tip=centre_of_pressure(wrench.mean(axis=1), scene.peg_length_m),
-        tip_pos_estimate=jnp.where(mask[:, None], trace.tip_pos_world - origin, 0),
-        tip_quat_world=trace.tip_quat_world,
-        tip_linvel_world=trace.tip_linvel_world,
-        tip_angvel_world=trace.tip_angvel_world,
-        contact=(mask & in_contact(wrench, wrist)).astype(clean.dtype),
-        action_world=trace.action_world,
-        mask=mask,
-        peg_type=felt.peg_type,
-    )

@@ -13,7 +13,7 @@ from mjx_fit.config.schema import Config
 from mjx_fit.filters.outcome_model import success_probability
 from mjx_fit.filters.updates import update_position, update_type
 from mjx_fit.sensors.contact_sensor import ContactSensor
-from mjx_fit.sensors.force_torque import Window, read_window
+from mjx_fit.sensors.reading import Window, read_window
 from mjx_fit.sensors.traces import require_readable
 from mjx_fit.task.estimator_input import require_update
 from mjx_fit.types import Array, Belief, Felt, Observation, Reading, Rollout

@@ -51,6 +51,35 @@ def filter_loss(observation: Observation, sample: Sample) -> Loss:
     return _after_update(sample.prior, observation, sample, never_succeeds)[1]
 
 
+def every_action_loss(observation: Observation, sample: Sample) -> Loss:
+    """Compute the mean over the actions of each window of the loss after an update from those so far.
+
+    Args:
+        observation: Observations after each action, (batch, L).
+        sample: Windows, (batch,). An insertion is judged only with the action in which it happens.
+    """
+    mask = sample.reading.mask
+    count = mask.sum(-1, keepdims=True)
+    last = jnp.arange(mask.shape[-1]) == count - 1
+    inserted = sample.inserted[..., None] & last
+
+    def along_rows(leaf: Array) -> Array:
+        return jnp.broadcast_to(leaf[:, None], (*mask.shape, *leaf.shape[1:]))
+
+    along = Sample(
+        reading=replace(sample.reading, peg_type=along_rows(sample.reading.peg_type)),
+        prior=jax.tree.map(along_rows, sample.prior),
+        hole_type=along_rows(sample.hole_type),
+        hole_pos_world=along_rows(sample.hole_pos_world),
+        inserted=inserted,
+        judged=sample.judged[..., None] | ~inserted,
+    )
+    losses = filter_loss(observation, along)
+    weight = mask / jnp.maximum(count, 1)
+    # Padding rows may be far off: leave them out instead of multiplying by zero.
+    return jax.tree.map(lambda term: jnp.where(mask, term * weight, 0).sum(-1), losses)
+
+
 def sequence_loss(observation: Observation, sample: Sample, config: Config) -> Loss:
     """Compute the loss of each window of a chain, passing the belief from window to window.
 

@@ -79,6 +79,23 @@ def require_chains(request: dict[str, Any], config: Config) -> None:
         )
 
 
+def require_growing(config: Config) -> None:
+    """Check that a sensor can be trained after every action.
+
+    Raises:
+        RequestError: ``train.every_action`` is set, and the sensor looks ahead or beliefs are passed on.
+    """
+    if config.train.every_action and not config.sensor.causal:
+        raise RequestError(
+            "config: train.every_action: True cannot be used with sensor.causal false: the sensor looks ahead"
+        )
+    if config.train.every_action and config.train.sequence > 1:
+        raise RequestError(
+            f"config: train.every_action: True cannot be used with train.sequence {config.train.sequence}: "
+            "expected 1"
+        )
+
+
 def require_symmetric(config: Config) -> None:
     """Check that mirrored windows are physically possible.
 

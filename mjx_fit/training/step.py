@@ -11,7 +11,14 @@ from jaxtyping import Float, Key, PyTree
 
 from mjx_fit.config.schema import Config
 from mjx_fit.data.windows import Sample
-from mjx_fit.training.loss import Loss, filter_loss, frame_by_frame_loss, sequence_loss, weighted_sum
+from mjx_fit.training.loss import (
+    Loss,
+    every_action_loss,
+    filter_loss,
+    frame_by_frame_loss,
+    sequence_loss,
+    weighted_sum,
+)
 from mjx_fit.types import Array, Observation, pytree
 
 
@@ -92,10 +99,18 @@ validation_step_jit = partial(jax.jit, static_argnums=0)(validation_step)
 def _losses(recipe, params, scale, sample, weight, dropout) -> Loss:
     sensor = nnx.merge(recipe.graphdef, params, scale)
     rngs = None if dropout is None else nnx.Rngs(dropout=dropout)
-    return weighted_sum(_loss_of(recipe.config)(sensor(sample.reading, rngs), sample), weight)
+    seen = sensor(sample.reading, rngs, every_row=every_action(recipe.config))
+    return weighted_sum(_loss_of(recipe.config)(seen, sample), weight)
+
+
+def every_action(config: Config) -> bool:
+    """Return whether the loss is taken after every action; the baseline reads whole windows."""
+    return config.train.every_action and config.sensor.reference == "estimate"
 
 
 def _loss_of(config: Config) -> Callable[[Observation, Sample], Loss]:
     if config.sensor.reference == "final":
         return frame_by_frame_loss
+    if every_action(config):
+        return every_action_loss
     return filter_loss if config.train.sequence == 1 else partial(sequence_loss, config=config)

@@ -15,7 +15,7 @@ from mjx_fit.training.checkpoint import FRAME_BY_FRAME
 from mjx_fit.training.compatibility import require_world
 from mjx_fit.training.loop import train
 from mjx_fit.training.run import Run, held
-from mjx_fit.training.split import require_chains, require_symmetric
+from mjx_fit.training.split import require_chains, require_growing, require_symmetric
 from mjx_fit.utils import memory
 from mjx_fit.utils.rates import ACTION_BYTES
 
@@ -40,6 +40,7 @@ def train_from(folders: Sequence[Path], config: Config, run: Run) -> bool:
         require_world(there.request, config)
         require_chains(there.request, config)
     require_symmetric(config)
+    require_growing(config)
     episodes = sum(shard.episodes for there in manifests for shard in there.shards)
     _require_memory(episodes, max(there.request["steps"] for there in manifests), config)
     return train_with_baseline(reader.load_joined(folders), config, run)

@@ -14,7 +14,8 @@ from mjx_fit.config.sections.measurement import PoseConfig, WristConfig
 from mjx_fit.control import policies
 from mjx_fit.data.mirror import mirror_belief, mirror_place, mirror_reading
 from mjx_fit.engines.native.engine import NativeEngine
-from mjx_fit.sensors.force_torque import Window, centre_of_pressure, peak_force, read_window, touched
+from mjx_fit.sensors.force_torque import centre_of_pressure, peak_force, touched
+from mjx_fit.sensors.reading import Window, read_window
 from mjx_fit.types import Attempt, Belief, Reading
 
 ACTIONS = 12

@@ -20,7 +20,7 @@ from mjx_fit.engines import attempt_rules, failures, select
 from mjx_fit.engines.mjx.engine import MjxEngine
 from mjx_fit.engines.native.engine import NativeEngine
 from mjx_fit.scene.build import simulation_scene
-from mjx_fit.sensors.force_torque import Window, read_window
+from mjx_fit.sensors.reading import Window, read_window
 from mjx_fit.types import Attempt
 from mjx_fit.utils.errors import RequestError
 

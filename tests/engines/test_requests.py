@@ -19,7 +19,7 @@ from mjx_fit.engines.mjx.engine import MjxEngine
 from mjx_fit.engines.native.engine import NativeEngine
 from mjx_fit.filters.updates import initial_belief
 from mjx_fit.sensors.contact_sensor import ContactSensor
-from mjx_fit.sensors.force_torque import Window, read_window
+from mjx_fit.sensors.reading import Window, read_window
 from mjx_fit.task.estimator import after_failures, filter_update, frame_update, readings
 from mjx_fit.task.estimator_input import require_update
 from mjx_fit.utils.errors import RequestError

@@ -17,7 +17,7 @@ from mjx_fit.config.schema import Config
 from mjx_fit.config.sections.learning import SensorConfig
 from mjx_fit.evaluation import held_out, scores
 from mjx_fit.sensors.contact_sensor import ContactSensor
-from mjx_fit.sensors.force_torque import Window, read_window
+from mjx_fit.sensors.reading import Window, read_window
 from mjx_fit.types import Observation
 from mjx_fit.utils.errors import RequestError
 from mjx_fit.utils.randomness import root_key

@@ -23,8 +23,8 @@ from mjx_fit.sensors.contact_sensor import (
     row_features,
 )
 from mjx_fit.sensors.encoder import TraceEncoder
-from mjx_fit.sensors.force_torque import Window, read_window
 from mjx_fit.sensors.heads import PositionNoise
+from mjx_fit.sensors.reading import Window, read_window
 from mjx_fit.types import Observation, Reading
 from mjx_fit.utils.errors import RequestError
 

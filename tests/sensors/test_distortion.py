@@ -13,7 +13,7 @@ from mjx_fit.config.files import read_config
 from mjx_fit.config.schema import Config
 from mjx_fit.config.sections.measurement import WristConfig
 from mjx_fit.sensors.distortion import distorted, is_undistorted, sampled
-from mjx_fit.sensors.force_torque import Window, read_window
+from mjx_fit.sensors.reading import Window, read_window
 from mjx_fit.types import Felt
 from mjx_fit.utils.errors import RequestError
 

@@ -18,7 +18,7 @@ from synthetic import PAPER_SENSOR, PAPER_TRAINING, make_episodes
 
 from mjx_fit.cli import main
 from mjx_fit.config.sections.measurement import WristConfig
-from mjx_fit.sensors.force_torque import Window, read_window
+from mjx_fit.sensors.reading import Window, read_window
 from mjx_fit.training.checkpoint import load_sensor
 
 EARLIER = EARLIER_RUN

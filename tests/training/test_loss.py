@@ -10,7 +10,13 @@ import pytest
 
 from mjx_fit.config.schema import Config
 from mjx_fit.data.windows import Sample
-from mjx_fit.training.loss import filter_loss, frame_by_frame_loss, sequence_loss, weighted_sum
+from mjx_fit.training.loss import (
+    every_action_loss,
+    filter_loss,
+    frame_by_frame_loss,
+    sequence_loss,
+    weighted_sum,
+)
 from mjx_fit.types import Belief, Observation, Reading
 
 B = 8
@@ -195,3 +201,48 @@ def test_the_baselines_loss_takes_the_observed_position_for_the_belief():
         assert losses.total[i] == losses.nll[i] == pytest.approx(logdet + mahalanobis, rel=1e-3, abs=1e-4)
     for name in ("type_nll", "match_nll", "mismatch_nll"):
         assert not np.asarray(getattr(losses, name)).any()
+
+
+def test_the_loss_after_every_action_is_the_mean_over_prefixes():
+    """Each prefix as a window of its own; the insertion belongs to the last action alone."""
+    rows, count = 5, 1 + np.arange(B) % 5
+    mask = np.arange(rows) < count[:, None]
+    _, sample = make_problem(1)
+    sample = replace(sample, reading=replace(sample.reading, mask=jnp.asarray(mask)))
+    each = [make_problem(10 + j)[0] for j in range(rows)]
+    observation = jax.tree.map(lambda *leaves: jnp.stack(leaves, 1), *each)
+    got = every_action_loss(observation, sample)
+    for i in range(B):
+        parts = []
+        for j in range(count[i]):
+            inserted = bool(sample.inserted[i]) and j == count[i] - 1
+            judged = bool(sample.judged[i]) or not inserted
+            one = replace(sample, inserted=jnp.full(B, inserted), judged=jnp.full(B, judged))
+            parts.append(loss_by_hand(each[j], one, i))
+        for name in (
+            "total",
+            "pos_logdet",
+            "pos_mahalanobis",
+            "type_nll",
+            "match_nll",
+            "mismatch_nll",
+            "nll",
+        ):
+            want = np.mean([part[name] for part in parts])
+            assert float(getattr(got, name)[i]) == pytest.approx(want, rel=1e-4, abs=1e-6), name
+
+
+def test_padding_that_is_far_off_does_not_count_after_every_action():
+    """Its loss may overflow; the gradient stays finite."""
+    _, sample = make_problem(1)
+    mask = jnp.asarray(np.arange(3) < 2)[None].repeat(B, 0)
+    sample = replace(sample, reading=replace(sample.reading, mask=mask))
+    each = [make_problem(10 + j)[0] for j in range(3)]
+
+    def total(far):
+        last = replace(each[2], innovation=each[2].innovation + far)
+        seen = jax.tree.map(lambda *leaves: jnp.stack(leaves, 1), each[0], each[1], last)
+        return every_action_loss(seen, sample).total.sum()
+
+    assert float(total(0.0)) == float(total(1e6))
+    assert float(jax.grad(total)(1e6)) == 0

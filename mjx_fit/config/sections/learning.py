@@ -75,6 +75,9 @@ class TrainConfig:
             require data collected with as many (``--sequence``) and with a sensor's own beliefs (``--run``);
             windows should then be whole attempts, since the start of the second reveals the posterior after
             the whole first one.
+        every_action: Train after every action. The loss is the mean over the actions of a window of the loss
+            of an update from the actions up to there, for sensors that read an attempt in progress
+            (``sensor.causal``); otherwise that of the whole window.
         validation_fraction: Share of validation episodes.
         patience: Epochs without gain; 0: no limit. Training stops early after this many epochs without a
             better validation NLL.
@@ -92,6 +95,7 @@ class TrainConfig:
     min_window: Window = 20
     max_window: Window = 100
     sequence: Annotated[int, Field(ge=1, le=30, json_schema_extra=ATTEMPTS_UNIT)] = 1
+    every_action: bool = False
     validation_fraction: Annotated[float, Field(ge=0.001, le=0.9)] = 0.1
     patience: Annotated[int, Field(ge=0, le=1_000_000, json_schema_extra=EPOCHS_UNIT)] = 0
     baseline_share: Annotated[float, Field(ge=0, le=1)] = 0.2

@@ -175,14 +175,17 @@ class World:
             verdict = attempt_rules.judge(tip, attempt.hole_pos_world, finite, limit, limited, self.config)
             data = jax.tree.map(partial(jnp.where, running & verdict.valid), driven, data)
             row = jax.tree.map(lambda leaf: jnp.where(running, leaf, jnp.zeros_like(leaf)), row)
-            memory = replace(memory, state=state, wrench_sensor=wrench, goal=goal)
-            carry = data, running & ~verdict.over, verdict.limited, memory
-            return carry, (row, running, running & verdict.inserted, running & ~verdict.valid)
+            told = policy_runner.reported(self.policy, state)
+            told = jax.tree.map(lambda leaf: jnp.where(running, leaf, jnp.zeros_like(leaf)), told)
+            memory = replace(memory, state=state, wrench_sensor=wrench, command_world=command, goal=goal)
+            over = verdict.over | policy_runner.gives_up(self.policy, state)
+            carry = data, running & ~over, verdict.limited, memory
+            return carry, (row, told, running, running & verdict.inserted, running & ~verdict.valid)
 
         tip_pos_world = arm_state(model, data, self.scene).tip_pos_world
         memory = policy_runner.begin(self.policy, self.config, attempt, tare, tip_pos_world)
         carry = data, active, jnp.int32(0), memory
-        (end, *_), (trace, ran, inserted, broke) = jax.lax.scan(act, carry, jnp.arange(actions))
+        (end, *_), (trace, report, ran, inserted, broke) = jax.lax.scan(act, carry, jnp.arange(actions))
         felt = Felt(
             trace=trace,
             length=ran.sum(),
@@ -199,7 +202,7 @@ class World:
             end_qvel=jnp.where(active, end.qvel, 0),
             physics=attempt.physics,
         )
-        return Rollout(felt, truth)
+        return Rollout(felt, truth, report)
 
     def drive(
         self, model: WorldModel, data: mjx.Data, goal: Goal, next_world: Float[Array, "3"], physics: Physics

@@ -4,7 +4,7 @@ Every function is compiled for a few numbers of rows; a block is padded to the s
 """
 
 from functools import partial
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from mjx_fit.config.schema import Config
-from mjx_fit.control import operational_space
+from mjx_fit.control import operational_space, policies
 from mjx_fit.control.goals import commanded
 from mjx_fit.control.kinematics import chain_of
 from mjx_fit.control.policies import Policy
@@ -21,7 +21,7 @@ from mjx_fit.engines.attempt_rules import Tip
 from mjx_fit.engines.native.block import Layout
 from mjx_fit.engines.policy_runner import Memory
 from mjx_fit.scene.build import Scene
-from mjx_fit.types import Array
+from mjx_fit.types import Array, Attempt
 from mjx_fit.types.physics import Physics
 
 T = TypeVar("T")
@@ -53,7 +53,8 @@ class Brain:
         start: Function of attempts (rows,): joint angles at the start (rows, joints), rad.
         begin: Function of attempts and F/T sensor readings in free space (rows, 6): the policy's memory.
         act: Function of that memory, packed inputs, index of the action and horizon: the policy's state, its
-            command and the resulting goal of the TCP, (rows, 3) each, m.
+            command and the resulting goal of the TCP, (rows, 3) each, m; what it reports, and whether it
+            gives up.
         torque: Function of packed inputs, goals and physics: joint torques (rows, joints), N·m.
         tip: Function of packed inputs and physics: the TCP states.
     """
@@ -67,6 +68,18 @@ class Brain:
         self.act = jax.jit(jax.vmap(self._act, (0, 0, None, None)), static_argnums=3)
         self.torque = jax.jit(self._torque)
         self.tip = jax.jit(jax.vmap(self._tip))
+
+    def no_report(self, attempts: Attempt, actions: int) -> Any:
+        """Allocate what the policy reports about attempts (n,) after each action; None if nothing."""
+
+        def told(attempt: Attempt) -> Any:
+            start = policies.start_of(attempt)
+            return policy_runner.reported(self._policy, self._policy.init(start, attempt.key))
+
+        shapes = jax.eval_shape(jax.vmap(told), attempts)
+        return jax.tree.map(
+            lambda leaf: np.zeros((leaf.shape[0], actions, *leaf.shape[1:]), leaf.dtype), shapes
+        )
 
     def _torque(
         self, packed: Float[Array, "rows k"], goal_pos_world: Float[Array, "rows 3"], physics: Physics
@@ -85,7 +98,8 @@ class Brain:
     def _act(self, memory: Memory, packed: Float[Array, "k"], step, horizon: int):
         tip = self._tip(packed, memory.physics)
         state, command = policy_runner.act(self._policy, self.config, horizon, memory, tip, step)
-        return state, command, commanded(tip.pos_world, command, self.config.control)
+        told, ends = policy_runner.reported(self._policy, state), policy_runner.gives_up(self._policy, state)
+        return state, command, commanded(tip.pos_world, command, self.config.control), told, ends
 
     def _tip(self, packed: Float[Array, "k"], physics: Physics) -> Tip:
         return attempt_rules.tip_of(self.layout.unpack(packed), physics, self.config)

@@ -81,7 +81,7 @@ class NativeEngine:
         actions, horizon, active = require_attempts(
             attempts, actions, horizon, active, self.scene.config, self._policies
         )
-        done = attempt_rules.nothing_done(attempts, actions, len(self.scene.robot.joints))
+        done = self._nothing_done(attempts, actions)
         wanted = np.flatnonzero(active)
         parts = [wanted[part] for part in parts_of(len(wanted), self._threads, ROWS[-1])]
 
@@ -116,7 +116,7 @@ class NativeEngine:
             horizon: Number of actions that the policy plans for, and of rows in the result.
             goal: Goals (m, 3) before the action; None: the TCPs were at rest.
         """
-        done = attempt_rules.nothing_done(attempts, horizon, len(self.scene.robot.joints))
+        done = self._nothing_done(attempts, horizon)
         part = self._part(attempts, np.arange(len(qpos)), done)
         part.move(qpos, qvel, goal)
         part.act(step, horizon)
@@ -129,6 +129,10 @@ class NativeEngine:
         starts = [np.asarray(self._brain.start(attempts=padded(attempts, part))) for part in parts]
         qpos = np.concatenate([start[: len(part)] for start, part in zip(starts, parts, strict=True)])
         return batch_at_rest(self._models, attempts, qpos, self._threads)
+
+    def _nothing_done(self, attempts: Attempt, actions: int) -> Rollout:
+        done = attempt_rules.nothing_done(attempts, actions, len(self.scene.robot.joints))
+        return replace(done, report=self._brain.no_report(attempts, actions))
 
     def _part(self, attempts: Attempt, ids: Int[np.ndarray, "m"], done: Rollout) -> "_Part":
         """Initialise the attempts with these ids; their results are written into ``done``."""
@@ -192,8 +196,8 @@ class _Part:
             horizon: Number of actions that the policy plans for.
         """
         before = self.block.qpos.copy(), self.block.qvel.copy()
-        state, command, wanted = self.brain.act(self.memory, self.block.packed(), step, horizon)
-        wanted = np.asarray(wanted)
+        state, *acted = self.brain.act(self.memory, self.block.packed(), step, horizon)
+        command, wanted, told, ends = jax.tree.map(np.asarray, acted)
         goal, physics = jax.tree.map(np.asarray, (self.memory.goal, self.memory.physics))
         for substep in range(SUBSTEPS):
             goal, now = goal_during(goal, wanted, substep, self.brain.config.control, physics)
@@ -201,8 +205,13 @@ class _Part:
             if self.on_step is not None:
                 self.on_step(self.ids, self.block.batch)
         felt = padded(self.block.wrench.swapaxes(0, 1), self._shown)
-        self.memory = replace(self.memory, state=state, wrench_sensor=felt, goal=after(goal, wanted))
-        over = np.asarray(self._recorded(step, np.asarray(command), before).over)
+        self.memory = replace(
+            self.memory, state=state, wrench_sensor=felt, command_world=command, goal=after(goal, wanted)
+        )
+        place = np.searchsorted(self._shown, self._running)
+        for stored, now in zip(jax.tree.leaves(self.done.report), jax.tree.leaves(told), strict=True):
+            stored[self.ids[self._running], step] = now[place]
+        over = np.asarray(self._recorded(step, command, before).over) | ends[place]
         self._leave_out(over)
         return not bool(over.all())
 
