@@ -16,7 +16,7 @@ from mjx_fit.evaluation import results
 from mjx_fit.evaluation.results import Result
 from mjx_fit.evaluation.statistics import Row, bootstrap_mean, bootstrap_ratio
 from mjx_fit.report import script
-from mjx_fit.report.figures import assembly, single_hole
+from mjx_fit.report.figures import assembly, effort, single_hole
 
 HERE = Path(__file__).parent
 CAP = 30
@@ -64,6 +64,10 @@ def _is_result(path: Path) -> bool:
 
 def _figures(result: Result) -> dict[str, Callable[[], Figure]]:
     trials, summary = result.trials, result.summary
+    of_effort = {
+        "seconds": lambda: effort.inserted_by_seconds(trials),
+        "forces": lambda: effort.peak_forces(trials),
+    }
     if result.experiment == "position":
         return {
             "error": lambda: single_hole.error_by_attempt(summary),
@@ -73,6 +77,7 @@ def _figures(result: Result) -> dict[str, Callable[[], Figure]]:
         return {
             "success": lambda: single_hole.success_by_attempts(summary),
             "saved": lambda: single_hole.attempts_saved(summary),
+            **(of_effort if effort.has_effort(trials) else {}),
         }
     if result.experiment == "assembly" and len(result.request["methods"]) > 1:
         return {
@@ -80,6 +85,7 @@ def _figures(result: Result) -> dict[str, Callable[[], Figure]]:
             "success": lambda: assembly.success_curve(trials, CAP),
             "spent": lambda: assembly.where_attempts_went(trials),
             "ratio": lambda: assembly.attempts_ratio(summary),
+            **(of_effort if effort.has_effort(trials) else {}),
         }
     return {}
 
