@@ -15,6 +15,9 @@ from mjx_fit.utils.rates import STEP_S
 
 MOST_DAMPING = 0.6
 """Largest share of a velocity that damping may remove in one simulation step."""
+MOST_DRAG_NSPM = 800.0
+"""Largest force of a push over its speed in free space, N·s/m: the force on a socket was steady up to it, for
+contact times of 4 to 30 ms (tests/engines/test_press.py)."""
 ABOVE_FLOOR_M = 0.001
 """Least distance between the depth of an insertion and the floor of the hole, m."""
 MOST_PUSH_MPS2 = 10.0
@@ -89,6 +92,9 @@ def _rules(
         most = MOST_DAMPING / (2 * math.sqrt(kp) * STEP_S)
         why = f"with control.{name} {kp} higher damping is unstable in steps of 2 ms"
         yield "control.damping_ratio", control.damping_ratio, most, why
+    if control.push == "force":
+        why = f"with control.press_speed_mps {control.press_speed_mps} a stronger push is unstable"
+        yield "control.press_n", control.press_n, MOST_DRAG_NSPM * control.press_speed_mps, why
     kp = control.kp_position
     for name, policy in (("spiral", spiral), ("random", random)):
         why = f"with control.kp_position {kp} a stronger push may tilt the peg"

@@ -193,6 +193,8 @@ def test_ranges_hold_what_is_planned():
         (["spiral.radius_m=0.03", "control.kp_position=1400"], "spiral.radius_m"),
         (["scene.friction=1.25", "control.kp_position=1400"], "spiral.radius_m"),
         (["task.attempt_actions=2", "control.kp_position=1400"], "spiral.radius_m"),
+        (["control.push=force", "control.press_n=9"], "control.press_n"),
+        (["control.push=force", "control.press_speed_mps=0.002"], "control.press_n"),
         (["spiral.wiggle_m=0.05"], "spiral.wiggle_m"),
         (["spiral.wiggle_m=0.005"], "spiral.wiggle_m"),
         (["random.wiggle_m=0.005"], "random.wiggle_m"),

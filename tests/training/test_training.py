@@ -40,9 +40,8 @@ DATA = make_episodes(EPISODES, actions=12, min_length=6)
 
 def changed(**fields):
     """The data with other fields of what was felt, or of the truth."""
-    felt, truth = (
-        {k: v for k, v in fields.items() if hasattr(one, k)} for one in vars(DATA.rollout).values()
-    )
+    parts = DATA.rollout.felt, DATA.rollout.truth
+    felt, truth = ({k: v for k, v in fields.items() if hasattr(one, k)} for one in parts)
     return replace(DATA, rollout=with_truth(with_felt(DATA.rollout, **felt), **truth))
 
 
