@@ -7,7 +7,7 @@ from jaxtyping import Int
 
 from mjx_fit.engines.failures import Reporting
 from mjx_fit.evaluation import parts, result_file, results
-from mjx_fit.evaluation.effort_summary import shares_in_time, summarise_effort
+from mjx_fit.evaluation.effort_summary import seconds_of_pegs, shares_in_time, summarise_effort
 from mjx_fit.evaluation.request import Request
 from mjx_fit.evaluation.results import Result
 from mjx_fit.evaluation.statistics import Row
@@ -95,11 +95,8 @@ def summarise(trials: parts.Rows) -> list[Row]:
         rows += summarise_effort(method, own)
         timed = [trial for trial in own if "seconds" in trial]
         if timed:
-            seconds = np.array([sum(peg) for trial in timed for peg in trial["seconds"]])
-            helped = np.array([human for trial in timed for human in trial["human"]])
-            right = ~helped & ~results.pegs_inserted_wrongly(timed).ravel()
             draws = [trial["trial"] for trial in timed for _ in trial["pegs"]]
-            rows += shares_in_time(method, np.where(right, seconds, np.inf), draws, "all")
+            rows += shares_in_time(method, seconds_of_pegs(timed), draws, "all")
     return rows
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mjx_fit.evaluation.result_file import rounded
+from mjx_fit.evaluation.results import pegs_inserted_wrongly
 from mjx_fit.evaluation.statistics import Row, bootstrap_mean, bootstrap_median, clustered_rate
 from mjx_fit.task.effort import COLUMNS, Effort
 
@@ -53,7 +54,7 @@ def summarise_effort(
         len(trials),
         f"{group} median".removeprefix("all "),
     )
-    peak = np.array([max(_numbers(trial["peak_force_n"]), default=0.0) for trial in trials])
+    peak = largest_forces(trials)
     rows = [
         Row.of(method, "peak_force_n", group, bootstrap_mean(peak, draws), n),
         Row.of(method, "peak_force_n", median, bootstrap_median(peak, draws), n),
@@ -90,6 +91,21 @@ def shares_in_time(
         Row.of(method, f"in_by_{limit}s", group, clustered_rate(needed_s <= limit + 1e-6, draws), len(draws))
         for limit in BY_S
     ]
+
+
+def largest_forces(trials: Sequence[dict[str, Any]]) -> Float[np.ndarray, " n"]:
+    """Return the largest force of each trial, N; null counts as zero."""
+    return np.array([max(_numbers(trial["peak_force_n"]), default=0.0) for trial in trials], float)
+
+
+def seconds_of_pegs(trials: Sequence[dict[str, Any]]) -> Float[np.ndarray, " pegs"]:
+    """Return the seconds until each peg of assemblies is in, trial by trial; infinite without success.
+
+    A peg that a human inserted is not in, nor is one in a hole of another type.
+    """
+    seconds = np.array([sum(peg) for trial in trials for peg in trial["seconds"]])
+    helped = np.array([human for trial in trials for human in trial["human"]])
+    return np.where(helped | pegs_inserted_wrongly([*trials]).ravel(), np.inf, seconds)
 
 
 def totals(trials: Sequence[dict[str, Any]], column: str) -> Float[np.ndarray, " n"]:

@@ -33,6 +33,21 @@ STRICT = ConfigDict(strict=True)
 _One = Annotated[list[Size | None], Field(min_length=1, max_length=1)]
 
 
+class _Effort(TypedDict):
+    """Time and force of each attempt (``task.effort``), and the time of the moves; older files lack them.
+
+    Numbers are null without an attempt, and forces where a simulation diverged.
+    """
+
+    __pydantic_config__ = STRICT  # pyright: ignore[reportGeneralTypeIssues]
+
+    seconds: NotRequired[list[Size | None]]
+    contact_s: NotRequired[list[Size | None]]
+    over_20n_s: NotRequired[list[Size | None]]
+    impulse_ns: NotRequired[list[Size | None]]
+    move_seconds: NotRequired[Size]
+
+
 class AssemblyTrial(TypedDict):
     """One trial of the assembly experiment; lists run over the pegs in the order of grasping.
 
@@ -98,7 +113,7 @@ class AttemptTrial(TypedDict):
     inserted_wrongly: NotRequired[bool]
 
 
-class PositionTrial(TypedDict):
+class PositionTrial(_Effort):
     """One trial of the position experiment: consecutive attempts at one hole.
 
     ``error_cm`` and ``squared_mahalanobis`` score the belief before the first and after each attempt; they
@@ -116,15 +131,10 @@ class PositionTrial(TypedDict):
     squared_mahalanobis: list[Size]
     inserted_at: Count | None
     peak_force_n: list[Size | None]
-    seconds: NotRequired[list[Size | None]]
-    contact_s: NotRequired[list[Size | None]]
-    over_20n_s: NotRequired[list[Size | None]]
-    impulse_ns: NotRequired[list[Size | None]]
-    move_seconds: NotRequired[Size]
     inserted_wrongly: NotRequired[bool]
 
 
-class RobustnessTrial(TypedDict):
+class RobustnessTrial(_Effort):
     """One trial of the robustness experiment: consecutive attempts at one hole under one perturbation.
 
     ``match_probability`` is the belief that the hole matches the peg; other keys as in ``PositionTrial``.
@@ -140,15 +150,10 @@ class RobustnessTrial(TypedDict):
     squared_mahalanobis: list[Size]
     match_probability: list[Probability]
     inserted_at: Count | None
-    seconds: NotRequired[list[Size | None]]
-    contact_s: NotRequired[list[Size | None]]
     peak_force_n: NotRequired[list[Size | None]]
-    over_20n_s: NotRequired[list[Size | None]]
-    impulse_ns: NotRequired[list[Size | None]]
-    move_seconds: NotRequired[Size]
 
 
-class InsertionTrial(TypedDict):
+class InsertionTrial(_Effort):
     """One trial of the insertion experiment: a draw of hole and detection with a seed of exploration noise.
 
     ``attempts`` counts all attempts, including the successful one; time and force as in ``PositionTrial``.
@@ -163,11 +168,6 @@ class InsertionTrial(TypedDict):
     attempts: Count
     success: bool
     peak_force_n: list[Size | None]
-    seconds: NotRequired[list[Size]]
-    contact_s: NotRequired[list[Size | None]]
-    over_20n_s: NotRequired[list[Size | None]]
-    impulse_ns: NotRequired[list[Size | None]]
-    move_seconds: NotRequired[Size]
 
 
 class CalibrationTrial(TypedDict):

@@ -1,4 +1,4 @@
-"""Wrenches of the F/T sensor: noise, tare, contact, centre of pressure, peak force."""
+"""Wrenches of the F/T sensor: noise, tare, contact, centre of pressure."""
 
 import jax
 import jax.numpy as jnp
@@ -92,10 +92,3 @@ def centre_of_pressure(wrench_sensor: Float[Array, "*batch 6"], lever_m: float) 
     along_x = -(torque_y - lever_m * force_x) / press
     along_y = -(torque_x + lever_m * force_y) / press
     return jnp.clip(jnp.stack([along_x, along_y], axis=-1), -FACE_M, FACE_M)
-
-
-def peak_force(felt: Felt) -> Float[np.ndarray, "n"]:
-    """Compute the peak force of each of n attempts, tared, N: the load on peg and arm."""
-    wrench = felt.trace.wrench_sensor - felt.tare_sensor[:, None, None]
-    real = np.arange(wrench.shape[1]) < np.asarray(felt.length)[:, None]
-    return np.where(real[..., None], np.linalg.norm(wrench[..., :3], axis=-1), 0).max((1, 2))

@@ -14,8 +14,9 @@ from mjx_fit.config.sections.measurement import PoseConfig, WristConfig
 from mjx_fit.control import policies
 from mjx_fit.data.mirror import mirror_belief, mirror_place, mirror_reading
 from mjx_fit.engines.native.engine import NativeEngine
-from mjx_fit.sensors.force_torque import centre_of_pressure, peak_force, touched
+from mjx_fit.sensors.force_torque import centre_of_pressure, touched
 from mjx_fit.sensors.reading import Window, read_window
+from mjx_fit.task.effort import effort_of
 from mjx_fit.types import Attempt, Belief, Reading
 
 ACTIONS = 12
@@ -167,7 +168,7 @@ def test_the_peak_force_is_the_largest_of_the_real_samples():
     wrench[np.arange(5) >= data.length[:, None]] = 0
     data = replace(data, tare_sensor=tare, trace=replace(data.trace, wrench_sensor=wrench))
     assert data.length.min() < 5
-    for i, got in enumerate(peak_force(data)):
+    for i, got in enumerate(effort_of(data).peak_force_n):
         force = [
             np.linalg.norm(sample[:3] - tare[i, :3]) for row in wrench[i, : data.length[i]] for sample in row
         ]

@@ -32,9 +32,9 @@ class ControlConfig:
         push: Meaning of a vertical command. ``displacement``: it moves the goal, as in the paper, and the
             force follows from the stiffness; ``force``: it is a force, ``press_n`` for each 4 mm
             (``mjx_fit.control.force_control``).
-        press_n: Force of a push of 4 mm. For ``push: force``.
+        press_n: Force of a push of 4 mm. It applies to ``push: force``.
         press_speed_mps: Speed of such a push in free space. It limits the impact on touch-down.
-        slide_n: Largest lateral pull. Of the stiffness, for ``push: force``; it limits the impact on edges.
+        slide_n: Largest lateral pull. It applies to ``push: force`` and limits the impact on edges.
     """
 
     kp_position: Annotated[float, Field(ge=50, le=1400, json_schema_extra=PER_S2_UNIT)] = 600.0
