@@ -125,3 +125,13 @@ def test_a_column_of_another_length_is_refused(column):
     tree["trials"][0][column] = [1.0]
     with pytest.raises(ValueError, match=rf"^trials\.0\.{column}: 1 values cannot be used: attempts has 2"):
         result_schema.require(tree)
+
+
+def test_a_peg_that_takes_exactly_the_limit_is_in_by_it():
+    """Also where the sum of tenths is a rounding error above it; a tenth of a second more is too late."""
+    trials = [
+        trial(i, seconds) for i, seconds in enumerate([[0.1] * 50, [5.1], [10.0], [10.1], [30.0], [30.1]])
+    ]
+    assert sum([0.1] * 50) != 5
+    rows = by_group(summarise_effort("full", trials, success=[True] * 6))
+    assert [rows[f"in_by_{limit}s", "all"].value * 6 for limit in (5, 10, 30)] == pytest.approx([1, 3, 5])
