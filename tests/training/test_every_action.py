@@ -27,7 +27,8 @@ CONFIG = Config(
         layers=1,
         heads=2,
         feedforward=16,
-        **PAPER_SENSOR | {"causal": True},
+        causal=True,
+        **PAPER_SENSOR,
     ),
     train=TrainConfig(
         epochs=30,
