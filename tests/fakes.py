@@ -1,12 +1,14 @@
-"""Fakes that replace physics by fixed outcomes."""
+"""Fakes that replace physics by fixed outcomes, and what a policy sees."""
 
 import dataclasses
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from synthetic import with_trace
 
 from mjx_fit.config.schema import Config
+from mjx_fit.control.policies import PolicyInput, PolicyStart
 from mjx_fit.types import Felt, Rollout, Trace, Truth
 
 CLOSE_M = 0.005
@@ -15,6 +17,24 @@ TWO_HOLES = dataclasses.replace(
     Config(), task=dataclasses.replace(Config().task, n_holes=2, max_attempts=2, attempt_actions=2)
 )
 """Assemblies that are played in no time."""
+
+
+def seen(place=(0.0, 0.0, 0.045), contact=True, sinks_mps=0.0) -> PolicyInput:
+    """What a policy sees of a peg in contact, at a place in m."""
+    key = jax.random.key(0)
+    return PolicyInput(
+        start=PolicyStart(jnp.int32(0), jnp.zeros(2), jnp.int32(2)),
+        attempt_key=key,
+        key=key,
+        step=jnp.int32(1),
+        tip_pos_world=jnp.asarray(place),
+        tip_quat_world=jnp.array([0.0, 1, 0, 0]),
+        tip_linvel_world=jnp.array([0.0, 0, -sinks_mps]),
+        tip_angvel_world=jnp.zeros(3),
+        wrench_sensor=jnp.zeros((50, 6)),
+        contact=jnp.asarray(contact),
+        horizon=100,
+    )
 
 
 class FakeEngine:

@@ -24,7 +24,7 @@ def add_collect(parsers: argparse._SubParsersAction) -> None:
         help="most actions in one episode (default: task.attempt_actions, 100)",
     )
     length.add_argument("--steps", dest="actions", type=int, help=argparse.SUPPRESS)  # former name
-    with_policy(parser, "spiral, random, mixed", "spiral")
+    with_policy(parser, "spiral, random, mixed, seek", "spiral")
     parser.add_argument(
         "--batch", type=int, default=250, metavar="B", help="most episodes in one file (default 250)"
     )
@@ -35,7 +35,8 @@ def add_collect(parsers: argparse._SubParsersAction) -> None:
         "--run",
         type=run_path,
         metavar="RUN",
-        help="start later attempts from the posterior of this run's sensor (default: from drawn beliefs)",
+        help="start later attempts from the posterior of this run's sensor (default: from drawn beliefs); "
+        "with --policy seek, the sensor that it acts on",
     )
     parser.add_argument(
         "--shard-index", type=int, default=0, metavar="I", help="part of the whole to collect (default 0)"
@@ -73,16 +74,17 @@ def collect(args: argparse.Namespace) -> None:
     from mjx_fit.data.plan import Plan, check
     from mjx_fit.engines.select import make_engine
     from mjx_fit.task.estimator import filter_update
+    from mjx_fit.task.seek import NAME as SEEK
     from mjx_fit.training.sensor_loader import load_trained_sensor
 
-    config, policy = config_of(args), policy_of(args)
+    config, policy = policy_of(args, config_of(args))
     asked = {field.name: getattr(args, field.name) for field in fields(Plan) if field.name != "sensor"}
     if args.actions is None:
         asked["actions"] = config.task.attempt_actions
     if policy is not None:
         asked["policy"] = policy.name
     plan, update = Plan(**asked), None
-    if args.run is not None:
+    if args.run is not None and not (args.policy == SEEK and plan.sequence == 1):
         sensor = load_trained_sensor(args.run)
         plan, update = replace(plan, sensor=sensor.fingerprint), filter_update(config, sensor.network)
         check(plan)

@@ -125,7 +125,7 @@ def _with_methods(parser: argparse.ArgumentParser, methods: str) -> None:
 def _with_trials(parser: argparse.ArgumentParser, count: int, what: str) -> None:
     parser.add_argument("--out", type=path, required=True, metavar="FILE.json")
     parser.add_argument("--trials", type=int, default=count, metavar="N", help=f"{what} (default {count})")
-    with_policy(parser, "spiral", None)
+    with_policy(parser, "spiral, seek", None)
     simulating(parser)
     configurable(parser)
 
@@ -164,9 +164,9 @@ def _evaluate(experiment: "Callable[[Request], Result]", args: argparse.Namespac
     from mjx_fit.evaluation.request import Request
     from mjx_fit.report.terminal import print_summary
 
-    config, policy = config_of(args), policy_of(args)
+    config, policy = policy_of(args, config_of(args))
     if policy is None and args.policy not in (None, "spiral"):
-        raise RequestError(f"--policy: {shown(args.policy)} is invalid: expected spiral or FILE.py:NAME")
+        raise RequestError(f"--policy: {shown(args.policy)} is invalid: choose spiral, seek or FILE.py:NAME")
     engine = make_engine(args.engine, config, policy)
     request = Request(config, args.out, engine, args.trials, args.seed)
     if hasattr(args, "run"):

@@ -129,12 +129,23 @@ def run_of(args: argparse.Namespace) -> Path:
     return args.run or resources.run_folder(None)
 
 
-def policy_of(args: argparse.Namespace) -> "Policy | None":
-    """Load the policy of ``--policy FILE.py:NAME``; None: the library's policies.
+def policy_of(args: argparse.Namespace, config: Config) -> "tuple[Config, Policy | None]":
+    """Load the policy of ``--policy``; None: the library's policies that follow no belief.
+
+    Returns:
+        The configuration, for ``seek`` with the network of the sensor of ``--run``, and the policy.
 
     Raises:
-        RequestError: The file holds no such policy.
+        RequestError: The file holds no such policy, or the sensor cannot read an attempt in progress.
     """
     from mjx_fit.control.policy_file import is_policy_file, load_policy
+    from mjx_fit.task.seek import NAME, seek
+    from mjx_fit.training.sensor_loader import load_trained_sensor
 
-    return load_policy(args.policy) if args.policy and is_policy_file(args.policy) else None
+    if args.policy == NAME:
+        if not hasattr(args, "run"):
+            raise RequestError(f"--policy: {NAME} cannot be used here: its attempts need beliefs")
+        sensor = load_trained_sensor(run_of(args))
+        config = sensor.adapt(config)
+        return config, seek(config, sensor.network, f"{NAME}@{sensor.fingerprint[:12]}")
+    return config, load_policy(args.policy) if args.policy and is_policy_file(args.policy) else None

@@ -19,6 +19,7 @@ from mjx_fit.config.sections.measurement import PoseConfig, WristConfig
 from mjx_fit.config.sections.moves import MovesConfig
 from mjx_fit.config.sections.randomize import RandomizeConfig
 from mjx_fit.config.sections.scene import SceneConfig
+from mjx_fit.config.sections.seek import SeekConfig
 from mjx_fit.config.sections.shape import Shape
 from mjx_fit.config.sections.task import TaskConfig
 from mjx_fit.config.sections.world import (
@@ -48,6 +49,7 @@ class Config:
     randomize: RandomizeConfig = RandomizeConfig()
     spiral: SpiralConfig = SpiralConfig()
     random: RandomConfig = RandomConfig()
+    seek: SeekConfig = SeekConfig()
     detector: DetectorConfig = DetectorConfig()
     sequence: SequenceConfig = SequenceConfig()
     wrist: WristConfig = WristConfig()

@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Int, Key
 
 from mjx_fit.config.schema import Config
 from mjx_fit.config.sections.world import RandomConfig, SpiralConfig
-from mjx_fit.types import Array, Attempt, Reading
+from mjx_fit.types import Array, Attempt, Belief, Reading
 from mjx_fit.utils.pytrees import pytree, static
 
 NAMES = ("spiral", "random")
@@ -34,11 +34,15 @@ class PolicyStart:
         peg_type: Index of the peg's shape.
         estimate_world: Estimate p of the hole's centre, above which the attempt starts, m.
         policy: The attempt's index into ``NAMES``, for policies that switch on it.
+        belief: As in ``Attempt``.
+        elsewhere_per_s: As in ``Attempt``.
     """
 
     peg_type: Int[Array, ""]
     estimate_world: Float[Array, "2"]
     policy: Int[Array, ""]
+    belief: Belief | None = None
+    elsewhere_per_s: Float[Array, ""] | None = None
 
 
 @pytree
@@ -119,7 +123,9 @@ class Policy(NamedTuple):
 
 def start_of(attempt: Attempt) -> PolicyStart:
     """Return the part of an attempt that a policy may use: nothing about the true hole."""
-    return PolicyStart(attempt.peg_type, attempt.estimate_world, attempt.policy)
+    return PolicyStart(
+        attempt.peg_type, attempt.estimate_world, attempt.policy, attempt.belief, attempt.elsewhere_per_s
+    )
 
 
 def shipped(config: Config) -> Policy:

@@ -2,9 +2,11 @@
 
 Drives with a dead zone or friction swallow a part of every force. The F/T sensor at the wrist shows how much
 of the push arrives, and the TCP's position shows how far it lags behind; both losses are estimated and added
-to the next command. Without losses both estimates stay near zero.
+to the next command. Without losses both estimates stay near zero. The lag that the lateral damping causes,
+2 ζ / √kp for each m/s, is known and added at once.
 """
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -16,6 +18,7 @@ from mjx_fit.control.force_control import FULL_PUSH_M
 from mjx_fit.control.policies import Policy, PolicyInput, PolicyStart, State
 from mjx_fit.types import Array
 from mjx_fit.utils.pytrees import pytree
+from mjx_fit.utils.rates import ACTION_S
 
 LOSS_GAIN, MOST_LOSS_N = 0.3, 6.0
 """Share of a new difference of forces that enters the estimate of the loss, and the largest loss, N.
@@ -54,6 +57,8 @@ def regulated(policy: Policy, control: ControlConfig) -> Policy:
     if control.push != "force":
         return policy
 
+    damping_lag = 2 * control.damping_ratio / math.sqrt(control.kp_position) / ACTION_S
+
     def init(start: PolicyStart, key: Key[Array, ""]) -> Losses:
         zero = jnp.zeros(())
         return Losses(policy.init(start, key), zero, jnp.zeros(2), jnp.zeros(2), zero)
@@ -66,7 +71,8 @@ def regulated(policy: Policy, control: ControlConfig) -> Policy:
         lag = jnp.clip(losses.lag_m + LAG_GAIN * behind, -MOST_LAG_M, MOST_LAG_M)
         force = losses.force_n + LOSS_GAIN * (_lost(losses.push_m, seen, control) - losses.force_n)
         lag, force = jnp.where(acted, lag, 0), jnp.where(acted, jnp.clip(force, 0, MOST_LOSS_N), 0)
-        lateral = command[:2] + lag
+        moves = here + command[:2] - losses.wanted_world
+        lateral = command[:2] + lag + jnp.where(acted, damping_lag * moves, 0)
         push = command[2] - force * FULL_PUSH_M / control.press_n
         after = Losses(state, force, lag, here + command[:2], push)
         return after, jnp.concatenate([lateral, push[None]])

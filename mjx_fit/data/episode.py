@@ -36,10 +36,11 @@ def happened(data: Episode) -> Bool[Array, "*batch"]:
 
 
 def padded(rollouts: Rollout, actions: int) -> Rollout:
-    """Pad the traces of n rollouts with zeros to this number of actions."""
+    """Pad the traces of n rollouts, and what policies reported, with zeros to this number of actions."""
 
     def pad(leaf):
         return np.pad(leaf, [(0, 0), (0, actions - leaf.shape[1]), *[(0, 0)] * (leaf.ndim - 2)])
 
     felt = rollouts.felt
-    return replace(rollouts, felt=replace(felt, trace=jax.tree.map(pad, felt.trace)))
+    report = jax.tree.map(pad, rollouts.report)
+    return replace(rollouts, felt=replace(felt, trace=jax.tree.map(pad, felt.trace)), report=report)

@@ -93,9 +93,10 @@ class _Batch:
         if self._number == self._plan.sequence:
             return None
         attempts, self._cov = self._attempts()
-        if self._belief is None:
+        if self._belief is None or not self._learns:
             std, n_types = self._config.detector.prior_std_m, self._config.scene.n_types
-            self._belief = initial_belief(attempts.estimate_world, std, n_types)
+            drawn = initial_belief(attempts.estimate_world, std, n_types)
+            self._belief = replace(drawn, pos_cov=jnp.asarray(self._cov))
         goes_on = self._learns and self._number + 1 < self._plan.sequence
         keys = self._noise_keys(jnp.asarray(self.ids)) if goes_on else None
         return Try(attempts, self._going, self._belief, keys)
@@ -104,6 +105,7 @@ class _Batch:
         """Store the posteriors and return the episodes of the round."""
         done, policy = tried.rollouts, np.asarray(tried.asked.attempts.policy)
         number = np.full_like(self.ids, self._number)
+        done = replace(done, report=None)
         one = Episode(self.ids, self._sequences, number, policy, np.asarray(self._cov), done)
         self._going = self._going & done.truth.valid & ~done.truth.inserted
         self._belief, self._number = tried.beliefs, self._number + 1

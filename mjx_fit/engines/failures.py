@@ -8,6 +8,7 @@ import sys
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -131,7 +132,7 @@ def replay(path: Path, policy: Policy | None = None) -> Rollout:
     config = config_from_yaml(str(kept["config"]))
     key = jax.random.wrap_key_data(jnp.asarray(kept["key"])[None], impl=KEY_IMPL)
     own = {name: kept[f"physics_{name}"][None] for name in QUANTITIES if f"physics_{name}" in kept}
-    plain = {name: kept[name][None] for name in _PLAIN}
+    plain: dict[str, Any] = {name: kept[name][None] for name in _PLAIN}
     attempt = Attempt(key=key, physics=Physics(**own), **plain)
     step, horizon = int(kept["step"]), int(kept["horizon"])
     goal = None  # older versions did not keep it

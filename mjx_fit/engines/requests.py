@@ -68,6 +68,12 @@ def require_attempts(
     places = {"hole_pos_world": robot.hole_reach_m, "estimate_world": robot.estimate_reach_m}
     for name, reach in places.items():
         _require_places(name, _leaf(attempts, name, n, (2,), jnp.floating, "floats"), active, reach)
+    if attempts.belief is not None:
+        sizes = {"pos_mean_world": (2,), "pos_cov": (2, 2), "type_logp": (scene.n_types,)}
+        for name, size in sizes.items():
+            _require_finite(f"belief.{name}", getattr(attempts.belief, name), (n, *size), active)
+    if attempts.elsewhere_per_s is not None:
+        _require_finite("elsewhere_per_s", attempts.elsewhere_per_s, (n,), active)
     _require_keys(attempts.key, n)
     _require_physics(attempts.physics, n, active, scene)
     return actions, horizon, active
@@ -92,7 +98,11 @@ def _length(attempts: Attempt) -> int:
     if not isinstance(attempts, Attempt):
         _refuse("attempts", type(attempts).__name__, "expected an Attempt")
     leaves = {field.name: getattr(attempts, field.name) for field in fields(Attempt)}
-    physics = leaves.pop("physics")
+    physics, belief = leaves.pop("physics"), leaves.pop("belief")
+    if leaves["elsewhere_per_s"] is None:
+        del leaves["elsewhere_per_s"]
+    if belief is not None:
+        leaves |= vars(belief)
     if not isinstance(physics, Physics):
         _refuse("attempts: physics", type(physics).__name__, "expected Physics")
     for name, leaf in (leaves | drawn(physics)).items():
@@ -130,6 +140,16 @@ def _require_places(name: str, leaf: np.ndarray, active: np.ndarray, reach: tupl
             f"({x:.6g}, {y:.6g}) m",
             f"expected {reach[0]} to {reach[1]} m from the arm's base, with x positive",
         )
+
+
+def _require_finite(name: str, leaf: Any, shape: tuple[int, ...], active: np.ndarray) -> None:
+    if leaf.shape != shape or not jnp.issubdtype(leaf.dtype, jnp.floating):
+        _refuse(f"attempts: {name}", f"{leaf.dtype} {leaf.shape}", f"expected floats {shape}")
+    wrong = active & ~np.isfinite(np.asarray(leaf)).reshape(len(active), -1).all(1)
+    if wrong.any():
+        row = int(wrong.argmax())
+        found = str(np.asarray(leaf)[row].tolist())
+        _refuse(f"attempts: {name} of row {row}", found, "expected finite numbers")
 
 
 def _require_physics(physics: Physics, n: int, active: np.ndarray, scene: SceneConfig) -> None:

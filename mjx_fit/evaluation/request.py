@@ -5,8 +5,13 @@ from pathlib import Path
 
 from mjx_fit.config.schema import Config
 from mjx_fit.engines.interface import Engine, stored_policy_name
+from mjx_fit.task.seek import NAME as SEEK
 from mjx_fit.training.checkpoint import FRAME_BY_FRAME
 from mjx_fit.training.sensor_loader import TrainedSensor, load_baseline, load_trained_sensor
+from mjx_fit.utils.errors import RequestError
+
+SEEKING = ("full", "oracle")
+"""Methods that learn all that the policy ``seek`` learns by itself, or know it."""
 
 
 @dataclass(frozen=True)
@@ -39,9 +44,16 @@ class Request:
         """Return the custom policy for the result file; empty where attempts follow the spiral.
 
         Raises:
-            RequestError: The policy has no name.
+            RequestError: The policy has no name, or it updates the belief itself, and a method must not.
         """
         name = stored_policy_name(self.engine)
+        if name is not None and name.partition("@")[0] == SEEK:
+            for method in self.methods.split(","):
+                if method not in SEEKING:
+                    raise RequestError(
+                        f"--methods: {method} cannot be used with --policy {SEEK}, which updates the belief "
+                        f"itself: choose from {', '.join(SEEKING)}"
+                    )
         return {} if name is None else {"policy": name}
 
     def with_sensors_of(self, run: Path) -> "Request":

@@ -8,6 +8,7 @@ human intervention. The hole of its own type stays empty, so a later peg whose h
 hole or needs a human, who puts it into the first empty hole.
 """
 
+from dataclasses import replace
 from operator import attrgetter
 
 import jax
@@ -16,14 +17,13 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from mjx_fit.config.schema import Config
-from mjx_fit.filters.outcome_model import success_probability
 from mjx_fit.filters.updates import initial_belief
 from mjx_fit.scene.scenarios import Trials
-from mjx_fit.task import greedy
 from mjx_fit.task.assembly_snapshot import EMPTY, KEPT_FROM, Choice, State
 from mjx_fit.task.attempt_log import Diary, believed
 from mjx_fit.task.attempt_loop import Tried, Try, spirals_at
 from mjx_fit.task.effort import COLUMNS, effort_of, move_time_s
+from mjx_fit.task.hole_choice import Situation, by_chance, by_rate
 from mjx_fit.task.methods import Method, of_rows
 from mjx_fit.task.oracle import reveal_hole, reveal_match
 from mjx_fit.types import Belief, Rollout
@@ -53,12 +53,12 @@ class Table:
         self._attempts = np.zeros((n_rows, n), int)
         self._human, self._wrongly = np.zeros((n_rows, n), bool), np.zeros((n_rows, n), bool)
         self._pulled_out = np.zeros((n_rows, n), int)
-        self._starts, self._move_seconds = np.zeros((n_rows, 2)), np.zeros(n_rows)
+        self._starts = np.asarray(self._beliefs.pos_mean_world).mean(1)
+        self._move_seconds = np.zeros(n_rows)
         self._diary = Diary(n_rows, n)
         self.pegs_done = np.zeros(n_rows, int)
         self._root = root_key(seed, "assembly: attempts")
         self._keys = jax.jit(jax.vmap(self._attempt_keys))
-        self._choose = jax.jit(self._greedy)
 
     @property
     def active(self) -> Bool[np.ndarray, "R"]:
@@ -83,8 +83,9 @@ class Table:
         """Choose a hole per row and return the next attempts; None once all pegs are inserted."""
         if not self.active.any():
             return None
-        chosen = self._choose(self._beliefs, self._peg(), self._content != EMPTY, self._tries)
-        self.choice = Choice(*map(np.asarray, chosen))
+        choice = by_rate if self._config.task.next_hole == "rate" else by_chance
+        now = Situation(self._beliefs, self._peg(), self._content != EMPTY, self._tries, self._starts)
+        self.choice, elsewhere = choice(now, self._config)
         hole, rows = self.choice.hole, np.arange(len(self._trial))
         wiggle_keys, noise_keys = self._keys(self._trial, self._peg_number(), self._attempt_number())
         hole_type, hole_pos = (self._world[name][rows, hole] for name in ("hole_type", "hole_pos_world"))
@@ -92,6 +93,7 @@ class Table:
         physics = jax.tree.map(lambda leaf: leaf[rows, hole], self._world["physics"])
         start = beliefs.pos_mean_world
         attempts = spirals_at(self._peg(), hole_type, hole_pos, start, wiggle_keys, physics)
+        attempts = replace(attempts, elsewhere_per_s=elsewhere)
         return Try(attempts, self.active, beliefs, noise_keys)
 
     def learn(self, tried: Tried) -> None:
@@ -210,13 +212,6 @@ class Table:
 
     def _of(self, trait: str) -> Bool[np.ndarray, "R"]:
         return of_rows(self._methods, self._n_trials, attrgetter(trait))
-
-    def _greedy(self, beliefs: Belief, peg_type, filled, tries):
-        alpha = success_probability(self._config, beliefs.pos_cov)
-        reward = greedy.expected_reward(beliefs.type_logp, peg_type, alpha)
-        hole = greedy.greedy(reward, filled, tries)
-        chance = jnp.take_along_axis(reward, hole[:, None], axis=1)[:, 0]
-        return hole, chance, greedy.runner_up(reward, filled, hole)
 
     def _attempt_keys(self, trial, peg_number, attempt_number):
         key = self._root

@@ -1,8 +1,9 @@
 """Attempt loop shared by all tasks: simulate an attempt, update the belief, choose the next attempt."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int, Key
@@ -66,13 +67,20 @@ def attempt_rounds(
         confirm: The belief update after an insertion; None: insertions are not questioned.
     """
     while (asked := next_try()) is not None:
-        rollouts = engine.run(asked.attempts, actions, asked.active)
+        rollouts = engine.run(_with_beliefs(asked), actions, asked.active)
         beliefs, confirmed = asked.beliefs, None
         if asked.noise_keys is not None:
             beliefs = after_failures(update, asked.beliefs, rollouts, asked.noise_keys)
             if confirm is not None:
                 confirmed = after_insertions(confirm, asked.beliefs, rollouts, asked.noise_keys)
         yield Tried(asked, rollouts, beliefs, confirmed)
+
+
+def _with_beliefs(asked: Try) -> Attempt:
+    """Return the attempts with the belief that each starts from, for policies that update it themselves."""
+    if asked.attempts.belief is not None:
+        return asked.attempts
+    return replace(asked.attempts, belief=jax.tree.map(jnp.asarray, asked.beliefs))
 
 
 def spirals_at(

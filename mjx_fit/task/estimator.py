@@ -2,12 +2,13 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from flax import nnx
-from jaxtyping import Bool, Int, Key
+from jaxtyping import Bool, Float, Int, Key
 
 from mjx_fit.config.schema import Config
 from mjx_fit.filters.outcome_model import success_probability
@@ -54,25 +55,21 @@ def filter_update(
         (2, 2, 2)
     """
     numerics.require()
-    hard = config.task.hard_match
     graph, state = nnx.split(sensor) if sensor is not None else (None, None)
 
     def learn(state, beliefs, felt, keys, learns_position, learns_type):
         alpha = success_probability(config, beliefs.pos_cov)
-        updated = update_type(beliefs, None, felt.peg_type, alpha, hard=hard, inserted=inserted)
+        updated = update_type(
+            beliefs, None, felt.peg_type, alpha, hard=config.task.hard_match, inserted=inserted
+        )
         if graph is None:
             return updated
         observation = nnx.merge(graph, state)(readings(felt, keys, config))
-        _require_same_types(observation, config)
-        if config.filter.match_temperature != 1:
-            logits = observation.match_logits / config.filter.match_temperature
-            observation = replace(observation, match_logits=logits)
-        moved = update_position(beliefs, observation, config.filter, config.detector.prior_std_m)
-        typed = update_type(beliefs, observation, felt.peg_type, alpha, hard=hard, inserted=inserted)
+        learnt = posterior(beliefs, observation, felt.peg_type, alpha, config, inserted=inserted)
         return Belief(
-            pos_mean_world=where_rows(learns_position, moved.pos_mean_world, beliefs.pos_mean_world),
-            pos_cov=where_rows(learns_position, moved.pos_cov, beliefs.pos_cov),
-            type_logp=where_rows(learns_type, typed.type_logp, updated.type_logp),
+            pos_mean_world=where_rows(learns_position, learnt.pos_mean_world, beliefs.pos_mean_world),
+            pos_cov=where_rows(learns_position, learnt.pos_cov, beliefs.pos_cov),
+            type_logp=where_rows(learns_type, learnt.type_logp, updated.type_logp),
         )
 
     compiled = jax.jit(learn)
@@ -85,6 +82,38 @@ def filter_update(
         return compiled(state, beliefs, felt, keys, position, kind)
 
     return update
+
+
+def posterior(
+    beliefs: Belief,
+    observation: Observation,
+    peg_type: Int[Array, "*batch"],
+    success_probability: Float[Array, "*#batch C C"],
+    config: Config,
+    *,
+    inserted: bool = False,
+) -> Belief:
+    """Update beliefs with observations, for any batch axes.
+
+    Args:
+        beliefs: Prior of each hole.
+        observation: Output of the virtual sensors.
+        peg_type: Type of the peg in hand.
+        success_probability: Outcome model α; zeros while an attempt lasts, whose outcome is open.
+        config: Defines the safeguards of the filters.
+        inserted: As in ``filter_update``.
+
+    Raises:
+        RequestError: The sensor knows another number of types.
+    """
+    _require_same_types(observation, config)
+    if config.filter.match_temperature != 1:
+        logits = observation.match_logits / config.filter.match_temperature
+        observation = replace(observation, match_logits=logits)
+    moved = update_position(beliefs, observation, config.filter, config.detector.prior_std_m)
+    hard = config.task.hard_match
+    typed = update_type(beliefs, observation, peg_type, success_probability, hard=hard, inserted=inserted)
+    return replace(moved, type_logp=typed.type_logp)
 
 
 def frame_update(config: Config, sensor: ContactSensor) -> Update:
@@ -109,12 +138,22 @@ def frame_update(config: Config, sensor: ContactSensor) -> Update:
 def after_failures(update: Update, beliefs: Belief, rollouts: Rollout, keys: Key[Array, "n"]) -> Belief:
     """Return the beliefs after simulated attempts: the posterior after failures, else the prior.
 
-    The update never sees the measurements of an attempt that succeeded or diverged.
+    The update never sees the measurements of an attempt that succeeded or diverged. A policy that updates the
+    belief itself (``task.seek``) has the last word: its belief is what it reported with its last action.
     """
     failed = np.asarray(rollouts.truth.failed)
+    if isinstance(rollouts.report, Belief):
+        learnt = _last(rollouts)
+        return jax.tree.map(lambda new, old: where_rows(failed, new, old), learnt, beliefs)
     length = np.where(failed, rollouts.felt.length, 0).astype(np.int32)
     learnt = update(beliefs, replace(rollouts.felt, length=length), keys)
     return jax.tree.map(lambda new, old: where_rows(failed, new, old), learnt, beliefs)
+
+
+def _last(rollouts: Rollout) -> Any:
+    """Return what a policy reported with the last action of each attempt."""
+    last = np.maximum(np.asarray(rollouts.felt.length) - 1, 0)
+    return jax.tree.map(lambda leaf: np.asarray(leaf)[np.arange(len(last)), last], rollouts.report)
 
 
 def after_insertions(confirm: Update, beliefs: Belief, rollouts: Rollout, keys: Key[Array, "n"]) -> Belief:

@@ -19,6 +19,32 @@ from mjx_fit.utils.pytrees import pytree
 
 
 @pytree
+class Belief:
+    """Belief about the position and the type of one hole.
+
+    Example:
+        >>> import numpy as np, mjx_fit as mf
+        >>> belief = mf.Belief(np.zeros(2), 1e-4 * np.eye(2), np.log([0.5, 0.25, 0.25]))
+        >>> belief.type_probability.tolist()
+        [0.5, 0.25, 0.25]
+
+    Attributes:
+        pos_mean_world: Mean μ of the hole's position, m.
+        pos_cov: Covariance Σ of the hole's position, m².
+        type_logp: Log probability ln ξ of each shape; its exponentials sum to one.
+    """
+
+    pos_mean_world: Float[Array, "*batch 2"]
+    pos_cov: Float[Array, "*batch 2 2"]
+    type_logp: Float[Array, "*batch C"]
+
+    @property
+    def type_probability(self) -> Float[Array, "*batch C"]:
+        """Probability ξ of each shape."""
+        return jnp.exp(self.type_logp)
+
+
+@pytree
 class Attempt:
     """Specification of an insertion attempt: the peg, the hole, and the estimated hole position.
 
@@ -35,6 +61,10 @@ class Attempt:
         policy: Index into ``mjx_fit.control.policies.NAMES``.
         key: Random key of the policy, independent of the batch.
         physics: Quantities that this world has of its own.
+        belief: Belief about the hole before the attempt, for policies that update it; None: the detector's
+            prior about ``estimate_world``.
+        elsewhere_per_s: Insertions per second that the best other hole promises, for policies that leave a
+            hole; None: there is no other.
     """
 
     peg_type: Int[Array, "*batch"]
@@ -44,6 +74,8 @@ class Attempt:
     policy: Int[Array, "*batch"]
     key: Key[Array, "*batch"]
     physics: Physics = AS_CONFIGURED
+    belief: Belief | None = None
+    elsewhere_per_s: Float[Array, "*batch"] | None = None
 
 
 @pytree
@@ -179,29 +211,3 @@ class Rollout:
     def inserted_wrongly(self) -> Bool[Array, "*batch"]:
         """True if the peg was inserted into a hole of another type, a failure the robot cannot detect."""
         return self.truth.inserted & (self.felt.peg_type != self.truth.hole_type)
-
-
-@pytree
-class Belief:
-    """Belief about the position and the type of one hole.
-
-    Example:
-        >>> import numpy as np, mjx_fit as mf
-        >>> belief = mf.Belief(np.zeros(2), 1e-4 * np.eye(2), np.log([0.5, 0.25, 0.25]))
-        >>> belief.type_probability.tolist()
-        [0.5, 0.25, 0.25]
-
-    Attributes:
-        pos_mean_world: Mean μ of the hole's position, m.
-        pos_cov: Covariance Σ of the hole's position, m².
-        type_logp: Log probability ln ξ of each shape; its exponentials sum to one.
-    """
-
-    pos_mean_world: Float[Array, "*batch 2"]
-    pos_cov: Float[Array, "*batch 2 2"]
-    type_logp: Float[Array, "*batch C"]
-
-    @property
-    def type_probability(self) -> Float[Array, "*batch C"]:
-        """Probability ξ of each shape."""
-        return jnp.exp(self.type_logp)

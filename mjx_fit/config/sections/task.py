@@ -74,6 +74,9 @@ class TaskConfig:
         hard_match: Update the type by the arg max. Use the arg max of h_match, as in Algorithm 3; otherwise
             average over its probabilities, as in training. H is learned with the latter, and is overconfident
             with the former.
+        next_hole: Value that chooses the next hole. Either the success ``chance`` of the attempt, as in the
+            paper, or the ``rate``: insertions per second (``mjx_fit.task.hole_choice``), by which the policy
+            ``seek`` also leaves a hole.
     """
 
     n_holes: Annotated[int, Field(ge=1, le=8, json_schema_extra={"unit": "holes"})] = 5
@@ -87,6 +90,7 @@ class TaskConfig:
     ] = _ERROR_KNOTS_M
     success_by_error: tuple[Rates, ...] | None = None
     hard_match: bool = False
+    next_hole: Literal["chance", "rate"] = "chance"
 
     @model_validator(mode="after")
     def _one_rate_for_each_knot(self) -> "TaskConfig":

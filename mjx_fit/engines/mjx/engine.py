@@ -73,7 +73,7 @@ class MjxEngine:
         self._threads = threads if jax.default_backend() == "cpu" else 1
         static = ("actions", "horizon")
         self._jitted = jax.jit(self._rollout, static_argnames=static, compiler_options=compiler_options())
-        self._compiled: dict[tuple[int, int, int], jax.stages.Compiled] = {}
+        self._compiled: dict[tuple, jax.stages.Compiled] = {}
 
     def run(
         self,
@@ -110,16 +110,16 @@ class MjxEngine:
         return -(-n // max(2, -(-n // MOST_ROWS)))
 
     def _executable(self, attempts: Attempt, rows: int, actions: int, horizon: int) -> jax.stages.Compiled:
-        if (rows, actions, horizon) not in self._compiled:
+        key = (jax.tree.structure(attempts), rows, actions, horizon)
+        if key not in self._compiled:
 
             def shape(leaf):
                 return jax.ShapeDtypeStruct((rows, *leaf.shape[1:]), leaf.dtype)
 
-            active = jax.ShapeDtypeStruct((rows,), bool)
-            sizes = {"actions": actions, "horizon": horizon}
-            lowered = self._jitted.lower(jax.tree.map(shape, attempts), active, **sizes)
-            self._compiled[rows, actions, horizon] = lowered.compile()
-        return self._compiled[rows, actions, horizon]
+            run = jax.tree.map(shape, attempts), jax.ShapeDtypeStruct((rows,), bool)
+            lowered = self._jitted.lower(*run, actions=actions, horizon=horizon)
+            self._compiled[key] = lowered.compile()
+        return self._compiled[key]
 
     def _rollout(self, attempts: Attempt, active: Bool[Array, "n"], actions: int, horizon: int) -> Rollout:
         pair = pair_index(attempts.peg_type, attempts.hole_type, self.scene.n_types)

@@ -1,0 +1,36 @@
+"""Configuration section of the search that acts on a belief while it touches."""
+
+from typing import Annotated, Any
+
+from pydantic import Field
+from pydantic.dataclasses import dataclass
+
+from mjx_fit.config.sections.fields import STRICT
+from mjx_fit.config.sections.world import Push
+
+_SPEED: dict[str, Any] = {"unit": "m/s"}
+
+
+@dataclass(frozen=True, config=STRICT)
+class SeekConfig:
+    """Search policy ``seek``: an Archimedean spiral about the believed position, begun anew when it pays.
+
+    Attributes:
+        pitch_m: Distance between turns. Twice the clearance leaves no gap; more is faster.
+        speed_mps: Speed along the spiral.
+        slide_mps: Speed of a slide to another centre. The peg is not lifted.
+        change_s: Time that a new centre costs. The rule adds it for slowing down and starting anew.
+        feel_s: Longest search that is expected. Contact then tells where the hole is, for any belief.
+        sink_s: Time to push the peg in.
+        push_m: Vertical command, downwards.
+        deep_push_m: Vertical command after a drop. The peg has found an edge and is going in.
+    """
+
+    pitch_m: Annotated[float, Field(ge=0.0002, le=0.02)] = 0.0015
+    speed_mps: Annotated[float, Field(ge=0.001, le=0.1, json_schema_extra=_SPEED)] = 0.02
+    slide_mps: Annotated[float, Field(ge=0.001, le=0.1, json_schema_extra=_SPEED)] = 0.04
+    change_s: Annotated[float, Field(ge=0, le=10)] = 0.2
+    feel_s: Annotated[float, Field(ge=0.1, le=100)] = 2.0
+    sink_s: Annotated[float, Field(ge=0, le=100)] = 1.0
+    push_m: Push = 0.004
+    deep_push_m: Push = 0.006

@@ -1,0 +1,148 @@
+"""Search about a centre in contact: an Archimedean spiral that can be begun anew elsewhere without a lift.
+
+After a length s of the path, angle and radius are θ = √(4π s / d) and r = d θ / 2π with the pitch d, to first
+order, and the searched disc has the area π r² = d s. So a search about c needs the time
+
+    T(c) = π E|h - c|² / (v d)
+
+on average to reach the hole h, at speed v. After radius ρ without success, it needs π E[max(|h - c|² - ρ²,
+0)] / (v d) more for a hole that is still outside, while one inside has been missed and needs a new search.
+"""
+
+from dataclasses import replace
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Bool, Float
+
+from mjx_fit.config.sections.seek import SeekConfig
+from mjx_fit.control.policies import PolicyInput
+from mjx_fit.types import Array, pytree
+from mjx_fit.utils.rates import ACTION_S
+
+FOLLOW_M = 0.004
+"""Largest lag of the TCP behind its goal while the search goes on, m; it waits for a TCP further behind."""
+DROP_M = 0.0012
+"""Depth below the first contact at which the peg has dropped into something, m."""
+SINK_MPS = 0.002
+"""Speed of a peg that is going in, m/s: the search waits for it."""
+
+
+@pytree
+class Search:
+    """State of a search.
+
+    Attributes:
+        centre_world: Centre of the spiral, m.
+        path_m: Length s of the spiral so far, m.
+        goal_world: Lateral goal of the TCP, m.
+        touch_m: Height of the TCP at the first contact, m.
+        touched: Whether there was contact.
+        dropped: Whether the peg had dropped at the last action.
+    """
+
+    centre_world: Float[Array, "2"]
+    path_m: Float[Array, ""]
+    goal_world: Float[Array, "2"]
+    touch_m: Float[Array, ""]
+    touched: Bool[Array, ""]
+    dropped: Bool[Array, ""]
+
+    def radius_m(self, config: SeekConfig) -> Float[Array, ""]:
+        """Return the radius of the searched disc, m."""
+        return jnp.sqrt(config.pitch_m * self.path_m / jnp.pi)
+
+
+def begin(centre_world: Float[Array, "2"]) -> Search:
+    """Return a search that has not begun."""
+    zero, no = jnp.zeros(()), jnp.zeros((), bool)
+    return Search(centre_world, zero, centre_world, zero, no, no)
+
+
+def about(search: Search, centre_world: Float[Array, "2"]) -> Search:
+    """Return the search begun anew about another centre."""
+    return replace(search, centre_world=centre_world, path_m=jnp.zeros(()))
+
+
+def step(search: Search, seen: PolicyInput, config: SeekConfig) -> tuple[Search, Float[Array, "3"]]:
+    """Advance the search by one action, and return its command, m.
+
+    A peg that has dropped by ``DROP_M`` is at the hole: it is pushed more, rests while it sinks, and is
+    searched with anew about where it is if it does not.
+    """
+    here, height = seen.tip_pos_world[:2], seen.tip_pos_world[2]
+    first = seen.contact & ~search.touched
+    touch = jnp.where(first, height, search.touch_m)
+    touched = search.touched | seen.contact
+    dropped = touched & (height < touch - DROP_M)
+    at_hole = replace(about(search, here), goal_world=here)
+    search = jax.tree.map(partial(jnp.where, dropped & ~search.dropped), at_hole, search)
+    search = replace(search, touch_m=touch, touched=touched, dropped=dropped)
+    sinks = dropped & (seen.tip_linvel_world[2] < -SINK_MPS)
+    behind = jnp.linalg.norm(search.goal_world - here)
+    target = search.centre_world + spiral(search.path_m, config.pitch_m)
+    arrived = jnp.linalg.norm(target - search.goal_world) < 1e-6
+    moves = touched & ~sinks & (behind < FOLLOW_M)
+    path = search.path_m + jnp.where(moves & arrived, config.speed_mps * ACTION_S, 0)
+    target = search.centre_world + spiral(path, config.pitch_m)
+    goal = jnp.where(
+        moves, towards(search.goal_world, target, config.slide_mps * ACTION_S), search.goal_world
+    )
+    push = jnp.where(dropped, config.deep_push_m, config.push_m)
+    return replace(search, path_m=path, goal_world=goal), jnp.append(goal - here, -push)
+
+
+def spiral(path_m: Float[Array, ""], pitch_m: float) -> Float[Array, "2"]:
+    """Return the point of the spiral after a length of its path, relative to its centre, m."""
+    angle = jnp.sqrt(4 * jnp.pi * path_m / pitch_m)
+    return pitch_m * angle / (2 * jnp.pi) * jnp.stack([jnp.cos(angle), jnp.sin(angle)])
+
+
+def towards(from_world: Float[Array, "2"], to_world: Float[Array, "2"], most_m: float) -> Float[Array, "2"]:
+    """Return the point on the way from one to the other, at most this far, m."""
+    way = to_world - from_world
+    return from_world + way * jnp.minimum(1, most_m / jnp.maximum(jnp.linalg.norm(way), 1e-9))
+
+
+def time_s(area_m2: Float[Array, "*batch"], config: SeekConfig) -> Float[Array, "*batch"]:
+    """Return the time of searching π times this area, s."""
+    return jnp.pi * area_m2 / (config.speed_mps * config.pitch_m)
+
+
+def visit_s(spread_m2: Float[Array, "*batch"], config: SeekConfig) -> Float[Array, "*batch"]:
+    """Compute the expected time of a visit to a hole, s, given the trace of the belief's covariance, m²."""
+    return insertion_s(time_s(spread_m2, config), config)
+
+
+def insertion_s(blind_s: Float[Array, "*batch"], config: SeekConfig) -> Float[Array, "*batch"]:
+    """Compute the expected time to an insertion, s, given that of a search that feels nothing.
+
+    What finds the hole first counts, the search or the sense of touch: t f / (t + f) with the time f =
+    ``feel_s``. The peg is then pushed in.
+    """
+    return config.sink_s + blind_s * config.feel_s / (blind_s + config.feel_s)
+
+
+def remaining_s(
+    search: Search, holes_world: Float[Array, "k 2"], new_s: Float[Array, ""], config: SeekConfig
+) -> Float[Array, ""]:
+    """Compute the expected time of a search that goes on, s: of holes outside, and of those missed inside.
+
+    Args:
+        search: The search.
+        holes_world: Points of equal weight that stand for the belief about the hole, m.
+        new_s: Expected time of a new search.
+        config: Pitch and speed.
+    """
+    squared = jnp.square(holes_world - search.centre_world).sum(-1)
+    left = squared - search.radius_m(config) ** 2
+    return time_s(jnp.maximum(left, 0).mean(), config) + (left < 0).mean() * (config.change_s + new_s)
+
+
+def new_s(
+    here_world: Float[Array, "2"], mean_world: Float[Array, "2"], cov: Float[Array, "2 2"], config: SeekConfig
+) -> Float[Array, ""]:
+    """Compute the expected time of a search begun anew about the mean: change, slide and spiral, s."""
+    way = jnp.linalg.norm(mean_world - here_world)
+    return config.change_s + way / config.slide_mps + time_s(jnp.trace(cov), config)

@@ -1,0 +1,133 @@
+"""Policy ``seek``: search about the believed position, update the belief with every action, and act on it.
+
+With every action the sensor reads the previous one and the filter conditions the prior on the trace so far.
+Then the policy compares two expected times (``mjx_fit.control.search``): of the search that goes on about its
+centre c, and of one begun anew about the mean μ, and does what takes less:
+
+    π E[max(|h - c|² - ρ², 0)] / (v d) + P(|h - c| < ρ) (t₀ + T),   T = t₀ + |x - μ| / w + π tr Σ / (v d)
+
+It leaves the hole once another promises more insertions per second (``mjx_fit.task.hole_choice``) than this
+one does with the smaller of both times.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+from flax import nnx
+from jaxtyping import Bool, Float, Key
+
+from mjx_fit.config.schema import Config
+from mjx_fit.control import search
+from mjx_fit.control.policies import Policy, PolicyInput, PolicyStart
+from mjx_fit.control.search import Search
+from mjx_fit.filters.kalman import scale_tril
+from mjx_fit.filters.outcome_model import standard_normal
+from mjx_fit.filters.updates import initial_belief
+from mjx_fit.sensors.contact_sensor import ContactSensor
+from mjx_fit.sensors.encoder import Past
+from mjx_fit.task.estimator import posterior
+from mjx_fit.types import Array, Belief, pytree
+from mjx_fit.utils.errors import RequestError
+
+NAME = "seek"
+
+
+@pytree
+class Thought:
+    """State of ``seek``.
+
+    Attributes:
+        past: What the sensor keeps of the trace so far; None without a sensor.
+        prior: Belief before the attempt.
+        belief: Belief after the trace so far.
+        search: The search.
+        leaves: Whether the hole is to be left.
+    """
+
+    past: Past | None
+    prior: Belief
+    belief: Belief
+    search: Search
+    leaves: Bool[Array, ""]
+
+
+def seek(config: Config, sensor: ContactSensor | None = None, name: str = NAME) -> Policy:
+    """Create the policy.
+
+    Args:
+        config: Defines pitch and speeds (section ``seek``), the filters, and the longest attempt.
+        sensor: Sensor that reads attempts in progress; None: the belief stays the prior.
+        name: Name in data sets and results.
+
+    Raises:
+        RequestError: The sensor cannot read an attempt in progress.
+    """
+    rows = config.task.attempt_actions
+    network = None if sensor is None else _copies_of(sensor)
+    if sensor is not None:
+        sensor.begin(rows)  # raises for a sensor that cannot
+
+    def init(start: PolicyStart, key: Key[Array, ""]) -> Thought:
+        prior = start.belief
+        if prior is None:
+            prior = initial_belief(start.estimate_world, config.detector.prior_std_m, config.scene.n_types)
+        past = None if network is None else network().begin(rows)
+        return Thought(past, prior, prior, search.begin(start.estimate_world), jnp.zeros((), bool))
+
+    def act(thought: Thought, seen: PolicyInput) -> tuple[Thought, Float[Array, "3"]]:
+        if network is not None:
+            if seen.horizon > rows:
+                raise RequestError(f"policy {name}: {seen.horizon} actions are too many: expected {rows}")
+            felt = _felt(network, config)
+            thought = jax.lax.cond(seen.step > 0, felt, lambda thought, seen: thought, thought, seen)
+            thought = decided(thought, seen, config)
+        now, command = search.step(thought.search, seen, config.seek)
+        return replace(thought, search=now), command
+
+    return Policy(
+        init,
+        act,
+        name,
+        reads=sensor is not None,
+        report=lambda thought: thought.belief,
+        gives_up=lambda thought: thought.leaves,
+    )
+
+
+def _copies_of(sensor: ContactSensor) -> Callable[[], ContactSensor]:
+    """Return a function that makes a copy of the sensor: one for each trace of JAX."""
+    graph, state = nnx.split(sensor)
+    return lambda: nnx.merge(graph, state)
+
+
+def _felt(network: Callable[[], ContactSensor], config: Config) -> Callable[[Thought, PolicyInput], Thought]:
+    """Return the function that reads the previous action and updates the belief."""
+
+    def felt(thought: Thought, seen: PolicyInput) -> Thought:
+        assert thought.past is not None
+        assert seen.reading is not None
+        past, observation = network().add(thought.past, seen.reading, seen.step - 1)
+        n_types = config.scene.n_types
+        belief = posterior(thought.prior, observation, seen.start.peg_type, jnp.zeros((n_types,) * 2), config)
+        return replace(thought, past=past, belief=belief)
+
+    return felt
+
+
+def decided(thought: Thought, seen: PolicyInput, config: Config) -> Thought:
+    """Begin the search anew if that takes less time than to go on, and decide whether to leave the hole."""
+    belief, now = thought.belief, thought.search
+    holes = belief.pos_mean_world + standard_normal() @ scale_tril(belief.pos_cov).T
+    anew = search.new_s(seen.tip_pos_world[:2], belief.pos_mean_world, belief.pos_cov, config.seek)
+    goes_on = search.remaining_s(now, holes, anew, config.seek)
+    changes = now.touched & ~now.dropped & (anew < goes_on)
+    about = search.about(now, belief.pos_mean_world)
+    now = jax.tree.map(lambda new, old: jnp.where(changes, new, old), about, now)
+    leaves = thought.leaves
+    if seen.start.elsewhere_per_s is not None:
+        match = jnp.exp(belief.type_logp[seen.start.peg_type])
+        here = match / search.insertion_s(jnp.minimum(anew, goes_on), config.seek)
+        leaves = (here < seen.start.elsewhere_per_s) & now.touched & ~now.dropped
+    return replace(thought, search=now, leaves=leaves)

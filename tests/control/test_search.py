@@ -1,0 +1,107 @@
+"""The search in contact: its path integrated by hand, its times against searches played out."""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from fakes import seen
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mjx_fit.config.sections.seek import SeekConfig
+from mjx_fit.control import search
+
+CONFIG = SeekConfig()
+PATH = np.linspace(0, 0.4, 40_001)
+"""Lengths of the path at which the search is looked at, m."""
+
+
+def path_of(pitch_m: float) -> np.ndarray:
+    return np.asarray(jax.vmap(lambda s: search.spiral(s, pitch_m))(jnp.asarray(PATH)), np.float64)
+
+
+@pytest.mark.parametrize("pitch_m", [0.001, 0.0015, 0.004])
+def test_the_spiral_is_as_long_as_it_says_and_its_turns_are_a_pitch_apart(pitch_m):
+    path = path_of(pitch_m)
+    length = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
+    far = 20 * pitch_m < PATH
+    np.testing.assert_allclose(length[far], PATH[far], rtol=0.06)
+    radius = np.linalg.norm(path, axis=1)
+    np.testing.assert_allclose(np.pi * radius**2, pitch_m * PATH, rtol=1e-3, atol=1e-9)
+    angle = np.unwrap(np.arctan2(path[1:, 1], path[1:, 0]))
+    np.testing.assert_allclose(np.interp(angle + 2 * np.pi, angle, radius[1:])[: len(PATH) // 2]
+                               - radius[1 : 1 + len(PATH) // 2], pitch_m, rtol=0.02)  # fmt: skip
+
+
+def test_expected_times_are_those_of_searches_played_out():
+    """A hole is found by the first point of the path within half a pitch, of holes drawn from the belief."""
+    rng = np.random.default_rng(1)
+    cov = np.array([[9e-6, 3e-6], [3e-6, 4e-6]])
+    holes = rng.multivariate_normal([0, 0], cov, 1500)
+    path = path_of(CONFIG.pitch_m)
+    distance = np.linalg.norm(path[None, ::10] - holes[:, None], axis=-1)
+    found = distance <= CONFIG.pitch_m / 2
+    assert found.any(1).all()
+    seconds = PATH[::10][found.argmax(1)] / CONFIG.speed_mps
+    expected = float(search.time_s(jnp.trace(jnp.asarray(cov)), CONFIG))
+    assert expected == pytest.approx(seconds.mean(), rel=0.08)
+    # The same search after its first 30 mm, for the holes that it has not found by then.
+    begun = replace(search.begin(jnp.zeros(2)), path_m=jnp.asarray(0.03))
+    anew = 7.0
+    goes_on = float(search.remaining_s(begun, jnp.asarray(holes), jnp.asarray(anew), CONFIG))
+    outside = np.linalg.norm(holes, axis=1) > np.sqrt(CONFIG.pitch_m * 0.03 / np.pi)
+    left = np.where(outside, seconds - 0.03 / CONFIG.speed_mps, anew + CONFIG.change_s)
+    assert goes_on == pytest.approx(left.mean(), rel=0.08)
+
+
+def test_a_new_search_takes_the_change_the_slide_and_the_spiral():
+    cov = jnp.diag(jnp.array([4e-6, 1e-6]))
+    took = search.new_s(jnp.array([0.01, 0.0]), jnp.array([0.01, 0.008]), cov, CONFIG)
+    assert float(took) == pytest.approx(0.2 + 0.008 / 0.04 + np.pi * 5e-6 / (0.02 * 0.0015), rel=1e-5)
+
+
+@settings(max_examples=30)
+@given(st.floats(0, 1e3), st.floats(0, 1e3))
+def test_an_insertion_takes_longer_after_a_longer_search_but_never_more_than_feeling_and_sinking(a, b):
+    short, long = sorted((a, b))
+    times = [float(search.insertion_s(jnp.asarray(t), CONFIG)) for t in (short, long)]
+    assert CONFIG.sink_s <= times[0] <= times[1] <= CONFIG.sink_s + CONFIG.feel_s
+    assert times[0] <= CONFIG.sink_s + short + 1e-5
+
+
+def test_a_search_begins_with_contact_and_waits_for_a_peg_that_lags():
+    state, command = search.step(search.begin(jnp.zeros(2)), seen(contact=False), CONFIG)
+    assert float(state.path_m) == 0
+    np.testing.assert_allclose(command, [0, 0, -CONFIG.push_m])
+    touched, _ = search.step(state, seen(), CONFIG)
+    assert float(touched.path_m) == pytest.approx(CONFIG.speed_mps * 0.1)
+    behind, _ = search.step(touched, seen((0.006, 0.0, 0.045)), CONFIG)
+    assert float(behind.path_m) == float(touched.path_m)
+
+
+def test_a_slide_to_another_centre_is_no_faster_than_allowed_and_precedes_its_spiral():
+    state, _ = search.step(search.begin(jnp.zeros(2)), seen(), CONFIG)
+    state = search.about(state, jnp.array([0.01, 0.0]))
+    places = []
+    for _ in range(4):
+        state, _ = search.step(state, seen((*state.goal_world, 0.045)), CONFIG)
+        places.append(np.asarray(state.goal_world))
+        if len(places) == 1:
+            assert float(state.path_m) == 0
+    steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
+    assert (steps <= CONFIG.slide_mps * 0.1 + 1e-6).all()
+    assert np.linalg.norm(places[-1] - [0.01, 0]) < 0.003
+
+
+def test_a_peg_that_drops_is_pushed_more_where_it_is_and_searched_with_there_once_it_stops():
+    state, _ = search.step(search.begin(jnp.zeros(2)), seen(), CONFIG)
+    hole = (0.003, 0.001)
+    deep = 0.045 - search.DROP_M - 0.0005
+    sinking, command = search.step(state, seen((*hole, deep), sinks_mps=0.01), CONFIG)
+    np.testing.assert_allclose(command, [0, 0, -CONFIG.deep_push_m], atol=1e-6)
+    stuck, command = search.step(sinking, seen((*hole, deep)), CONFIG)
+    assert float(stuck.path_m) > 0
+    np.testing.assert_allclose(stuck.centre_world, hole)
+    assert np.linalg.norm(command[:2]) < 0.003

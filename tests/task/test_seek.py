@@ -1,0 +1,211 @@
+"""The policy that acts on its belief while it touches: against the filter, and against its rule by hand."""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from fakes import seen
+from flax import nnx
+
+from mjx_fit.api import draw_attempts
+from mjx_fit.config.schema import Config
+from mjx_fit.control import search
+from mjx_fit.control.policies import PolicyStart
+from mjx_fit.engines.select import make_engine
+from mjx_fit.filters.updates import initial_belief
+from mjx_fit.sensors.contact_sensor import ContactSensor
+from mjx_fit.sensors.reading import Window, read_window
+from mjx_fit.task.assembly_snapshot import EMPTY
+from mjx_fit.task.effort import move_time_s
+from mjx_fit.task.estimator import after_failures, posterior
+from mjx_fit.task.hole_choice import Situation, by_rate
+from mjx_fit.task.seek import Thought, decided, seek
+from mjx_fit.types import Belief
+from mjx_fit.utils.errors import RequestError
+
+N, ACTIONS = 4, 12
+NEVER, AT_ONCE = 0.0, 1e6
+
+
+def without_errors(config: Config) -> Config:
+    return replace(config, wrist=config.wrist.without_errors(), pose=config.pose.without_errors())
+
+
+def gentle(**sensor) -> Config:
+    config = without_errors(Config())
+    small = replace(config.sensor, width=16, layers=1, heads=2, conv_channels=(4,) * 5, **sensor)
+    return replace(config, sensor=small, control=replace(config.control, push="force"))
+
+
+def a_sensor(config: Config) -> ContactSensor:
+    """A sensor whose answers depend on the trace: its last layers are not those of an untrained one."""
+    sensor = ContactSensor(config.sensor, nnx.Rngs(3))
+    rngs = nnx.Rngs(4)
+    for head in (sensor.position, sensor.match):
+        head.last.kernel[...] = 2.0 * jax.random.normal(rngs.params(), head.last.kernel.shape)
+    return sensor
+
+
+@pytest.mark.parametrize("engine", ["native", pytest.param("mjx", marks=pytest.mark.slow)])
+def test_the_belief_inside_an_attempt_is_the_filters_after_the_trace_so_far(engine):
+    config = gentle(causal=True)
+    sensor = a_sensor(config)
+    attempts = draw_attempts(jax.random.key(1), N, config=config)
+    prior = Belief(
+        attempts.estimate_world,
+        jnp.broadcast_to(jnp.diag(jnp.array([4e-6, 9e-6])), (N, 2, 2)),
+        jnp.log(jnp.broadcast_to(jnp.array([0.2, 0.3, 0.5]), (N, 3))),
+    )
+    attempts = replace(attempts, belief=prior)
+    done = make_engine(engine, config, seek(config, sensor)).run(attempts, ACTIONS)
+    # Before the first reading it is the prior; row j of the report has read j actions.
+    for got, want in zip(jax.tree.leaves(done.report), jax.tree.leaves(prior), strict=True):
+        np.testing.assert_allclose(got[:, 0], want, rtol=1e-6)
+    moved = 0.0
+    for j in range(1, int(np.min(done.felt.length))):
+        window = Window(ACTIONS, count=j)
+        reading = jax.vmap(lambda felt, w=window: read_window(felt, jax.random.key(0), config, w))(done.felt)
+        want = posterior(prior, sensor(reading), done.felt.peg_type, jnp.zeros((3, 3)), config)
+        got = jax.tree.map(lambda leaf, j=j: leaf[:, j], done.report)
+        np.testing.assert_allclose(got.pos_mean_world, want.pos_mean_world, atol=2e-6)
+        np.testing.assert_allclose(got.pos_cov, want.pos_cov, rtol=1e-3)
+        np.testing.assert_allclose(got.type_logp, want.type_logp, atol=1e-3)
+        moved = np.abs(want.pos_mean_world - prior.pos_mean_world).max()
+    assert moved > 1e-4
+
+
+def thought(belief: Belief, *, path_m: float, centre=(0.0, 0.0), touched=True) -> Thought:
+    state = replace(
+        search.begin(jnp.asarray(centre)), path_m=jnp.asarray(path_m), touched=jnp.asarray(touched)
+    )
+    return Thought(None, belief, belief, state, jnp.zeros((), bool))
+
+
+def belief_of(mean, std, match=1 / 3) -> Belief:
+    logp = np.log([match, (1 - match) / 2, (1 - match) / 2])
+    return Belief(jnp.asarray(mean), std**2 * jnp.eye(2), jnp.asarray(logp))
+
+
+def costs(thought: Thought, here, config: Config) -> tuple[float, float]:
+    """The two times of the rule, from 200,000 drawn holes."""
+    own, b = config.seek, thought.belief
+    rng = np.random.default_rng(0)
+    holes = rng.multivariate_normal(np.asarray(b.pos_mean_world), np.asarray(b.pos_cov, float), 200_000)
+    area = np.square(holes - np.asarray(thought.search.centre_world)).sum(1)
+    area -= own.pitch_m * float(thought.search.path_m) / np.pi
+    way = np.linalg.norm(np.asarray(b.pos_mean_world) - here[:2])
+    per_area = np.pi / (own.speed_mps * own.pitch_m)
+    anew = own.change_s + way / own.slide_mps + per_area * float(np.trace(b.pos_cov))
+    return float(per_area * np.maximum(area, 0).mean() + (area < 0).mean() * (own.change_s + anew)), anew
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_a_search_is_begun_anew_where_that_takes_less_time(seed):
+    config, rng = Config(), np.random.default_rng(seed)
+    belief = belief_of(rng.normal(0, 0.004, 2), rng.uniform(0.0005, 0.004))
+    before = thought(belief, path_m=rng.uniform(0, 0.15))
+    here = (*rng.normal(0, 0.003, 2), 0.045)
+    goes_on, anew = costs(before, here, config)
+    if abs(goes_on - anew) < 0.1 * anew:
+        pytest.skip("too close for drawn holes")
+    after = decided(before, seen(here), config)
+    if anew < goes_on:
+        np.testing.assert_allclose(after.search.centre_world, belief.pos_mean_world, rtol=1e-6)
+        assert float(after.search.path_m) == 0
+    else:
+        assert float(after.search.path_m) == float(before.search.path_m)
+
+
+def test_nothing_is_decided_before_contact_or_in_a_hole():
+    config, belief = Config(), belief_of((0.01, 0.0), 0.001, match=0.01)
+    start = PolicyStart(jnp.int32(0), jnp.zeros(2), jnp.int32(2), elsewhere_per_s=jnp.asarray(AT_ONCE))
+    now = replace(seen(), start=start)
+    deep = thought(belief, path_m=0.01)
+    deep = replace(deep, search=replace(deep.search, dropped=jnp.asarray(True)))
+    for state in (thought(belief, path_m=0.01, touched=False), deep):
+        after = decided(state, now, config)
+        assert not after.leaves
+        assert float(after.search.path_m) == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize("match", [0.9, 0.05])
+def test_a_hole_is_left_where_another_promises_more_insertions_per_second(match):
+    config, belief = Config(), belief_of((0.0005, 0.0), 0.001, match)
+    state = thought(belief, path_m=0.002)
+    here = match / float(search.insertion_s(jnp.asarray(min(costs(state, np.zeros(3), config))), config.seek))
+    for factor in (0.9, 1.1):
+        start = PolicyStart(
+            jnp.int32(0), jnp.zeros(2), jnp.int32(2), elsewhere_per_s=jnp.asarray(here * factor)
+        )
+        assert bool(decided(state, replace(seen(), start=start), config).leaves) == (factor > 1)
+
+
+@pytest.mark.parametrize(("elsewhere", "ends"), [(NEVER, False), (AT_ONCE, True)])
+def test_an_attempt_ends_when_its_hole_is_left(elsewhere, ends):
+    config = gentle(causal=True)
+    attempts = draw_attempts(jax.random.key(1), N, config=config)
+    attempts = replace(attempts, elsewhere_per_s=jnp.full(N, elsewhere))
+    done = make_engine("native", config, seek(config, a_sensor(config))).run(attempts, ACTIONS)
+    assert ((done.felt.length < ACTIONS) == ends).all()
+
+
+def test_a_search_without_a_sensor_inserts_from_a_millimetre_off():
+    config = gentle()
+    attempts = draw_attempts(jax.random.key(2), 8, config=config)
+    start = attempts.hole_pos_world + 0.0015 * jnp.array([0.8, -0.6])
+    attempts = replace(attempts, hole_type=attempts.peg_type, estimate_world=start)
+    done = make_engine("native", config, seek(config)).run(attempts, 60)
+    assert np.mean(done.truth.inserted) >= 0.75
+
+
+def test_the_last_belief_of_the_policy_is_the_posterior_of_a_failed_attempt():
+    config = gentle(causal=True)
+    attempts = draw_attempts(jax.random.key(1), N, config=config)
+    done = make_engine("native", config, seek(config, a_sensor(config))).run(attempts, 3)
+    prior = initial_belief(attempts.estimate_world, config.detector.prior_std_m, 3)
+
+    def never(beliefs, felt, keys):
+        raise AssertionError("the trace must not be read again")
+
+    after = after_failures(never, prior, done, attempts.key)
+    failed = np.asarray(done.truth.failed)
+    for got, told, old in zip(*map(jax.tree.leaves, (after, done.report, prior)), strict=True):
+        np.testing.assert_array_equal(np.asarray(got)[failed], told[failed, 2])
+        np.testing.assert_array_equal(np.asarray(got)[~failed], np.asarray(old)[~failed])
+
+
+def test_a_sensor_that_reads_whole_attempts_only_is_refused():
+    config = gentle()
+    with pytest.raises(RequestError, match=r"sensor\.causal"):
+        seek(config, ContactSensor(config.sensor, nnx.Rngs(0)))
+
+
+def test_the_hole_with_the_highest_rate_is_chosen_and_the_next_best_is_judged_from_there():
+    rng, config = np.random.default_rng(5), Config()
+    rows, holes = 6, 4
+    match = rng.dirichlet(np.ones(3), (rows, holes))
+    std = rng.uniform(0.0005, 0.01, (rows, holes))
+    mean = rng.uniform(0.3, 0.6, (rows, holes, 2))
+    beliefs = Belief(mean, std[..., None, None] ** 2 * np.eye(2), np.log(match))
+    peg, filled = rng.integers(0, 3, rows), rng.random((rows, holes)) < 0.4
+    filled[:, 0], filled[-1] = False, [False, True, True, True]
+    place = rng.uniform(0.3, 0.6, (rows, 2))
+    now = Situation(beliefs, peg, filled, np.zeros((rows, holes), int), place)
+    choice, elsewhere = by_rate(now, config)
+
+    def rate(r: int, h: int, start: np.ndarray) -> float:
+        blind = np.pi * 2 * std[r, h] ** 2 / (config.seek.speed_mps * config.seek.pitch_m)
+        search_s = 1 / (1 / blind + 1 / config.seek.feel_s) + config.seek.sink_s
+        return match[r, h, peg[r]] / (search_s + move_time_s(start[None], mean[r, h][None], config.moves)[0])
+
+    for r in range(rows):
+        free = [h for h in range(holes) if not filled[r, h]]
+        best = max(free, key=lambda h, r=r: rate(r, h, place[r]))
+        assert choice.hole[r] == best
+        assert choice.chance[r] == pytest.approx(match[r, best, peg[r]])
+        others = [rate(r, h, mean[r, best]) for h in free if h != best]
+        assert elsewhere[r] == pytest.approx(max(others, default=0.0), rel=1e-4)
+        assert np.isnan(choice.next_best[r]) == (not others)
+    assert EMPTY == -1
