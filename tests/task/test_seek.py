@@ -98,7 +98,8 @@ def costs(thought: Thought, here, config: Config) -> tuple[float, float]:
     way = np.linalg.norm(np.asarray(b.pos_mean_world) - here[:2])
     per_area = np.pi / (own.speed_mps * own.pitch_m)
     anew = own.change_s + way / own.slide_mps + per_area * float(np.trace(b.pos_cov))
-    return float(per_area * np.maximum(area, 0).mean() + (area < 0).mean() * (own.change_s + anew)), anew
+    goes_on = per_area * np.maximum(area, 0).mean() + (area < 0).mean() * (own.change_s + anew)
+    return float(goes_on), float(anew)
 
 
 @pytest.mark.parametrize("seed", range(12))
