@@ -17,7 +17,7 @@ from mjx_fit.report import script
 HERE = Path(__file__).parent
 GENTLE = ("--config", HERE / "gentle.yaml")
 WORLDS = ("paper", "forge")
-EPISODES = (5000, 5000, 5000)
+EPISODES = (5000, 2500, 2500)
 """Attempts in each world and round, two at each hole."""
 EPOCHS = (14, 10, 10)
 

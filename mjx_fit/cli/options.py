@@ -139,13 +139,11 @@ def policy_of(args: argparse.Namespace, config: Config) -> "tuple[Config, Policy
         RequestError: The file holds no such policy, or the sensor cannot read an attempt in progress.
     """
     from mjx_fit.control.policy_file import is_policy_file, load_policy
-    from mjx_fit.task.seek import NAME, seek
+    from mjx_fit.task.seek import NAME, seek_with
     from mjx_fit.training.sensor_loader import load_trained_sensor
 
     if args.policy == NAME:
         if not hasattr(args, "run"):
             raise RequestError(f"--policy: {NAME} cannot be used here: its attempts need beliefs")
-        sensor = load_trained_sensor(run_of(args))
-        config = sensor.adapt(config)
-        return config, seek(config, sensor.network, f"{NAME}@{sensor.fingerprint[:12]}")
+        return seek_with(load_trained_sensor(run_of(args)), config)
     return config, load_policy(args.policy) if args.policy and is_policy_file(args.policy) else None

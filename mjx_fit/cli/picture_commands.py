@@ -81,6 +81,8 @@ def _played(args: argparse.Namespace) -> "Generator[Recording]":
     from mjx_fit.config.schema import config_from_stored
     from mjx_fit.engines.select import make_engine
     from mjx_fit.evaluation import playback, results
+    from mjx_fit.task.seek import NAME as SEEK
+    from mjx_fit.task.seek import seek_with
     from mjx_fit.training.sensor_loader import load_trained_sensor
 
     asked = args.world or args.parts or args.config or args.set or args.seed or args.engine != "auto"
@@ -94,6 +96,9 @@ def _played(args: argparse.Namespace) -> "Generator[Recording]":
         config = config_of(args)
         engine, sensor = make_engine(args.engine, config), load_trained_sensor(run_of(args))
         return playback.record(config, pick, args.seed, engine, sensor)
-    result = results.read(args.result)
-    engine = make_engine(result.engine, config_from_stored(result.config))
-    return playback.replay(result, pick, engine, load_trained_sensor(run_of(args)))
+    result, sensor = results.read(args.result), load_trained_sensor(run_of(args))
+    config, policy = config_from_stored(result.config), None
+    if str(result.request.get("policy", "")).partition("@")[0] == SEEK:
+        config, policy = seek_with(sensor, config)
+    engine = make_engine(result.engine, config, policy)
+    return playback.replay(result, pick, engine, sensor)

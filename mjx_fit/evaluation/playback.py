@@ -85,7 +85,10 @@ def replay(
     """
     if result.experiment != "assembly":
         raise RequestError(f"result: {result.experiment!r} is invalid: expected 'assembly'")
-    if policy := result.request.get("policy"):
+    policy = result.request.get("policy")
+    if policy and policy != engine.policy_name:
+        if engine.policy_name:
+            raise RequestError("--run: the result was made with another sensor; pass that run")
         raise RequestError(f"result: policy: {shown(policy)} cannot be used: a result does not hold it")
     if not result.trials:
         raise RequestError("result: trials cannot be used: the list is empty")

@@ -27,6 +27,7 @@ from mjx_fit.filters.outcome_model import standard_normal
 from mjx_fit.filters.updates import initial_belief
 from mjx_fit.sensors.contact_sensor import ContactSensor
 from mjx_fit.sensors.encoder import Past
+from mjx_fit.sensors.trained_sensor import TrainedSensor
 from mjx_fit.task.estimator import posterior
 from mjx_fit.types import Array, Belief, pytree
 from mjx_fit.utils.errors import RequestError
@@ -58,7 +59,7 @@ def seek(config: Config, sensor: ContactSensor | None = None, name: str = NAME) 
 
     Args:
         config: Defines pitch and speeds (section ``seek``), the filters, and the longest attempt.
-        sensor: Sensor that reads attempts in progress; None: the belief stays the prior.
+        sensor: Sensor that reads attempts in progress; None: the belief stays the prior, and is not reported.
         name: Name in data sets and results.
 
     Raises:
@@ -91,9 +92,23 @@ def seek(config: Config, sensor: ContactSensor | None = None, name: str = NAME) 
         act,
         name,
         reads=sensor is not None,
-        report=lambda thought: thought.belief,
+        report=None if network is None else _belief,
         gives_up=lambda thought: thought.leaves,
     )
+
+
+def seek_with(sensor: TrainedSensor, config: Config) -> tuple[Config, Policy]:
+    """Return the policy of a trained sensor, named after it, and the configuration with its network.
+
+    Raises:
+        RequestError: The sensor cannot read an attempt in progress, or does not suit the configuration.
+    """
+    config = sensor.adapt(config)
+    return config, seek(config, sensor.network, f"{NAME}@{sensor.fingerprint[:12]}")
+
+
+def _belief(thought: Thought) -> Belief:
+    return thought.belief
 
 
 def _copies_of(sensor: ContactSensor) -> Callable[[], ContactSensor]:

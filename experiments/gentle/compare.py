@@ -1,0 +1,75 @@
+"""Compare insertion results of the same draws: seconds, newtons, and paired tests against the first.
+
+    python experiments/gentle/compare.py OUT NAME=FILE.json:METHOD NAME=FILE.json:METHOD ...
+
+Writes OUT.json, OUT_seconds.png and OUT_forces.png. A trial without an insertion counts with the seconds of
+all its attempts. The tests are sign flips of paired seconds, whole draws at a time, with Holm's adjustment.
+"""
+
+import argparse
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mjx_fit.evaluation import results
+from mjx_fit.evaluation.effort_summary import summarise_effort, totals
+from mjx_fit.evaluation.statistics import bootstrap_mean, holm, sign_flip
+from mjx_fit.report import script
+from mjx_fit.report.figures.effort import inserted_by_seconds, peak_forces
+
+METRICS = ("seconds", "in_by_5s", "in_by_10s", "in_by_30s", "peak_force_n", "mean_force_n", "over_20n_share",
+           "move_seconds")  # fmt: skip
+
+
+def main(out: Path, sources: list[str]) -> None:
+    rows: list[dict[str, Any]] = []
+    table = {}
+    for source in sources:
+        name, _, place = source.partition("=")
+        file, _, method = place.rpartition(":")
+        own = [row for row in results.read(Path(file)).trials if row["method"] == method]
+        own = sorted(own, key=lambda row: (row["trial"], row["seed"]))
+        rows += [row | {"method": name} for row in own]
+        table[name] = described(own)
+    by_name = results.by_method(rows)
+    first, *others = by_name
+    draws = [row["trial"] for row in by_name[first]]
+    seconds = {name: totals(own, "seconds") for name, own in by_name.items()}
+    assert all(len(one) == len(draws) for one in seconds.values()), "the results are of other draws"
+    saved = {name: seconds[name] - seconds[first] for name in others}
+    p_values = holm([sign_flip(one, draws) for one in saved.values()])
+    for (name, one), p_value in zip(saved.items(), p_values, strict=True):
+        mean = bootstrap_mean(one, draws)
+        table[name] |= {"saves_seconds": [mean.value, mean.low, mean.high], "p_value": p_value}
+    script.save(out.with_suffix(".json"), {"sources": sources, "n": len(draws), "methods": table})
+    for kind, drawn in (("seconds", inserted_by_seconds), ("forces", peak_forces)):
+        script.draw(out.with_name(f"{out.name}_{kind}.png"), partial(drawn, rows))
+
+
+def described(own: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return the metrics of one method: value, and the ends of its interval."""
+    summary = summarise_effort("", own, success=[row["success"] for row in own])
+    found = {
+        f"{row.metric}{'' if row.group == 'all' else ' ' + row.group}": [row.value, row.low, row.high]
+        for row in summary
+        if row.metric in METRICS
+    }
+    visits = np.array([row["attempts"] for row in own])
+    peaks = totals(own, "over_20n_s")
+    return found | {
+        "success": float(np.mean([row["success"] for row in own])),
+        "visits": float(visits.mean()),
+        "over_20n_s_99th": float(np.quantile(peaks, 0.99)),
+    }
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("out", type=Path, metavar="OUT")
+    parser.add_argument("sources", nargs="+", metavar="NAME=FILE.json:METHOD")
+    asked = parser.parse_args()
+    main(asked.out, asked.sources)
