@@ -3,9 +3,8 @@
 mjx-fit evaluate insertion --policy experiments/gentle/blind.py:blind --methods full ...
 """
 
-from pathlib import Path
-
 from mjx_fit.config.files import read_config
 from mjx_fit.task.seek import seek
+from mjx_fit.utils import resources
 
-blind = seek(read_config([Path(__file__).parent / "gentle.yaml"], []))
+blind = seek(read_config([resources.folder("configs") / "gentle.yaml"], []))

@@ -1,12 +1,13 @@
-"""Train the sensor of `seek`: collect, train, collect under its own beliefs, train on; resumes where it was.
+"""Train the sensor of `seek`: collect, train, collect under its own beliefs, train again.
 
     python experiments/gentle/learn.py OUT
 
-The first round reads spirals and random sweeps. Each later one collects attempts of `seek` with the sensor of
-the round before, and trains it further on all data so far: a search that acts on its belief goes where no
-spiral goes, and what the sensor feels there it has to learn there (Ross et al., "A reduction of imitation
-learning and structured prediction to no-regret online learning", 2011). Half of the attempts are in the world
-`paper`, half in `forge`; readings have the errors of `forge`.
+The same command resumes where it was. The first data are spirals and random sweeps. The later ones are attempts
+of `seek` with the sensor trained so far: a search that acts on its belief goes where no spiral goes, and what
+the sensor feels there it has to learn there (Ross et al., "A reduction of imitation learning and structured
+prediction to no-regret online learning", 2011). The second sensor starts from the first and reads the new data
+alone; the last one starts anew and reads all. Half of the attempts are in the world `paper`, half in `forge`;
+readings have the errors of `forge`.
 """
 
 import argparse
@@ -14,28 +15,33 @@ from pathlib import Path
 
 from mjx_fit.report import script
 
-HERE = Path(__file__).parent
-GENTLE = ("--config", HERE / "gentle.yaml")
+GENTLE = ("--config", "configs/gentle.yaml")
 WORLDS = ("paper", "forge")
-EPISODES = (5000, 2500, 2500)
-"""Attempts in each world and round, two at each hole."""
-EPOCHS = (14, 10, 10)
 
 
 def main(out: Path) -> None:
-    sets: list[Path] = []
-    run = None
-    for number, (episodes, epochs) in enumerate(zip(EPISODES, EPOCHS, strict=True)):
-        policy = ("mixed",) if run is None else ("seek", "--run", run)
-        for world in WORLDS:
-            sets.append(out / f"round{number}_{world}")
-            seed = 31 + number
-            drawn = ("--world", world, *GENTLE, "--episodes", episodes, "--sequence", 2, "--seed", seed)
-            script.command("collect", "--out", sets[-1], "--policy", *policy, *drawn)
-        before, run = run, out / f"run{number}"
-        first = () if before is None else ("--init", before, "--set", "train.learning_rate=5e-4")
-        asked = ("--world", "forge", *GENTLE, "--config", HERE / "sensor.yaml", "--epochs", epochs)
-        script.command("train", "--data", *sets, "--out", run, *asked, *first)
+    spirals = collect(out, 0, 5000, "--policy", "mixed")
+    train(out / "run0", spirals, 14)
+    first = collect(out, 1, 2500, "--policy", "seek", "--run", out / "run0")
+    further = "--init", out / "run0", "--set", "train.learning_rate=5e-4"
+    train(out / "run1", first, 10, *further)
+    second = collect(out, 2, 2500, "--policy", "seek", "--run", out / "run1")
+    train(out / "run", [*spirals, *first, *second], 14)
+
+
+def collect(out: Path, number: int, episodes: int, *policy: object) -> list[Path]:
+    """Collect attempts in each world, two at each hole, and return the data sets."""
+    sets = [out / f"round{number}_{world}" for world in WORLDS]
+    drawn = "--episodes", episodes, "--sequence", 2, "--seed", 31 + number
+    for world, data in zip(WORLDS, sets, strict=True):
+        script.command("collect", "--out", data, "--world", world, *GENTLE, *drawn, *policy)
+    return sets
+
+
+def train(run: Path, sets: list[Path], epochs: int, *options: object) -> None:
+    """Train a sensor that reads attempts in progress."""
+    config = "--world", "forge", *GENTLE, "--config", Path(__file__).parent / "sensor.yaml"
+    script.command("train", "--data", *sets, "--out", run, *config, "--epochs", epochs, *options)
 
 
 if __name__ == "__main__":

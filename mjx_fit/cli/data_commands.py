@@ -3,7 +3,7 @@
 import argparse
 from dataclasses import fields, replace
 
-from mjx_fit.cli.options import add_command, config_of, configurable, policy_of, simulating, with_policy
+from mjx_fit.cli.options import SEEK, add_command, config_of, configurable, policy_of, simulating, with_policy
 from mjx_fit.cli.output import show
 from mjx_fit.cli.path_argument import path, run_path
 from mjx_fit.utils.errors import WorkError
@@ -74,7 +74,6 @@ def collect(args: argparse.Namespace) -> None:
     from mjx_fit.data.plan import Plan, check
     from mjx_fit.engines.select import make_engine
     from mjx_fit.task.estimator import filter_update
-    from mjx_fit.task.seek import NAME as SEEK
     from mjx_fit.training.sensor_loader import load_trained_sensor
 
     config, policy = policy_of(args, config_of(args))

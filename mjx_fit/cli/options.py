@@ -15,7 +15,9 @@ from mjx_fit.utils.errors import RequestError, shortened
 if TYPE_CHECKING:
     from mjx_fit.control.policies import Policy
 
-RUN = "folder of a training run, or as-2026-11 (default: the weights that ship with the package)"
+RUN = "folder of a training run, as-2026-11 or gentle (default: the weights that ship with the package)"
+SEEK, SEEK_RUN = "seek", "gentle"
+"""Name of the policy ``mjx_fit.task.seek``, and of the weights and the preset that it uses by default."""
 _POLICY_FILE = "FILE.py:NAME, a mjx_fit.Policy or a function of PolicyInput"
 
 
@@ -107,7 +109,7 @@ def with_config(parser: argparse.ArgumentParser) -> None:
 
 
 def config_of(args: argparse.Namespace, preset: str | None = None) -> Config:
-    """Read the configuration of a command line, on top of a world, parts and a preset.
+    """Read the configuration of a command line, on top of a world, parts and a preset; ``seek`` has its own.
 
     Raises:
         RequestError: A file cannot be read, or a key, a value or the seed is invalid.
@@ -118,15 +120,23 @@ def config_of(args: argparse.Namespace, preset: str | None = None) -> Config:
     if hasattr(args, "seed"):  # before sensors and data are read
         require_seed(args.seed)
     preset_file = [] if preset is None else [resources.folder("configs") / f"{preset}.yaml"]
+    if getattr(args, "policy", None) == SEEK:
+        preset_file = [resources.folder("configs") / f"{SEEK_RUN}.yaml", *preset_file]
     presets = [*world_file(args.world), *parts_file(args.parts), *preset_file]
     return read_config([*presets, *args.config], args.set)
 
 
-def run_of(args: argparse.Namespace) -> Path:
-    """Return the folder of the training run: from ``--run``, or the weights of the package."""
+def run_of(args: argparse.Namespace, policy: str | None = None) -> Path:
+    """Return the folder of the training run: from ``--run``, or weights of the package.
+
+    Args:
+        args: Command line.
+        policy: Name of the policy, which has weights of its own if it is ``seek``; None: ``--policy``.
+    """
     from mjx_fit.utils import resources
 
-    return args.run or resources.run_folder(None)
+    policy = policy or getattr(args, "policy", None)
+    return args.run or resources.run_folder(SEEK_RUN if policy == SEEK else None)
 
 
 def policy_of(args: argparse.Namespace, config: Config) -> "tuple[Config, Policy | None]":
@@ -139,11 +149,11 @@ def policy_of(args: argparse.Namespace, config: Config) -> "tuple[Config, Policy
         RequestError: The file holds no such policy, or the sensor cannot read an attempt in progress.
     """
     from mjx_fit.control.policy_file import is_policy_file, load_policy
-    from mjx_fit.task.seek import NAME, seek_with
+    from mjx_fit.task.seek import seek_with
     from mjx_fit.training.sensor_loader import load_trained_sensor
 
-    if args.policy == NAME:
+    if args.policy == SEEK:
         if not hasattr(args, "run"):
-            raise RequestError(f"--policy: {NAME} cannot be used here: its attempts need beliefs")
+            raise RequestError(f"--policy: {SEEK} cannot be used here: its attempts need beliefs")
         return seek_with(load_trained_sensor(run_of(args)), config)
     return config, load_policy(args.policy) if args.policy and is_policy_file(args.policy) else None

@@ -3,7 +3,7 @@
 import argparse
 from typing import TYPE_CHECKING
 
-from mjx_fit.cli.options import RUN, add_command, config_of, configurable, run_of, simulating
+from mjx_fit.cli.options import RUN, SEEK, add_command, config_of, configurable, run_of, simulating
 from mjx_fit.cli.path_argument import path, run_path
 from mjx_fit.utils.errors import RequestError
 
@@ -81,7 +81,6 @@ def _played(args: argparse.Namespace) -> "Generator[Recording]":
     from mjx_fit.config.schema import config_from_stored
     from mjx_fit.engines.select import make_engine
     from mjx_fit.evaluation import playback, results
-    from mjx_fit.task.seek import NAME as SEEK
     from mjx_fit.task.seek import seek_with
     from mjx_fit.training.sensor_loader import load_trained_sensor
 
@@ -96,9 +95,11 @@ def _played(args: argparse.Namespace) -> "Generator[Recording]":
         config = config_of(args)
         engine, sensor = make_engine(args.engine, config), load_trained_sensor(run_of(args))
         return playback.record(config, pick, args.seed, engine, sensor)
-    result, sensor = results.read(args.result), load_trained_sensor(run_of(args))
+    result = results.read(args.result)
     config, policy = config_from_stored(result.config), None
-    if str(result.request.get("policy", "")).partition("@")[0] == SEEK:
+    name = str(result.request.get("policy", "")).partition("@")[0]
+    sensor = load_trained_sensor(run_of(args, name))
+    if name == SEEK:
         config, policy = seek_with(sensor, config)
     engine = make_engine(result.engine, config, policy)
     return playback.replay(result, pick, engine, sensor)

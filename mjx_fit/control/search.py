@@ -25,6 +25,8 @@ FOLLOW_M = 0.004
 """Largest lag of the TCP behind its goal while the search goes on, m; it waits for a TCP further behind."""
 DROP_M = 0.0012
 """Depth below the first contact at which the peg has dropped into something, m."""
+REST_MPS = 0.003
+"""Speed below which a peg in contact rests on something, m/s: noise alone may look like contact."""
 SINK_MPS = 0.002
 """Speed of a peg that is going in, m/s: the search waits for it."""
 
@@ -37,8 +39,8 @@ class Search:
         centre_world: Centre of the spiral, m.
         path_m: Length s of the spiral so far, m.
         goal_world: Lateral goal of the TCP, m.
-        touch_m: Height of the TCP at the first contact, m.
-        touched: Whether there was contact.
+        touch_m: Height of the TCP when it first rested in contact, m; before, its height.
+        touched: Whether it has rested in contact.
         dropped: Whether the peg had dropped at the last action.
     """
 
@@ -72,9 +74,9 @@ def step(search: Search, seen: PolicyInput, config: SeekConfig) -> tuple[Search,
     searched with anew about where it is if it does not.
     """
     here, height = seen.tip_pos_world[:2], seen.tip_pos_world[2]
-    first = seen.contact & ~search.touched
-    touch = jnp.where(first, height, search.touch_m)
-    touched = search.touched | seen.contact
+    rests = seen.contact & (jnp.abs(seen.tip_linvel_world[2]) < REST_MPS)
+    touch = jnp.where(search.touched, search.touch_m, height)
+    touched = search.touched | rests
     dropped = touched & (height < touch - DROP_M)
     at_hole = replace(about(search, here), goal_world=here)
     search = jax.tree.map(partial(jnp.where, dropped & ~search.dropped), at_hole, search)

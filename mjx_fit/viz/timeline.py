@@ -104,7 +104,7 @@ def _attempt(number: int, step: Step, path, fps: int, speed: float) -> Iterator[
     for at in np.linspace(0, length, frames):
         whole, rest = min(int(at), length - 1), at - min(int(at), length - 1)
         place = (1 - rest) * path[whole] + rest * path[whole + 1]
-        yield Moment(number, "attempt", at, place, step.before, step.content, True)
+        yield Moment(number, "attempt", at, place, _believed(step, whole), step.content, True)
 
 
 def _learn(number: int, step: Step, tip, clear: float, fps: int) -> Iterator[Moment]:
@@ -112,12 +112,25 @@ def _learn(number: int, step: Step, tip, clear: float, fps: int) -> Iterator[Mom
     done = bool(step.rollout.truth.inserted) or step.helped is not None
     if done:
         content[step.hole if step.helped is None else step.helped] = int(step.rollout.felt.peg_type)
-    up = np.stack([tip, [*tip[:2], clear]])
+    up, last = np.stack([tip, [*tip[:2], clear]]), _believed(step, int(step.rollout.felt.length) - 1)
     for share in _smooth(round(LEARN_S * fps)):
-        belief = jax.tree.map(lambda a, b, share=share: (1 - share) * a + share * b, step.before, step.after)
+        belief = jax.tree.map(lambda a, b, share=share: (1 - share) * a + share * b, last, step.after)
         yield Moment(
             number, "learn", float(step.rollout.felt.length), _along(up, share), belief, content, not done
         )
+
+
+def _believed(step: Step, action: int) -> Belief:
+    """Return the belief during an action: as the policy reported it, or that before the attempt."""
+    if not isinstance(step.rollout.report, Belief):
+        return step.before
+
+    def with_hole(before: np.ndarray, told: np.ndarray) -> np.ndarray:
+        now = np.array(before)
+        now[step.hole] = told[action]
+        return now
+
+    return jax.tree.map(with_hole, step.before, step.rollout.report)
 
 
 def _path(step: Step, start_height_m: float) -> Float[np.ndarray, "steps 3"]:

@@ -81,6 +81,15 @@ def test_a_search_begins_with_contact_and_waits_for_a_peg_that_lags():
     assert float(behind.path_m) == float(touched.path_m)
 
 
+def test_noise_that_looks_like_contact_of_a_falling_peg_is_no_touch_down():
+    falling, _ = search.step(search.begin(jnp.zeros(2)), seen((0.0, 0.0, 0.0465), sinks_mps=0.01), CONFIG)
+    assert not falling.touched
+    down, _ = search.step(falling, seen((0.0, 0.0, 0.0449)), CONFIG)
+    assert down.touched
+    assert not down.dropped
+    assert float(down.touch_m) == pytest.approx(0.0449)
+
+
 def test_a_slide_to_another_centre_is_no_faster_than_allowed_and_precedes_its_spiral():
     state, _ = search.step(search.begin(jnp.zeros(2)), seen(), CONFIG)
     state = search.about(state, jnp.array([0.01, 0.0]))
