@@ -2,12 +2,12 @@
 
     python experiments/gentle/learn.py OUT
 
-The same command resumes where it was. The first data are spirals and random sweeps. The later ones are attempts
-of `seek` with the sensor trained so far: a search that acts on its belief goes where no spiral goes, and what
-the sensor feels there it has to learn there (Ross et al., "A reduction of imitation learning and structured
-prediction to no-regret online learning", 2011). The second sensor starts from the first and reads the new data
-alone; the last one starts anew and reads all. Half of the attempts are in the world `paper`, half in `forge`;
-readings have the errors of `forge`.
+The same command resumes where it was. The first data are spirals and random sweeps. The later ones are
+attempts of `seek` with the sensor trained so far: a search that acts on its belief goes where no spiral
+goes, and what the sensor feels there it has to learn there (Ross et al., "A reduction of imitation learning
+and structured prediction to no-regret online learning", 2011). The second sensor starts from the first and
+reads the new data alone; the last one starts anew and reads all. Half of the attempts are in the world
+`paper`, half in `forge`; readings have the errors of `forge`.
 """
 
 import argparse

@@ -8,6 +8,7 @@ import yaml
 from places import EARLIER_RUN, EXPERIMENTS
 
 from mjx_fit.cli import main, train_command
+from mjx_fit.cli.options import config_of, run_of
 from mjx_fit.cli.parser import parser
 from mjx_fit.config.files import read_config, read_stored_config
 from mjx_fit.config.schema import Config, config_differences, config_to_yaml
@@ -132,6 +133,24 @@ def test_presets_mean_what_they_meant():
         "task.max_attempts is 30 there and 10 here",
         "task.outcome_model is constant there and covariance here",
     ]
+    gentle = read_config(folder / "gentle.yaml")
+    assert config_differences(Config(), gentle) == [
+        "control.push is displacement there and force here",
+        "random.reach_m is 0.025 there and 0.018 here",
+        "task.next_hole is chance there and rate here",
+    ]
+
+
+def test_seek_has_a_preset_and_weights_of_its_own():
+    words = ["evaluate", "insertion", "--out", "a.json"]
+    seek, spiral = (parser().parse_args([*words, *more]) for more in (["--policy", "seek"], []))
+    assert config_of(seek) == read_config(resources.folder("configs") / "gentle.yaml")
+    assert config_of(spiral) == Config()
+    over = parser().parse_args([*words, "--policy", "seek", "--set", "control.push=displacement"])
+    assert config_of(over).control == Config().control
+    assert run_of(seek) == resources.folder("weights-gentle")
+    assert run_of(spiral) == resources.folder("weights")
+    assert run_of(spiral, "seek") == run_of(seek)
 
 
 def test_other_trainings_are_named_with_files_that_exist(monkeypatch, tmp_path):

@@ -45,6 +45,10 @@ def at(leaf, value, row=1):
     return array
 
 
+def believed(attempts):
+    return initial_belief(attempts.estimate_world, 0.01, CONFIG.scene.n_types)
+
+
 REFUSED = {
     "peg_type of row 1: 7 is invalid: expected 0 to 2": lambda a: {"peg_type": at(a.peg_type, 7)},
     "hole_type of row 1: -1": lambda a: {"hole_type": at(a.hole_type, -1)},
@@ -61,6 +65,14 @@ REFUSED = {
     },
     r"hole_pos_world: float32 \(4, 3\)": lambda a: {"hole_pos_world": np.full((N, 3), 0.5, np.float32)},
     "peg_type: list is invalid: expected a NumPy or JAX array": lambda a: {"peg_type": [0] * N},
+    r"belief.pos_cov: float32 \(4, 3, 3\) is invalid: expected floats \(4, 2, 2\)": lambda a: {
+        "belief": dataclasses.replace(believed(a), pos_cov=jnp.zeros((N, 3, 3)))
+    },
+    "belief.type_logp of row 1: .* expected finite numbers": lambda a: {
+        "belief": dataclasses.replace(believed(a), type_logp=at(believed(a).type_logp, np.nan))
+    },
+    r"elsewhere_per_s: float32 \(3,\)": lambda a: {"elsewhere_per_s": jnp.zeros(3)},
+    "elsewhere_per_s of row 1: nan": lambda a: {"elsewhere_per_s": at(jnp.zeros(N), np.nan)},
     r"key: shape \(3,\)": lambda a: {"key": a.key[:3]},
     "key: uint32 is invalid: expected keys": lambda a: {"key": jax.random.key_data(a.key)},
     "key: rbg is invalid": lambda a: {"key": jax.random.split(jax.random.key(0, impl="rbg"), N)},

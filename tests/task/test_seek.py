@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from fakes import seen
+from fakes import FakeEngine, seen
 from flax import nnx
 
 from mjx_fit.api import draw_attempts
@@ -14,6 +14,7 @@ from mjx_fit.config.schema import Config
 from mjx_fit.control import search
 from mjx_fit.control.policies import PolicyStart
 from mjx_fit.engines.select import make_engine
+from mjx_fit.evaluation.request import Request
 from mjx_fit.filters.updates import initial_belief
 from mjx_fit.sensors.contact_sensor import ContactSensor
 from mjx_fit.sensors.reading import Window, read_window
@@ -21,7 +22,7 @@ from mjx_fit.task.assembly_snapshot import EMPTY
 from mjx_fit.task.effort import move_time_s
 from mjx_fit.task.estimator import after_failures, posterior
 from mjx_fit.task.hole_choice import Situation, by_rate
-from mjx_fit.task.seek import Thought, decided, seek
+from mjx_fit.task.seek import NAME, Thought, decided, seek
 from mjx_fit.types import Belief
 from mjx_fit.utils.errors import RequestError
 
@@ -175,6 +176,16 @@ def test_the_last_belief_of_the_policy_is_the_posterior_of_a_failed_attempt():
     for got, told, old in zip(*map(jax.tree.leaves, (after, done.report, prior)), strict=True):
         np.testing.assert_array_equal(np.asarray(got)[failed], told[failed, 2])
         np.testing.assert_array_equal(np.asarray(got)[~failed], np.asarray(old)[~failed])
+
+
+@pytest.mark.parametrize("methods", ["no_update", "full,sample"])
+def test_methods_that_learn_less_than_seek_are_not_compared_under_its_name(methods, tmp_path):
+    engine = FakeEngine()
+    engine.policy_name = f"{NAME}@0123456789ab"
+    request = Request(Config(), tmp_path / "a.json", engine, 2, methods=methods)
+    with pytest.raises(RequestError, match=f"--methods: {methods.split(',')[-1]} cannot be used with"):
+        request.asked_policy()
+    assert replace(request, methods="full,oracle").asked_policy() == {"policy": engine.policy_name}
 
 
 def test_a_sensor_that_reads_whole_attempts_only_is_refused():

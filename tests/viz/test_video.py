@@ -157,6 +157,27 @@ def test_beliefs_turn_from_before_to_after_and_holes_stay_filled(played):
     assert not shown[-1].holding
 
 
+def test_a_belief_that_moves_inside_an_attempt_is_shown_as_it_moves(played):
+    """As reported about the hole tried; the other holes keep theirs."""
+    step = played.steps[0]
+    length, rows = int(step.rollout.felt.length), len(step.rollout.felt.trace.action_world)
+    told = jax.tree.map(
+        lambda leaf: np.stack([leaf[step.hole] + 0.001 * j for j in range(rows)]), step.before
+    )
+    moving = dataclasses.replace(step, rollout=dataclasses.replace(step.rollout, report=told))
+    shown = moments(dataclasses.replace(played, steps=(moving,)), fps=10, speed=1.0)
+    during = [moment for moment in shown if moment.phase == "attempt"]
+    assert len({float(moment.belief.pos_mean_world[step.hole, 0]) for moment in during}) > 1
+    for moment in during:
+        now = min(int(moment.actions), length - 1)
+        np.testing.assert_allclose(moment.belief.pos_mean_world[step.hole], told.pos_mean_world[now])
+        others = np.arange(3) != step.hole
+        np.testing.assert_array_equal(moment.belief.pos_cov[others], step.before.pos_cov[others])
+    first, last = (next(m for m in order if m.phase == "learn") for order in (shown, shown[::-1]))
+    np.testing.assert_allclose(first.belief.pos_mean_world[step.hole], told.pos_mean_world[length - 1])
+    np.testing.assert_allclose(last.belief.pos_mean_world[step.hole], step.after.pos_mean_world[step.hole])
+
+
 def test_the_puppet_holds_its_tip_where_the_moment_says(played):
     puppet = Puppet(played)
     shown = moments(played, fps=4, speed=1.0)
