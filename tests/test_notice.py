@@ -60,7 +60,7 @@ def test_an_ffmpeg_of_ones_own_that_does_not_do_is_one_line_and_leaves_nothing(t
         finally:
             closed.append(True)
 
-    monkeypatch.setattr(video, "_drawn", drawn)
+    monkeypatch.setattr(video, "drawn", drawn)
     monkeypatch.setenv("IMAGEIO_FFMPEG_EXE", "/bin/false")
     *_, played = playback.record(CONFIG, playback.Pick("failure_only", 1), 5, PathEngine())
     with pytest.raises(

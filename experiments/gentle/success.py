@@ -95,7 +95,7 @@ if __name__ == "__main__":
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("out", type=Path, metavar="OUT.json")
-    parser.add_argument("--run", type=Path, metavar="RUN")
+    parser.add_argument("--run", type=Path, default=resources.run_folder("gentle"), metavar="RUN")
     parser.add_argument("--trials", type=int, default=1000, metavar="N")
     asked = parser.parse_args()
     main(asked.out, asked.run, asked.trials)

@@ -1,10 +1,11 @@
 """Run the demo: assemblies, a video and a page within minutes, optionally after a short training."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rich.console import Console
 
+from mjx_fit.cli.options import SEEK, SEEK_RUN
 from mjx_fit.config.schema import Config
 from mjx_fit.data.collect import collect
 from mjx_fit.data.plan import Plan
@@ -12,10 +13,13 @@ from mjx_fit.engines.interface import Engine
 from mjx_fit.engines.select import make_engine
 from mjx_fit.evaluation.assembly import assembly
 from mjx_fit.evaluation.request import Request
+from mjx_fit.evaluation.results import Result
 from mjx_fit.report.build import build
 from mjx_fit.report.figures.training_run import read_metrics
 from mjx_fit.report.terminal import print_summary
+from mjx_fit.task.seek import seek_with
 from mjx_fit.training.run import Run
+from mjx_fit.training.sensor_loader import load_trained_sensor
 from mjx_fit.training.train import train_from
 from mjx_fit.utils import children, files, locks, resources
 from mjx_fit.utils.errors import RequestError
@@ -63,6 +67,9 @@ def run_demo(config: Config, out: Path, size: Size, train: bool) -> None:
         "assembly.json",
         "assembly.parts",
         "assembly.broken",
+        "seek.json",
+        "seek.parts",
+        "seek.broken",
         VIDEO,
         "figures",
         "index.html",
@@ -87,12 +94,26 @@ def _stages(config: Config, out: Path, size: Size, train: bool) -> None:
     request = Request(config, result, engine, size.assemblies, methods=METHODS)
     print_summary(assembly(request.with_sensors_of(run)))
 
-    console.rule("a video of one of them")
+    console.rule(f"the same assemblies with {SEEK}: act on the belief while touching, with pushes of 5 N")
+    print_summary(_sought(config, out / "seek.json", size))
+
+    console.rule("a video of one of them, both ways")
     if not (out / VIDEO).exists():
-        _video(result, run, out / VIDEO, size, console)
+        _video(result, out / "seek.json", run, out / VIDEO, size, console)
 
     console.rule("report")
     console.print(str(build([out], out)), soft_wrap=True)
+
+
+def _sought(config: Config, result: Path, size: Size) -> Result:
+    """Run the assemblies with the policy ``seek`` and its own weights."""
+    gentle = resources.run_folder(SEEK_RUN)
+    sensor, control = load_trained_sensor(gentle), replace(config.control, push="force")
+    task = replace(config.task, next_hole="rate")
+    own = {"sensor": sensor.config.sensor, "train": sensor.config.train, "control": control, "task": task}
+    config, policy = seek_with(sensor, replace(config, **own))
+    request = Request(config, result, make_engine("auto", config, policy), size.assemblies, methods="full")
+    return assembly(request.with_sensors_of(gentle))
 
 
 def _collect(config: Config, data: Path, size: Size, engine: Engine, console: Console) -> None:
@@ -110,8 +131,9 @@ def _train(config: Config, data: Path, run: Path, console: Console) -> None:
     )
 
 
-def _video(result: Path, run: Path, video: Path, size: Size, console: Console) -> None:
+def _video(result: Path, seek: Path, run: Path, video: Path, size: Size, console: Console) -> None:
     """Render in a separate process: MuJoCo chooses its OpenGL on import, and is already imported here."""
-    words = ["render", result, "--run", run, "--out", video, "--fps", size.fps, "--speed", size.speed]
+    words = ["render", result, "--beside", seek, "--run", run, "--out", video]
+    words += ["--fps", size.fps, "--speed", size.speed]
     if children.run([str(word) for word in words]):
         console.print("the video failed; everything else is complete")

@@ -19,6 +19,12 @@ def add_render(parsers: argparse._SubParsersAction) -> None:
     parser.set_defaults(draws=True)
     parser.add_argument("--out", type=path, required=True, metavar="VIDEO", help=".mp4 or .gif")
     parser.add_argument("--fps", type=int, default=20, metavar="N", help="frames per second (default 20)")
+    parser.add_argument(
+        "--beside",
+        type=path,
+        metavar="RESULT.json",
+        help="show the same trial of another result on the right",
+    )
     _with_what_to_play(parser, 8.0)
 
 
@@ -64,9 +70,25 @@ def render(args: argparse.Namespace) -> None:
     from mjx_fit.viz.video import render, require
 
     require(args.out, args.fps, args.speed)
+    if args.beside is not None:
+        _render_beside(args)
+        return
     *_, recording = _played(args)
     recording = recording if args.attempt is None else recording.only(args.attempt)
     print(render(recording, args.out, args.fps, args.speed))
+
+
+def _render_beside(args: argparse.Namespace) -> None:
+    """Show the trial of two results side by side; the second one is made with weights of the package."""
+    from mjx_fit.viz.side_by_side import render_beside
+
+    if args.result is None:
+        raise RequestError("--beside: cannot be used without a result file to show on the left")
+    alone = argparse.Namespace(**vars(args) | {"result": args.beside, "run": None})
+    *_, left = _played(args)
+    *_, right = _played(alone)
+    titles = args.result.stem, args.beside.stem
+    print(render_beside((left, right), titles, args.out, args.fps, args.speed))
 
 
 def view(args: argparse.Namespace) -> None:

@@ -91,7 +91,7 @@ def step(search: Search, seen: PolicyInput, config: SeekConfig) -> tuple[Search,
     goal = jnp.where(
         moves, towards(search.goal_world, target, config.slide_mps * ACTION_S), search.goal_world
     )
-    push = jnp.where(dropped, config.deep_push_m, config.push_m)
+    push = jnp.where(dropped, config.deep_push_m, jnp.where(touched, config.push_m, config.approach_push_m))
     return replace(search, path_m=path, goal_world=goal), jnp.append(goal - here, -push)
 
 

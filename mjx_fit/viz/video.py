@@ -65,38 +65,57 @@ def render(recording: Recording, out: Path, fps: int, speed: float, size: tuple[
     """
     require(out, fps, speed)
     shown = moments(recording, fps, speed)
-    if out.suffix == ".gif" and len(shown) > MOST_GIF_FRAMES:
-        raise RequestError(
-            f"--out: {out} cannot be used: a GIF of {len(shown)} frames exceeds the limit of "
-            f"{MOST_GIF_FRAMES}; use .mp4, --attempt, a lower --fps or a higher --speed"
-        )
+    require_few_frames(out, len(shown))
     if len(shown) > MANY_FRAMES:
         what = f"{len(shown)} frames for {len(recording.steps)} attempts"
         print(f"render: {what}; a higher --speed or a single --attempt needs fewer", file=sys.stderr)
-    write = _write_gif if out.suffix == ".gif" else _write_mp4
+    return write(_frames(recording, shown, size), out, fps, size)
+
+
+def require_few_frames(out: Path, frames: int) -> None:
+    """Refuse a GIF of more frames than memory should hold.
+
+    Raises:
+        RequestError: There are too many.
+    """
+    if out.suffix == ".gif" and frames > MOST_GIF_FRAMES:
+        raise RequestError(
+            f"--out: {out} cannot be used: a GIF of {frames} frames exceeds the limit of "
+            f"{MOST_GIF_FRAMES}; use .mp4, --attempt, a lower --fps or a higher --speed"
+        )
+
+
+def write(frames: Generator[Frame], out: Path, fps: int, size: tuple[int, int]) -> Path:
+    """Encode frames atomically, by the suffix of the file, and close them.
+
+    Raises:
+        WorkError: The encoder failed.
+    """
+    encode = _write_gif if out.suffix == ".gif" else _write_mp4
     # Close here: at process exit the graphics library that frees a context is already gone.
-    with locks.holding_file(out), closing(_frames(recording, shown, size)) as frames:
-        files.replace_with(out, lambda hidden: write(frames, hidden, fps, size))
+    with locks.holding_file(out), closing(frames):
+        files.replace_with(out, lambda hidden: encode(frames, hidden, fps, size))
     return out
 
 
 def still(recording: Recording, share: float, size: tuple[int, int] = SIZE_PX) -> Frame:
     """Return the video frame at a share of its length."""
     shown = moments(recording, 20, 8.0)
-    return next(_drawn(recording, [shown[round(share * (len(shown) - 1))]], size))
+    return next(drawn(recording, [shown[round(share * (len(shown) - 1))]], size))
 
 
 def _frames(recording: Recording, shown: list[Moment], size: tuple[int, int]) -> Generator[Frame]:
     with (
         Progress("rendering: frames", len(shown)) as progress,
-        closing(_drawn(recording, shown, size)) as drawn,
+        closing(drawn(recording, shown, size)) as images,
     ):
-        for number, frame in enumerate(drawn, 1):
+        for number, frame in enumerate(images, 1):
             yield frame
             progress(number)
 
 
-def _drawn(recording: Recording, shown: list[Moment], size: tuple[int, int]) -> Generator[Frame]:
+def drawn(recording: Recording, shown: list[Moment], size: tuple[int, int]) -> Generator[Frame]:
+    """Draw the frames of a recording, one for each moment."""
     width, height = size
     beside = round(width * WIDTH_SHARE)
     acting, panel = Puppet(recording), Panel(recording, beside, height)

@@ -35,7 +35,9 @@ def test_demo_plays_with_the_weights_that_come_with_it(tmp_path, capsys, video):
     small = ["task.attempt_actions=6", "task.max_attempts=2", "task.n_holes=2"]
     run_demo(read_config(None, small), out, Size(assemblies=2), train=False)
     assert "full" in capsys.readouterr().out
-    assert {path.name for path in out.iterdir()} == {"assembly.json", "assembly.mp4", "figures", "index.html"}
+    made = {"assembly.json", "seek.json", "assembly.mp4", "figures", "index.html"}
+    assert {path.name for path in out.iterdir()} == made
+    assert results.read(out / "seek.json").request["policy"].startswith("seek@")
     page = (out / "index.html").read_text()
     assert page.index("<video") < page.index("<figure")
     assert "Hardest of 2 assemblies with full" in page

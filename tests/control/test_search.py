@@ -59,7 +59,7 @@ def test_expected_times_are_those_of_searches_played_out():
 def test_a_new_search_takes_the_change_the_slide_and_the_spiral():
     cov = jnp.diag(jnp.array([4e-6, 1e-6]))
     took = search.new_s(jnp.array([0.01, 0.0]), jnp.array([0.01, 0.008]), cov, CONFIG)
-    assert float(took) == pytest.approx(0.2 + 0.008 / 0.04 + np.pi * 5e-6 / (0.02 * 0.0015), rel=1e-5)
+    assert float(took) == pytest.approx(0.2 + 0.008 / 0.03 + np.pi * 5e-6 / (0.02 * 0.0015), rel=1e-5)
 
 
 @settings(max_examples=30)
@@ -74,7 +74,7 @@ def test_an_insertion_takes_longer_after_a_longer_search_but_never_more_than_fee
 def test_a_search_begins_with_contact_and_waits_for_a_peg_that_lags():
     state, command = search.step(search.begin(jnp.zeros(2)), seen(contact=False), CONFIG)
     assert float(state.path_m) == 0
-    np.testing.assert_allclose(command, [0, 0, -CONFIG.push_m])
+    np.testing.assert_allclose(command, [0, 0, -CONFIG.approach_push_m])
     touched, _ = search.step(state, seen(), CONFIG)
     assert float(touched.path_m) == pytest.approx(CONFIG.speed_mps * 0.1)
     behind, _ = search.step(touched, seen((0.006, 0.0, 0.045)), CONFIG)

@@ -22,15 +22,17 @@ class SeekConfig:
         change_s: Time that a new centre costs. The rule adds it for slowing down and starting anew.
         feel_s: Longest search that is expected. Contact then tells where the hole is, for any belief.
         sink_s: Time to push the peg in.
-        push_m: Vertical command, downwards.
+        approach_push_m: Vertical command before contact. It sets the speed of the touch-down.
+        push_m: Command in contact, downwards.
         deep_push_m: Vertical command after a drop. The peg has found an edge and is going in.
     """
 
     pitch_m: Annotated[float, Field(ge=0.0002, le=0.02)] = 0.0015
     speed_mps: Annotated[float, Field(ge=0.001, le=0.1, json_schema_extra=_SPEED)] = 0.02
-    slide_mps: Annotated[float, Field(ge=0.001, le=0.1, json_schema_extra=_SPEED)] = 0.04
+    slide_mps: Annotated[float, Field(ge=0.001, le=0.1, json_schema_extra=_SPEED)] = 0.03
     change_s: Annotated[float, Field(ge=0, le=10)] = 0.2
     feel_s: Annotated[float, Field(ge=0.1, le=100)] = 2.0
     sink_s: Annotated[float, Field(ge=0, le=100)] = 1.0
+    approach_push_m: Push = 0.0025
     push_m: Push = 0.004
     deep_push_m: Push = 0.006

@@ -1,0 +1,95 @@
+"""Judge the belief inside attempts of `seek`: error, coverage and the probability of a match, after 1 to 8 s.
+
+    python experiments/gentle/calibration.py OUT.json [--run RUN] [--trials N]
+
+Half of the holes match the peg. A trial counts as long as its attempt lasts, with the seconds since the first
+contact. `matched` and `mismatched` count those holes alone: a matching hole that is still searched for after
+8 s is a hard one, and the belief about all holes need not be calibrated for the hard ones.
+"""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from mjx_fit.config.files import read_config
+from mjx_fit.config.worlds import world_file
+from mjx_fit.data.schedule import draw_places, pair_of
+from mjx_fit.engines.select import make_engine
+from mjx_fit.evaluation.statistics import wilson
+from mjx_fit.report import script
+from mjx_fit.task.attempt_loop import spirals_at
+from mjx_fit.task.effort import CONTACT_N
+from mjx_fit.task.seek import seek_with
+from mjx_fit.training.sensor_loader import load_trained_sensor
+from mjx_fit.types import Belief, Rollout
+from mjx_fit.utils import resources
+
+SEED = 43
+AFTER_S = (1, 2, 4, 8)
+INSIDE = 4.605
+"""Quantile of 90 % of the squared distance in two dimensions."""
+
+
+def main(out: Path, run: Path, trials: int) -> None:
+    found = {world: judged(world, run, trials) for world in ("home", "forge")}
+    script.save(out, {"trials": trials, "worlds": found})
+
+
+def judged(world: str, run: Path, trials: int) -> dict[str, Any]:
+    config = read_config([*world_file(world), resources.folder("configs") / "gentle.yaml"], [])
+    config, policy = seek_with(load_trained_sensor(run), config)
+    ids = np.arange(trials)
+    places = draw_places(jax.random.key(SEED), jnp.asarray(ids), config)
+    pegs, holes = pair_of(ids, config.scene.n_types)
+    where = places.hole_pos_world, places.estimate_world
+    done = make_engine("native", config, policy).run(
+        spirals_at(pegs, holes, *where, places.key, places.physics)
+    )
+    begins = first_contact(done)
+    kinds = {"all": np.ones(trials, bool), "matched": pegs == holes, "mismatched": pegs != holes}
+    return {
+        f"{after} s": {name: described(done, begins + 10 * after, kind) for name, kind in kinds.items()}
+        for after in AFTER_S
+    }
+
+
+def first_contact(done: Rollout) -> np.ndarray:
+    """Return the first action with a force of contact."""
+    wrench = np.asarray(done.felt.trace.wrench_sensor) - np.asarray(done.felt.tare_sensor)[:, None, None]
+    return (np.linalg.norm(wrench[..., :3], axis=-1).max(-1) > CONTACT_N).argmax(1)
+
+
+def described(done: Rollout, at: np.ndarray, among: np.ndarray) -> dict[str, Any]:
+    """Return error, coverage and match classification of the attempts that last that long."""
+    rows = np.flatnonzero(among & (at < done.felt.length) & done.truth.valid)
+    if not len(rows):
+        return {"n": 0}
+    belief: Belief = jax.tree.map(lambda leaf: np.asarray(leaf)[rows, at[rows]], done.report)
+    off = belief.pos_mean_world - np.asarray(done.truth.hole_pos_world)[rows]
+    squared = np.einsum("ni,nij,nj->n", off, np.linalg.inv(np.asarray(belief.pos_cov, float)), off)
+    peg = np.asarray(done.felt.peg_type)[rows]
+    match = np.exp(np.asarray(belief.type_logp))[np.arange(len(rows)), peg]
+    true = np.asarray(done.truth.hole_type)[rows] == peg
+    return {
+        "n": len(rows),
+        "error_mm": float(1000 * np.linalg.norm(off, axis=1).mean()),
+        "coverage_90": [*wilson(int((squared <= INSIDE).sum()), len(rows))],
+        "match_probability": float(match.mean()),
+        "match_share": float(true.mean()),
+        "brier": float(np.square(match - true).mean()),
+    }
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("out", type=Path, metavar="OUT.json")
+    parser.add_argument("--run", type=Path, default=resources.run_folder("gentle"), metavar="RUN")
+    parser.add_argument("--trials", type=int, default=1000, metavar="N")
+    asked = parser.parse_args()
+    main(asked.out, asked.run, asked.trials)
