@@ -30,7 +30,6 @@ from mjx_fit.sensors.encoder import Past
 from mjx_fit.sensors.trained_sensor import TrainedSensor
 from mjx_fit.task.estimator import posterior
 from mjx_fit.types import Array, Belief, pytree
-from mjx_fit.utils.errors import RequestError
 
 NAME = "seek"
 
@@ -58,7 +57,8 @@ def seek(config: Config, sensor: ContactSensor | None = None, name: str = NAME) 
     """Create the policy.
 
     Args:
-        config: Defines pitch and speeds (section ``seek``), the filters, and the longest attempt.
+        config: Defines pitch and speeds (section ``seek``), the filters, and the most actions of an attempt
+            that are read: ``task.attempt_actions``.
         sensor: Sensor that reads attempts in progress; None: the belief stays the prior, and is not reported.
         name: Name in data sets and results.
 
@@ -79,10 +79,9 @@ def seek(config: Config, sensor: ContactSensor | None = None, name: str = NAME) 
 
     def act(thought: Thought, seen: PolicyInput) -> tuple[Thought, Float[Array, "3"]]:
         if network is not None:
-            if seen.horizon > rows:
-                raise RequestError(f"policy {name}: {seen.horizon} actions are too many: expected {rows}")
             felt = _felt(network, config)
-            thought = jax.lax.cond(seen.step > 0, felt, lambda thought, seen: thought, thought, seen)
+            reads = (seen.step > 0) & (seen.step <= rows)
+            thought = jax.lax.cond(reads, felt, lambda thought, seen: thought, thought, seen)
             thought = decided(thought, seen, config)
         now, command = search.step(thought.search, seen, config.seek)
         return replace(thought, search=now), command
