@@ -22,6 +22,11 @@ from mjx_fit.report.figures.effort import inserted_by_seconds, peak_forces
 METRICS = ("seconds", "in_by_5s", "in_by_10s", "in_by_30s", "peak_force_n", "mean_force_n", "over_20n_share",
            "move_seconds")  # fmt: skip
 
+HEAD = (
+    "method", "seconds, median", "mean", "in by 5 / 10 / 30 s", "largest force, median", "mean force",
+    "over 20 N, 99 % of trials below", "visits", "p",
+)  # fmt: skip
+
 
 def main(out: Path, sources: list[str]) -> None:
     rows: list[dict[str, Any]] = []
@@ -44,8 +49,29 @@ def main(out: Path, sources: list[str]) -> None:
         mean = bootstrap_mean(one, draws)
         table[name] |= {"saves_seconds": [mean.value, mean.low, mean.high], "p_value": p_value}
     script.save(out.with_suffix(".json"), {"sources": sources, "n": len(draws), "methods": table})
+    print_table(table)
     for kind, drawn in (("seconds", inserted_by_seconds), ("forces", peak_forces)):
         script.draw(out.with_name(f"{out.name}_{kind}.png"), partial(drawn, rows))
+
+
+def print_table(table: dict[str, Any]) -> None:
+    """Print one row of Markdown for each method."""
+    print("| " + " | ".join(HEAD) + " |\n|" + "---|" * len(HEAD))
+    for name, own in table.items():
+        shares = " / ".join(f"{100 * own[f'in_by_{limit}s'][0]:.1f}" for limit in (5, 10, 30))
+        median = own.get("seconds median")
+        cells = [
+            name,
+            "-" if median is None else f"{median[0]:.1f} ({median[1]:.1f} to {median[2]:.1f})",
+            "{:.1f} ({:.1f} to {:.1f})".format(*own["seconds"]),
+            f"{shares} %",
+            f"{own['peak_force_n median'][0]:.1f} N",
+            f"{own['mean_force_n'][0]:.1f} N",
+            f"{own['over_20n_s_99th']:.2f} s",
+            f"{own['visits']:.2f}",
+            f"{own['p_value']:.1g}" if "p_value" in own else "",
+        ]
+        print("| " + " | ".join(cells) + " |")
 
 
 def described(own: list[dict[str, Any]]) -> dict[str, Any]:
