@@ -139,12 +139,20 @@ def after_failures(update: Update, beliefs: Belief, rollouts: Rollout, keys: Key
     """Return the beliefs after simulated attempts: the posterior after failures, else the prior.
 
     The update never sees the measurements of an attempt that succeeded or diverged. A policy that updates the
-    belief itself (``task.seek``) has the last word: its belief is what it reported with its last action.
+    belief itself (``task.seek``) has the last word: its belief is what it reported with its last action. If
+    its attempt lasted to the end, it has searched where it believed the hole to be, and it was not there: the
+    position then is what it was before, and only the type is learnt.
     """
     failed = np.asarray(rollouts.truth.failed)
     if isinstance(rollouts.report, Belief):
         learnt = _last(rollouts)
-        return jax.tree.map(lambda new, old: where_rows(failed, new, old), learnt, beliefs)
+        refuted = np.asarray(rollouts.felt.length) == rollouts.report.pos_cov.shape[1]
+        place = failed & ~refuted
+        return Belief(
+            pos_mean_world=where_rows(place, learnt.pos_mean_world, beliefs.pos_mean_world),
+            pos_cov=where_rows(place, learnt.pos_cov, beliefs.pos_cov),
+            type_logp=where_rows(failed, learnt.type_logp, beliefs.type_logp),
+        )
     length = np.where(failed, rollouts.felt.length, 0).astype(np.int32)
     learnt = update(beliefs, replace(rollouts.felt, length=length), keys)
     return jax.tree.map(lambda new, old: where_rows(failed, new, old), learnt, beliefs)

@@ -162,20 +162,27 @@ def test_a_search_without_a_sensor_inserts_from_a_millimetre_off():
     assert np.mean(done.truth.inserted) >= 0.75
 
 
-def test_the_last_belief_of_the_policy_is_the_posterior_of_a_failed_attempt():
-    config = gentle(causal=True)
+@pytest.mark.parametrize("lasts", [False, True])
+def test_the_last_belief_of_the_policy_is_the_posterior_of_a_failed_attempt(lasts):
+    """One that lasts to its end has refuted where it believed the hole to be."""
+    config, actions = gentle(causal=True), 4
     attempts = draw_attempts(jax.random.key(1), N, config=config)
-    done = make_engine("native", config, seek(config, a_sensor(config))).run(attempts, 3)
+    attempts = replace(attempts, elsewhere_per_s=jnp.full(N, NEVER if lasts else AT_ONCE))
+    done = make_engine("native", config, seek(config, a_sensor(config))).run(attempts, actions + 3)
+    if not lasts:
+        assert (done.felt.length < actions + 3).all()
     prior = initial_belief(attempts.estimate_world, config.detector.prior_std_m, 3)
 
     def never(beliefs, felt, keys):
         raise AssertionError("the trace must not be read again")
 
     after = after_failures(never, prior, done, attempts.key)
-    failed = np.asarray(done.truth.failed)
-    for got, told, old in zip(*map(jax.tree.leaves, (after, done.report, prior)), strict=True):
-        np.testing.assert_array_equal(np.asarray(got)[failed], told[failed, 2])
-        np.testing.assert_array_equal(np.asarray(got)[~failed], np.asarray(old)[~failed])
+    last = np.asarray(done.felt.length) - 1
+    assert np.asarray(done.truth.failed).all()
+    for name, told in vars(done.report).items():
+        now, old = (np.asarray(getattr(belief, name)) for belief in (after, prior))
+        want = old if lasts and name != "type_logp" else told[np.arange(N), last]
+        np.testing.assert_array_equal(now, want)
 
 
 @pytest.mark.parametrize("methods", ["no_update", "full,sample"])
