@@ -59,14 +59,15 @@ def _half(recording: Recording, title: str, shown: list[Moment], most: int) -> G
     before = [0.0, *accumulate(seconds)]
     peaks = [_peaks_n(step.rollout.felt) for step in recording.steps]
     font = ImageFont.load_default(size=20)
+    # Closing a renderer spoils the pictures of the other one: keep both to the end.
     with closing(video.drawn(recording, shown, HALF_PX)) as frames:
         frame = None
-        for moment, image in zip(shown, frames, strict=True):
+        for moment in shown:
             now = before[moment.step] + moment.actions / ACTIONS_PER_S
             so_far = [*peaks[: moment.step], peaks[moment.step][: int(np.ceil(moment.actions))]]
             most_n = max((float(own.max(initial=0)) for own in so_far), default=0.0)
-            words = f"{title}:  {now:.1f} s in contact,  at most {most_n:.0f} N"
-            frame = np.concatenate([_caption(words, font), image])
+            words = f"{title}:  {now:.1f} s of attempts,  at most {most_n:.0f} N"
+            frame = np.concatenate([_caption(words, font), next(frames)])
             yield frame
         assert frame is not None
         for _ in range(most - len(shown)):

@@ -10,18 +10,31 @@ from mjx_fit.viz import side_by_side, video
 from mjx_fit.viz.side_by_side import CAPTION_PX, HALF_PX, SIZE_PX, render_beside
 from mjx_fit.viz.timeline import moments
 
+closed_after = []
+"""Frames that were encoded before each renderer was closed."""
+
 
 @pytest.fixture
 def frames(monkeypatch):
     """What would be encoded, drawn as the number of each moment."""
     kept = []
+    closed_after.clear()
 
     def drawn(recording, shown, size):
-        for number in range(len(shown)):
-            yield np.full((size[1], size[0], 3), number % 250, np.uint8)
+        try:
+            for number in range(len(shown)):
+                yield np.full((size[1], size[0], 3), number % 250, np.uint8)
+        finally:
+            closed_after.append(len(kept))
 
     monkeypatch.setattr(video, "drawn", drawn)
-    monkeypatch.setattr(video, "write", lambda found, out, fps, size: kept.extend(found) or out)
+
+    def write(found, out, fps, size):
+        for frame in found:
+            kept.append(frame)
+        return out
+
+    monkeypatch.setattr(video, "write", write)
     return kept
 
 
@@ -31,6 +44,8 @@ def test_the_shorter_one_ends_with_a_still_picture(frames, tmp_path):
     assert short < long < 250
     render_beside(pair, ("left", "right"), tmp_path / "a.mp4", 4, 2.0)
     assert len(frames) == long
+    # A closed renderer would spoil the pictures of the other one.
+    assert closed_after == [long, long]
     width = HALF_PX[0]
     for number, frame in enumerate(frames):
         assert frame.shape == (*SIZE_PX[::-1], 3)
@@ -52,8 +67,8 @@ def test_captions_tell_seconds_and_the_largest_force_so_far(frames, monkeypatch,
     one = record(CONFIG, "failure_only", 1, 5)
     render_beside((one, one), ("a", "b"), tmp_path / "a.mp4", 4, 2.0)
     seconds = sum(int(step.rollout.felt.length) for step in one.steps) / 10
-    assert told[0].startswith("a:  0.0 s in contact")
-    assert told[-1].startswith(f"b:  {seconds:.1f} s in contact")
+    assert told[0].startswith("a:  0.0 s of attempts")
+    assert told[-1].startswith(f"b:  {seconds:.1f} s of attempts")
 
 
 def test_a_gif_without_end_is_refused_before_anything_is_drawn(frames, tmp_path):
