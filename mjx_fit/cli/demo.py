@@ -6,6 +6,7 @@ from pathlib import Path
 from rich.console import Console
 
 from mjx_fit.cli.options import SEEK, SEEK_RUN
+from mjx_fit.config.files import read_tree
 from mjx_fit.config.schema import Config
 from mjx_fit.data.collect import collect
 from mjx_fit.data.plan import Plan
@@ -106,11 +107,11 @@ def _stages(config: Config, out: Path, size: Size, train: bool) -> None:
 
 
 def _sought(config: Config, result: Path, size: Size) -> Result:
-    """Run the assemblies with the policy ``seek`` and its own weights."""
+    """Run the assemblies with the policy ``seek``, its preset and its own weights."""
     gentle = resources.run_folder(SEEK_RUN)
-    sensor, control = load_trained_sensor(gentle), replace(config.control, push="force")
-    task = replace(config.task, next_hole="rate")
-    own = {"sensor": sensor.config.sensor, "train": sensor.config.train, "control": control, "task": task}
+    sensor, preset = load_trained_sensor(gentle), resources.folder("configs") / f"{SEEK_RUN}.yaml"
+    own = {name: replace(getattr(config, name), **keys) for name, keys in read_tree(preset).items()}
+    own |= {"sensor": sensor.config.sensor, "train": sensor.config.train}
     config, policy = seek_with(sensor, replace(config, **own))
     request = Request(config, result, make_engine("auto", config, policy), size.assemblies, methods="full")
     return assembly(request.with_sensors_of(gentle))

@@ -23,7 +23,7 @@ def add_render(parsers: argparse._SubParsersAction) -> None:
         "--beside",
         type=path,
         metavar="RESULT.json",
-        help="show the same trial of another result on the right",
+        help="show the same trial of another result, made with weights of the package, on the right",
     )
     _with_what_to_play(parser, 8.0)
 
@@ -85,8 +85,10 @@ def _render_beside(args: argparse.Namespace) -> None:
     if args.result is None:
         raise RequestError("--beside: cannot be used without a result file to show on the left")
     alone = argparse.Namespace(**vars(args) | {"result": args.beside, "run": None})
-    *_, left = _played(args)
-    *_, right = _played(alone)
+    left, right = _played(args), _played(alone)  # both are checked before the first is simulated
+    (*_, left), (*_, right) = left, right
+    if args.attempt is not None:
+        left, right = left.only(args.attempt), right.only(args.attempt)
     titles = args.result.stem, args.beside.stem
     print(render_beside((left, right), titles, args.out, args.fps, args.speed))
 

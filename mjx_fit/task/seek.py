@@ -123,6 +123,9 @@ def _felt(network: Callable[[], ContactSensor], config: Config) -> Callable[[Tho
         assert thought.past is not None
         assert seen.reading is not None
         past, observation = network().add(thought.past, seen.reading, seen.step - 1)
+        # The sensor answers relative to the start, the filter asks relative to the mean.
+        offset = seen.start.estimate_world - thought.prior.pos_mean_world
+        observation = replace(observation, innovation=observation.innovation + offset)
         n_types = config.scene.n_types
         belief = posterior(thought.prior, observation, seen.start.peg_type, jnp.zeros((n_types,) * 2), config)
         return replace(thought, past=past, belief=belief)

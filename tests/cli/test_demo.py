@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from mjx_fit.cli.demo import Size, run_demo
-from mjx_fit.config.files import read_config
+from mjx_fit.config.files import read_config, read_tree
 from mjx_fit.evaluation import results
 from mjx_fit.utils import resources
 
@@ -37,7 +37,10 @@ def test_demo_plays_with_the_weights_that_come_with_it(tmp_path, capsys, video):
     assert "full" in capsys.readouterr().out
     made = {"assembly.json", "seek.json", "assembly.mp4", "figures", "index.html"}
     assert {path.name for path in out.iterdir()} == made
-    assert results.read(out / "seek.json").request["policy"].startswith("seek@")
+    sought = results.read(out / "seek.json")
+    assert sought.request["policy"].startswith("seek@")
+    for section, keys in read_tree(resources.folder("configs") / "gentle.yaml").items():
+        assert {key: sought.config[section][key] for key in keys} == keys
     page = (out / "index.html").read_text()
     assert page.index("<video") < page.index("<figure")
     assert "Hardest of 2 assemblies with full" in page
