@@ -9,9 +9,12 @@ from synthetic import with_trace
 
 from mjx_fit.config.schema import Config
 from mjx_fit.control.policies import PolicyInput, PolicyStart
+from mjx_fit.task import single_hole
 from mjx_fit.types import Felt, Rollout, Trace, Truth
 
 CLOSE_M = 0.005
+T = 40
+"""Trials of ``make_holes``; the types match in the first half."""
 
 TWO_HOLES = dataclasses.replace(
     Config(), task=dataclasses.replace(Config().task, n_holes=2, max_attempts=2, attempt_actions=2)
@@ -96,3 +99,20 @@ class PathEngine(FakeEngine):
         start = np.pad(np.asarray(attempts.estimate_world), ((0, 0), (0, 1)), constant_values=0.042)
         way = start[:, None] + np.array([[0.002, 0, 0], [0.004, 0, 0]])
         return with_trace(done, tip_pos_world=way)
+
+
+def halving(beliefs, felt, keys):
+    """Halves the error, and knows it."""
+    error = place_of(felt) - beliefs.pos_mean_world
+    return dataclasses.replace(
+        beliefs, pos_mean_world=beliefs.pos_mean_world + error / 2, pos_cov=beliefs.pos_cov / 4
+    )
+
+
+def make_holes(seed: int = 0) -> single_hole.Holes:
+    rng = np.random.default_rng(seed)
+    peg = np.arange(T) % 3
+    place = rng.uniform(-0.3, 0.3, (T, 2)).astype(np.float32)
+    estimate = place + rng.uniform(-0.02, 0.02, (T, 2)).astype(np.float32)
+    other = np.where(np.arange(T) < T // 2, peg, (peg + 1) % 3)
+    return single_hole.Holes(peg, other, place, estimate, jax.random.split(jax.random.key(1), T))

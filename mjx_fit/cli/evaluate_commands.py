@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from mjx_fit.cli.options import (
     RUN,
+    SEEK,
     add_command,
     config_of,
     configurable,
@@ -42,6 +43,7 @@ def _add_attempt(commands: Commands) -> None:
     parser = add_command(
         commands, "attempt", attempt, "measure the success rate of single attempts", resumes=True
     )
+    parser.add_argument("--run", type=run_path, metavar="RUN", help=f"{RUN}; for --policy {SEEK} alone")
     _with_trials(parser, 100, "matched attempts for each shape, and mismatched ones in all")
 
 
@@ -134,6 +136,8 @@ def attempt(args: argparse.Namespace) -> None:
     """Run ``evaluate attempt``."""
     from mjx_fit.evaluation.attempt import attempt
 
+    if args.run is not None and args.policy != SEEK:
+        raise RequestError(f"--run: {args.run} has no effect without --policy {SEEK}")
     _evaluate(attempt, args)
 
 
@@ -169,7 +173,7 @@ def _evaluate(experiment: "Callable[[Request], Result]", args: argparse.Namespac
         raise RequestError(f"--policy: {shown(args.policy)} is invalid: choose spiral, seek or FILE.py:NAME")
     engine = make_engine(args.engine, config, policy)
     request = Request(config, args.out, engine, args.trials, args.seed)
-    if hasattr(args, "run"):
+    if hasattr(args, "methods"):
         request = replace(request, methods=args.methods, seeds=getattr(args, "seeds", 1))
         request = request.with_sensors_of(run_of(args))
     print_summary(experiment(request))

@@ -153,7 +153,5 @@ def policy_of(args: argparse.Namespace, config: Config) -> "tuple[Config, Policy
     from mjx_fit.training.sensor_loader import load_trained_sensor
 
     if args.policy == SEEK:
-        if not hasattr(args, "run"):
-            raise RequestError(f"--policy: {SEEK} cannot be used here: its attempts need beliefs")
         return seek_with(load_trained_sensor(run_of(args)), config)
     return config, load_policy(args.policy) if args.policy and is_policy_file(args.policy) else None

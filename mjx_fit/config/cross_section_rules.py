@@ -52,6 +52,10 @@ def require_steady(
     most = round(scene.hole_depth_m - ABOVE_FLOOR_M, 6)
     why = f"with scene.hole_depth_m {scene.hole_depth_m} the peg stands on the floor"
     require("config: task.insertion_depth_m", task.insertion_depth_m, 0, most, why)
+    if task.success == "sensed":
+        why = f"with task.insertion_depth_m {task.insertion_depth_m} the peg stands on the floor"
+        most = round(most - task.insertion_depth_m, 6)
+        require("config: task.sensed_margin_m", task.sensed_margin_m, 0, most, why)
     leap = min(max(1.0, 2 * math.pi * spiral.turns / task.attempt_actions), 2.0)
     _require_upright(scene, control, spiral.push_m, "spiral.radius_m", spiral.radius_m, leap)
 

@@ -107,7 +107,7 @@ class _Batch:
         number = np.full_like(self.ids, self._number)
         done = replace(done, report=None)
         one = Episode(self.ids, self._sequences, number, policy, np.asarray(self._cov), done)
-        self._going = self._going & done.truth.valid & ~done.truth.inserted
+        self._going = self._going & done.truth.valid & ~done.taken
         self._belief, self._number = tried.beliefs, self._number + 1
         return jax.tree.map(lambda leaf: leaf[: self._wanted.sum()], one)
 

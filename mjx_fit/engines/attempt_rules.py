@@ -3,6 +3,8 @@
 The functions take NumPy or JAX arrays, for one world or many.
 """
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -54,16 +56,22 @@ class Verdict:
         valid: Whether the simulation is finite and plausible (``mjx_fit.engines.plausible``).
         inserted: Whether the peg is inserted and the world valid.
         limited: Number of consecutive actions, up to this one, that ended with a joint at its torque limit.
+        sensed: Whether the robot measures an insertion in a valid world; None: it relies on the truth.
     """
 
     valid: Bool[Array, "*n"]
     inserted: Bool[Array, "*n"]
     limited: Int[Array, "*n"]
+    sensed: Bool[Array, "*n"] | None = None
 
     @property
     def over(self) -> Bool[Array, "*n"]:
         """True if the attempt ends here. Its world is then frozen, and the rest of the batch continues."""
-        return self.inserted | ~self.valid
+        return (self.inserted if self.sensed is None else self.sensed) | ~self.valid
+
+    def as_sensed(self, sensed: Bool[Array, "*n"] | None) -> "Verdict":
+        """Return this verdict with what the robot measures; None: it relies on the truth."""
+        return self if sensed is None else replace(self, sensed=sensed & self.valid)
 
 
 def start_qpos(chain: Chain, attempts: Attempt, config: Config) -> Float[Array, "n joints"]:
@@ -151,7 +159,7 @@ def is_inserted(
     return deep & (x**2 + y**2 < BESIDE_M**2)
 
 
-def nothing_done(attempts: Attempt, actions: int, joints: int) -> Rollout:
+def nothing_done(attempts: Attempt, actions: int, joints: int, config: Config) -> Rollout:
     """Allocate rollouts of length 0, as writable NumPy arrays."""
     n = len(attempts.peg_type)
 
@@ -182,4 +190,4 @@ def nothing_done(attempts: Attempt, actions: int, joints: int) -> Rollout:
         end_qvel=zeros(joints),
         physics=jax.tree.map(np.asarray, attempts.physics),
     )
-    return Rollout(felt, truth)
+    return Rollout(felt, truth, sensed=np.zeros(n, bool) if config.task.success == "sensed" else None)

@@ -7,11 +7,11 @@ import jax.numpy as jnp
 from jaxtyping import Bool, Float, Int, Key
 
 from mjx_fit.config.schema import Config
-from mjx_fit.config.sections.measurement import PoseConfig
 from mjx_fit.control import goals
 from mjx_fit.control.goals import Goal
 from mjx_fit.control.policies import Policy, PolicyInput, PolicyStart, State, start_of
 from mjx_fit.engines.attempt_rules import Tip, trace_row
+from mjx_fit.scene.parts import plate_top_m
 from mjx_fit.scene.randomization import draw_errors, with_arrays
 from mjx_fit.sensors import distortion, force_torque
 from mjx_fit.sensors.pose import is_exact, measured_trace
@@ -20,8 +20,9 @@ from mjx_fit.types import Array, Attempt, Felt, Reading, Trace, pytree
 from mjx_fit.types.physics import Physics
 from mjx_fit.utils.rates import SUBSTEPS
 
-_NOISE, _READING = 2**21, 2**21 + 1
-"""Offsets that separate the noise keys of the F/T sensor and of readings from those that policies derive."""
+_NOISE, _READING, _HEIGHT = 2**21, 2**21 + 1, 2**21 + 2
+"""Offsets that separate the keys of errors from those that policies derive: the F/T sensor's and the poses',
+those of readings, and that of the socket's height."""
 
 
 @pytree
@@ -84,17 +85,14 @@ def act(
         tip: TCP state at the start of the action.
         step: Index j of the action.
     """
-    keys = jax.random.split(jax.random.fold_in(memory.key, _NOISE), 5)
-    tare_key, noise_key, error_key, pose_key, size_key = keys
-    wrist, pose = draw_errors(size_key, config)
+    tare_key, noise_key, error_key, _, size_key = _noise_keys(memory)
+    wrist, _ = draw_errors(size_key, config)
     before = jnp.maximum(step - 1, 0)
     tare = force_torque.measured_tare(memory.tare_sensor, tare_key, wrist)
     clean = distortion.distorted(memory.wrench_sensor[None], memory.tare_sensor, error_key, wrist, before)
     noisy = force_torque.measured(clean, tare, jax.random.fold_in(noise_key, step), wrist)
     wrench = distortion.sampled(noisy, tare, wrist)[0]
-    measured = tip
-    if not is_exact(pose):
-        measured = _measured(tip, jax.random.fold_in(pose_key, step), pose)
+    measured = _measured(tip, memory, config, step)
     seen = PolicyInput(
         start=memory.start,
         attempt_key=memory.key,
@@ -110,6 +108,23 @@ def act(
         horizon=horizon,
     )
     return policy.act(memory.state, seen)
+
+
+def measures_insertion(
+    memory: Memory, tip: Tip, step: Int[Array, ""], config: Config
+) -> Bool[Array, ""] | None:
+    """Return whether the robot measures an insertion after ``step`` actions; None: it relies on the truth.
+
+    It does if the TCP, as the policy sees it before its next action, is at least the insertion depth and the
+    margin below where the robot takes the top of the socket to be, which is off by an error that is constant
+    in an attempt.
+    """
+    if config.task.success == "truth":
+        return None
+    _, pose = draw_errors(_noise_keys(memory)[-1], config)
+    error = pose.height_offset_m * jax.random.normal(jax.random.fold_in(memory.key, _HEIGHT))
+    below = plate_top_m(config.scene) + error - _measured(tip, memory, config, step).pos_world[2]
+    return below >= config.task.insertion_depth_m + config.task.sensed_margin_m
 
 
 def gives_up(policy: Policy, state: State) -> Bool[Array, ""]:
@@ -135,8 +150,18 @@ def _read(memory: Memory, tip: Tip, config: Config, step: Int[Array, ""]) -> Rea
     return read_action(felt, jax.random.fold_in(memory.key, _READING), config, step)
 
 
-def _measured(tip: Tip, key: Key[Array, ""], pose: PoseConfig) -> Tip:
+def _noise_keys(memory: Memory) -> Key[Array, "5"]:
+    """Derive the keys of the tare, the F/T sensor's noise and errors, the poses, and the sizes of errors."""
+    return jax.random.split(jax.random.fold_in(memory.key, _NOISE), 5)
+
+
+def _measured(tip: Tip, memory: Memory, config: Config, step: Int[Array, ""]) -> Tip:
     """Return pose and twist as the robot measures them, without calibration errors (``PoseConfig``)."""
+    *_, pose_key, size_key = _noise_keys(memory)
+    _, pose = draw_errors(size_key, config)
+    if is_exact(pose):
+        return tip
+    key = jax.random.fold_in(pose_key, step)
     calibrated = with_arrays(pose, position_offset_m=0.0, height_offset_m=0.0, rotation_offset_rad=0.0)
     row = Trace(
         wrench_sensor=jnp.zeros((1, SUBSTEPS, 6)),

@@ -77,7 +77,7 @@ def _attempt(request: Request, here: result_file.Header) -> Result:
 
 def summarise(trials: parts.Rows, method: str = results.ATTEMPT_METHOD) -> list[Row]:
     """Compute the rates of ``summarise_attempt``, and seconds and newtons of matched and other attempts."""
-    rows = results.summarise_attempt(trials, method)
+    rows = results.summarise_attempt(trials, method) + results.summarise_sensed(trials, method)
     valid = [trial for trial in trials if trial["valid"]]
     matched = [trial for trial in valid if trial["matched"]]
     others = [trial for trial in valid if not trial["matched"]]
@@ -102,7 +102,7 @@ def _attempt_rows(
     rollouts: Rollout, ids: Int[np.ndarray, "n"], names: tuple[str, ...]
 ) -> list[dict[str, Any]]:
     error = np.linalg.norm(rollouts.felt.estimate_world - rollouts.truth.hole_pos_world, axis=1)
-    effort, wrongly = effort_of(rollouts.felt), rollouts.inserted_wrongly
+    effort, wrongly, sensed = effort_of(rollouts.felt), rollouts.inserted_wrongly, rollouts.sensed
     columns = {name: getattr(effort, name)[:, None] for name in COLUMNS}
     return [
         {
@@ -116,6 +116,7 @@ def _attempt_rows(
             "move_seconds": 0.0,
             "error_m": float(error[i]),
             **({"inserted_wrongly": True} if wrongly[i] else {}),
+            **({"sensed": bool(sensed[i])} if sensed is not None else {}),
         }
         for i, trial in enumerate(ids)
     ]

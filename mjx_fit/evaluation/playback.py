@@ -208,5 +208,5 @@ def _step_of(round_: Round, row: int, so_far: tuple[Step, ...]) -> Step:
         before=jax.tree.map(lambda leaf: leaf[row], round_.before.beliefs),
         after=jax.tree.map(lambda leaf: leaf[row], round_.learned.beliefs),
         content=round_.before.content[row],
-        helped=int(newly[0]) if len(newly) and not happened.truth.inserted else None,
+        helped=int(newly[0]) if len(newly) and not happened.taken else None,
     )

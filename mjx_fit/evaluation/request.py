@@ -48,7 +48,7 @@ class Request:
         """
         name = stored_policy_name(self.engine)
         if name is not None and name.partition("@")[0] == SEEK:
-            for method in self.methods.split(","):
+            for method in filter(None, self.methods.split(",")):
                 if method not in SEEKING:
                     raise RequestError(
                         f"--methods: {method} cannot be used with --policy {SEEK}, which updates the belief "

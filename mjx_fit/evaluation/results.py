@@ -179,6 +179,23 @@ def summarise_attempt(trials: list[dict[str, Any]], method: str = ATTEMPT_METHOD
     )
 
 
+def summarise_sensed(trials: list[dict[str, Any]], method: str) -> list[Row]:
+    """Compare the insertions that a robot measured with the true ones, in holes of any type.
+
+    ``sensed_precision`` is the share of true ones among those that it measured, ``sensed_recall`` the share
+    of measured ones among the true ones. Without ``task.success: sensed`` there are no rows.
+
+    Args:
+        trials: Rows as in ``trial_rows.AttemptTrial``.
+        method: Name of the policy.
+    """
+    valid = [trial for trial in trials if trial["valid"] and "sensed" in trial]
+    pairs = [(trial["sensed"], trial["inserted"] or trial.get("inserted_wrongly", False)) for trial in valid]
+    precision = {"all": [inserted for sensed, inserted in pairs if sensed]}
+    recall = {"all": [sensed for sensed, inserted in pairs if inserted]}
+    return _rates(method, "sensed_precision", precision) + _rates(method, "sensed_recall", recall)
+
+
 def _inserted_wrongly(trials: list[dict[str, Any]]) -> dict[str, list[bool]]:
     """Return whether each valid mismatched attempt inserted the peg, for all and for each such pair."""
     groups: dict[str, list[bool]] = {"mismatched": []}

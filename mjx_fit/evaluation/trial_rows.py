@@ -91,8 +91,9 @@ class AttemptTrial(TypedDict):
 
     ``pair`` contains the shapes of peg and hole, ``length`` counts actions, and ``error_m`` is the distance
     of the detector's estimate from the hole. ``inserted`` means inserted into a matching hole;
-    ``inserted_wrongly``, present only if true, into a mismatched one. Time and force are lists of one, as in
-    the other experiments; older files have a number as ``peak_force_n``.
+    ``inserted_wrongly``, present only if true, into a mismatched one. ``sensed``, present only with
+    ``task.success: sensed``, means that the robot measured an insertion. Time and force are lists of one, as
+    in the other experiments; older files have a number as ``peak_force_n``.
     """
 
     __pydantic_config__ = STRICT  # pyright: ignore[reportGeneralTypeIssues]
@@ -111,6 +112,7 @@ class AttemptTrial(TypedDict):
     move_seconds: NotRequired[Size]
     error_m: Annotated[float, Field(ge=0, le=1000, allow_inf_nan=False)]
     inserted_wrongly: NotRequired[bool]
+    sensed: NotRequired[bool]
 
 
 class PositionTrial(_Effort):

@@ -5,7 +5,8 @@ more likely another's than the peg's own, it pulls the peg out again, and the at
 peg be pulled out of its own hole. Otherwise the peg stays and fills the hole: the robot grasps the next peg,
 and the attempts count as usual. In a hole of another type it is *inserted wrongly*: neither a success nor a
 human intervention. The hole of its own type stays empty, so a later peg whose hole is taken ends in any empty
-hole or needs a human, who puts it into the first empty hole.
+hole or needs a human, who puts it into the first empty hole. A peg that the robot takes for inserted and that
+is not in (``task.success: sensed``) counts as inserted wrongly, too.
 """
 
 from dataclasses import replace
@@ -102,7 +103,7 @@ class Table:
         kept = self._kept(tried)
         self._store(rows[self.active], tried.beliefs)
         if tried.confirmed is not None:
-            self._store(rows[self.active & np.asarray(happened.truth.inserted) & ~kept], tried.confirmed)
+            self._store(rows[self.active & np.asarray(happened.taken) & ~kept], tried.confirmed)
         failed = self.active & np.asarray(happened.truth.valid) & ~kept
         told = rows[failed & self._of("learns_truth")]
         reveal_hole(self._beliefs, self._world, (told, chosen[told]))
@@ -115,10 +116,10 @@ class Table:
         chosen = self.choice.hole
         rows, happened = np.flatnonzero(self.active), tried.rollouts
         inserted = self._kept(tried)
-        wrongly = inserted & np.asarray(happened.inserted_wrongly)
+        wrongly = inserted & ~np.asarray(happened.succeeded)
         peg, hole = self.pegs_done[rows], chosen[rows]
         self._attempts[rows, peg] += 1
-        self._pulled_out[rows, peg] += (np.asarray(happened.truth.inserted) & ~inserted)[rows]
+        self._pulled_out[rows, peg] += (np.asarray(happened.taken) & ~inserted)[rows]
         self._tries[rows, hole] += 1
         helped = ~inserted[rows] & (self._attempts[rows, peg] == self._config.task.max_attempts)
         # The human fills the first empty hole of the peg's type, or else the first empty one.
@@ -157,7 +158,7 @@ class Table:
 
     def _kept(self, tried: Tried) -> Bool[np.ndarray, "R"]:
         """Tell whose peg is in and stays: by the truth, by the posterior, or always, as the method learns."""
-        inserted = np.asarray(tried.rollouts.truth.inserted)
+        inserted = np.asarray(tried.rollouts.taken)
         if tried.confirmed is None:
             return inserted
         right = np.asarray(tried.rollouts.succeeded)

@@ -143,7 +143,7 @@ def after_failures(update: Update, beliefs: Belief, rollouts: Rollout, keys: Key
     its attempt lasted to the end, it has searched where it believed the hole to be, and it was not there: the
     position then is what it was before, and only the type is learnt.
     """
-    failed = np.asarray(rollouts.truth.failed)
+    failed = np.asarray(rollouts.truth.valid & ~rollouts.taken)
     if isinstance(rollouts.report, Belief):
         learnt = _last(rollouts)
         refuted = np.asarray(rollouts.felt.length) == rollouts.report.pos_cov.shape[1]
@@ -173,7 +173,7 @@ def after_insertions(confirm: Update, beliefs: Belief, rollouts: Rollout, keys: 
         rollouts: The attempts, (n,).
         keys: Seeds of the noise.
     """
-    inserted = np.asarray(rollouts.truth.inserted)
+    inserted = np.asarray(rollouts.taken)
     length = np.where(inserted, rollouts.felt.length, 0).astype(np.int32)
     learnt = confirm(beliefs, replace(rollouts.felt, length=length), keys)
     return jax.tree.map(lambda new, old: where_rows(inserted, new, old), learnt, beliefs)

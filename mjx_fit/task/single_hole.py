@@ -52,7 +52,8 @@ class Outcome:
 
     Attributes:
         inserted_at: Number of the attempt that inserted the peg, from 1; 0 if no attempt did, (T,). The types
-            need not match.
+            need not match. An insertion that the robot does not notice is none (``task.success: sensed``); a
+            peg that it takes for inserted ends the trial.
         attempts: Number of attempts made, (T,).
         mean_world: Mean position before the first and after each attempt, (T, K + 1, 2), m. It stays constant
             after an insertion; the insertion position never replaces it.
@@ -91,6 +92,7 @@ class HoleTable:
         self._belief = _first_belief(config, methods, holes)
         n_rows = len(self._samples)
         self._inserted_at, self._attempts = np.zeros(n_rows, int), np.zeros(n_rows, int)
+        self._done = np.zeros(n_rows, bool)
         self._means, self._covs = [self._belief.pos_mean_world], [self._belief.pos_cov]
         self._matches = [self._match_probability()]
         self._efforts: list[Effort] = []
@@ -98,8 +100,8 @@ class HoleTable:
         self._move_seconds = np.zeros(n_rows)
 
     def next_try(self) -> Try | None:
-        """Return the next attempt of each unfinished row; None if all pegs are in, or after K attempts."""
-        active, number = self._inserted_at == 0, len(self._efforts)
+        """Return the next attempt of each unfinished row; None if all are done, or after K attempts."""
+        active, number = ~self._done, len(self._efforts)
         if number == self._max_attempts or not active.any():
             return None
         wiggle, noise, sample = _keys(self._keys, number)
@@ -114,17 +116,19 @@ class HoleTable:
         active = tried.asked.active
         self._attempts += active
 
-        def taken(old, new):
+        def latest(old, new):
             return np.where(active.reshape(-1, *[1] * (old.ndim - 1)), new, old)
 
         starts = np.asarray(tried.asked.attempts.estimate_world)
         if self._efforts:
             self._move_seconds += active * move_time_s(self._starts, starts, self._moves)
-        self._starts = taken(self._starts, starts)
+        self._starts = latest(self._starts, starts)
         effort = effort_of(tried.rollouts.felt)
         self._efforts.append(jax.tree.map(lambda column: np.where(active, column, np.nan), effort))
-        self._inserted_at[active & tried.rollouts.truth.inserted] = len(self._efforts)
-        self._belief = jax.tree.map(taken, self._belief, tried.beliefs)
+        taken = active & tried.rollouts.taken
+        self._inserted_at[taken & tried.rollouts.truth.inserted] = len(self._efforts)
+        self._done |= taken
+        self._belief = jax.tree.map(latest, self._belief, tried.beliefs)
         self._means.append(self._belief.pos_mean_world)
         self._covs.append(self._belief.pos_cov)
         self._matches.append(self._match_probability())

@@ -186,6 +186,8 @@ class Rollout:
         felt: Measurements.
         truth: Ground truth.
         report: ``Policy.report`` after each action, (J, ...) for each leaf; None without one.
+        sensed: Whether the robot measured an insertion, which ended the attempt (``task.success: sensed``);
+            None: the truth told it.
 
     Example:
         >>> import jax, mjx_fit as mf
@@ -197,10 +199,16 @@ class Rollout:
     felt: Felt
     truth: Truth
     report: Any = None
+    sensed: Bool[Array, "*batch"] | None = None
 
     def __getitem__(self, rows: Any) -> "Rollout":
         """Select one or several attempts of a batch."""
         return jax.tree.map(lambda leaf: leaf[rows], self)
+
+    @property
+    def taken(self) -> Bool[Array, "*batch"]:
+        """True if the robot takes the peg for inserted: it measured so, or the truth tells it."""
+        return self.truth.inserted if self.sensed is None else self.sensed
 
     @property
     def succeeded(self) -> Bool[Array, "*batch"]:

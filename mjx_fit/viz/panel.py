@@ -7,6 +7,7 @@ from jaxtyping import Float, UInt8
 from PIL import Image, ImageDraw, ImageFont
 
 from mjx_fit.evaluation.recording import Recording, Step
+from mjx_fit.types import Rollout
 from mjx_fit.utils.rates import SUBSTEPS
 from mjx_fit.utils.type_colours import TYPE_RGB
 from mjx_fit.viz.timeline import ACTIONS_PER_S, Moment
@@ -90,9 +91,8 @@ class Panel:
             return f"moves to hole {step.hole + 1}"
         if moment.phase == "attempt":
             return f"tries hole {step.hole + 1}"
-        if step.rollout.truth.inserted:
-            wrongly = "wrongly " if step.rollout.inserted_wrongly else ""
-            return f"inserted {wrongly}into hole {step.hole + 1}"
+        if step.rollout.taken:
+            return f"{_outcome(step.rollout)} into hole {step.hole + 1}"
         if step.helped is not None:
             return f"failed; human intervention at hole {step.helped + 1}"
         if not step.rollout.truth.valid:
@@ -159,7 +159,7 @@ class Panel:
         x = left + (right - left) * np.arange(len(force)) * _EVERY / SUBSTEPS / actions
         for (_, colour), values in zip(_FORCES, force.T, strict=True):
             self._line(draw, list(zip(x.tolist(), height(values).tolist(), strict=True)), colour, 2)
-        if step.rollout.truth.inserted and moment.phase == "learn":
+        if step.rollout.taken and moment.phase == "learn":
             self._line(draw, [(x[-1], ceiling), (x[-1], bottom)], "#0072B2", 2)
 
     def _levels(self) -> list[float]:
@@ -216,3 +216,10 @@ def _ink(kind: int) -> str:
     """Return the colour of a type for text on white; light colours are darkened."""
     red, green, blue = TYPE_RGB[kind]
     return _hex(kind, 0.6 if 0.3 * red + 0.6 * green + 0.1 * blue > LIGHT else 1.0)
+
+
+def _outcome(rollout: Rollout) -> str:
+    """Return what happened to a peg that the robot takes for inserted."""
+    if not rollout.truth.inserted:
+        return "taken for inserted"
+    return "inserted wrongly" if rollout.inserted_wrongly else "inserted"

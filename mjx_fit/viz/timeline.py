@@ -109,7 +109,7 @@ def _attempt(number: int, step: Step, path, fps: int, speed: float) -> Iterator[
 
 def _learn(number: int, step: Step, tip, clear: float, fps: int) -> Iterator[Moment]:
     content = step.content.copy()
-    done = bool(step.rollout.truth.inserted) or step.helped is not None
+    done = bool(step.rollout.taken) or step.helped is not None
     if done:
         content[step.hole if step.helped is None else step.helped] = int(step.rollout.felt.peg_type)
     up, last = np.stack([tip, [*tip[:2], clear]]), _believed(step, int(step.rollout.felt.length) - 1)

@@ -6,11 +6,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from fakes import CLOSE_M, FakeEngine, place_of
+from fakes import CLOSE_M, FakeEngine, T, halving, make_holes
 from faults import Faults, Killed
 from synthetic import with_trace, with_truth
 
@@ -26,22 +25,6 @@ from mjx_fit.types import Attempt, Observation
 from mjx_fit.utils import resources
 
 CONFIG = Config()
-T = 40
-
-
-def halving(beliefs, felt, keys):
-    """Halves the error, and knows it."""
-    error = place_of(felt) - beliefs.pos_mean_world
-    return replace(beliefs, pos_mean_world=beliefs.pos_mean_world + error / 2, pos_cov=beliefs.pos_cov / 4)
-
-
-def make_holes(seed: int = 0) -> single_hole.Holes:
-    rng = np.random.default_rng(seed)
-    peg = np.arange(T) % 3
-    place = rng.uniform(-0.3, 0.3, (T, 2)).astype(np.float32)
-    estimate = place + rng.uniform(-0.02, 0.02, (T, 2)).astype(np.float32)
-    other = np.where(np.arange(T) < T // 2, peg, (peg + 1) % 3)
-    return single_hole.Holes(peg, other, place, estimate, jax.random.split(jax.random.key(1), T))
 
 
 def play(picked, holes, engine, max_attempts=5):

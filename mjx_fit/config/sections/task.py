@@ -77,6 +77,11 @@ class TaskConfig:
         next_hole: Value that chooses the next hole. Either the success ``chance`` of the attempt, as in the
             paper, or the ``rate``: insertions per second (``mjx_fit.task.hole_choice``), by which the policy
             ``seek`` also leaves a hole.
+        success: Who tells that the peg is in. The ``truth`` of the simulator does, as in the paper, or what
+            the robot ``sensed``: a TCP ``insertion_depth_m`` and ``sensed_margin_m`` below where it takes the
+            top of the socket to be. The truth then only scores.
+        sensed_margin_m: Depth beyond insertion_depth_m. A measured insertion must have it; the default is
+            five times the error of height, ``pose.height_offset_m``.
     """
 
     n_holes: Annotated[int, Field(ge=1, le=8, json_schema_extra={"unit": "holes"})] = 5
@@ -91,6 +96,8 @@ class TaskConfig:
     success_by_error: tuple[Rates, ...] | None = None
     hard_match: bool = False
     next_hole: Literal["chance", "rate"] = "chance"
+    success: Literal["truth", "sensed"] = "truth"
+    sensed_margin_m: Annotated[float, Field(ge=0, le=0.01)] = 0.0015
 
     @model_validator(mode="after")
     def _one_rate_for_each_knot(self) -> "TaskConfig":

@@ -165,27 +165,27 @@ class World:
             state, command = policy_runner.act(self.policy, self.config, horizon, memory, tip, step)
             wanted = commanded(arm.tip_pos_world, command, self.config.control)
             driven, goal, wrench = self.drive(model, data, memory.goal, wanted, memory.physics)
-            arm = arm_state(model, driven, self.scene)
-            tip = attempt_rules.tip_of(arm, memory.physics, self.config)
+            tip = attempt_rules.tip_of(arm_state(model, driven, self.scene), memory.physics, self.config)
             row = attempt_rules.trace_row(tip, wrench, command)
             finite = jnp.isfinite(driven.qpos).all() & jnp.isfinite(driven.qvel).all()
             # Evaluated after the action: one more output of a step would change the rounding of all
             # outputs in XLA.
             limit = at_limit(driven.ctrl, self.scene.robot)
             verdict = attempt_rules.judge(tip, attempt.hole_pos_world, finite, limit, limited, self.config)
+            verdict = verdict.as_sensed(policy_runner.measures_insertion(memory, tip, step + 1, self.config))
             data = jax.tree.map(partial(jnp.where, running & verdict.valid), driven, data)
-            row = jax.tree.map(lambda leaf: jnp.where(running, leaf, jnp.zeros_like(leaf)), row)
-            told = policy_runner.reported(self.policy, state)
-            told = jax.tree.map(lambda leaf: jnp.where(running, leaf, jnp.zeros_like(leaf)), told)
+            made = row, policy_runner.reported(self.policy, state)
+            row, told = jax.tree.map(lambda leaf: jnp.where(running, leaf, jnp.zeros_like(leaf)), made)
             memory = replace(memory, state=state, wrench_sensor=wrench, command_world=command, goal=goal)
             over = verdict.over | policy_runner.gives_up(self.policy, state)
             carry = data, running & ~over, verdict.limited, memory
-            return carry, (row, told, running, running & verdict.inserted, running & ~verdict.valid)
+            return carry, (row, told, running, (verdict.inserted, verdict.valid, verdict.sensed))
 
-        tip_pos_world = arm_state(model, data, self.scene).tip_pos_world
-        memory = policy_runner.begin(self.policy, self.config, attempt, tare, tip_pos_world)
+        begin = arm_state(model, data, self.scene).tip_pos_world
+        memory = policy_runner.begin(self.policy, self.config, attempt, tare, begin)
         carry = data, active, jnp.int32(0), memory
-        (end, *_), (trace, report, ran, inserted, broke) = jax.lax.scan(act, carry, jnp.arange(actions))
+        (end, *_), (trace, report, ran, flags) = jax.lax.scan(act, carry, jnp.arange(actions))
+        inserted, valid, sensed = jax.tree.map(lambda flag: active & flag[ran.sum() - 1], flags)
         felt = Felt(
             trace=trace,
             length=ran.sum(),
@@ -196,13 +196,13 @@ class World:
         truth = Truth(
             hole_type=attempt.hole_type,
             hole_pos_world=attempt.hole_pos_world,
-            inserted=inserted.any(),
-            valid=~broke.any(),
+            inserted=inserted,
+            valid=valid | ~active,
             end_qpos=jnp.where(active, end.qpos, 0),
             end_qvel=jnp.where(active, end.qvel, 0),
             physics=attempt.physics,
         )
-        return Rollout(felt, truth, report)
+        return Rollout(felt, truth, report, sensed)
 
     def drive(
         self, model: WorldModel, data: mjx.Data, goal: Goal, next_world: Float[Array, "3"], physics: Physics

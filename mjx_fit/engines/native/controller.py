@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from mjx_fit.config.schema import Config
 from mjx_fit.control import operational_space, policies
@@ -57,6 +57,8 @@ class Brain:
             gives up.
         torque: Function of packed inputs, goals and physics: joint torques (rows, joints), N·m.
         tip: Function of packed inputs and physics: the TCP states.
+        end: Function of the memory, packed inputs and the number of actions made: the TCP states, and whether
+            the robot measures an insertion.
     """
 
     def __init__(self, scene: Scene, config: Config, policy: Policy):
@@ -68,6 +70,7 @@ class Brain:
         self.act = jax.jit(jax.vmap(self._act, (0, 0, None, None)), static_argnums=3)
         self.torque = jax.jit(self._torque)
         self.tip = jax.jit(jax.vmap(self._tip))
+        self.end = jax.jit(jax.vmap(self._end, (0, 0, None)))
 
     def no_report(self, attempts: Attempt, actions: int) -> Any:
         """Allocate what the policy reports about attempts (n,) after each action; None if nothing."""
@@ -100,6 +103,10 @@ class Brain:
         state, command = policy_runner.act(self._policy, self.config, horizon, memory, tip, step)
         told, ends = policy_runner.reported(self._policy, state), policy_runner.gives_up(self._policy, state)
         return state, command, commanded(tip.pos_world, command, self.config.control), told, ends
+
+    def _end(self, memory: Memory, packed: Float[Array, "k"], step) -> tuple[Tip, Bool[Array, ""] | None]:
+        tip = self._tip(packed, memory.physics)
+        return tip, policy_runner.measures_insertion(memory, tip, step, self.config)
 
     def _tip(self, packed: Float[Array, "k"], physics: Physics) -> Tip:
         return attempt_rules.tip_of(self.layout.unpack(packed), physics, self.config)

@@ -126,12 +126,12 @@ class NativeEngine:
         """Create one batch of C simulations for all attempts, on all threads, at rest at their start."""
         ids = np.arange(len(attempts.peg_type))
         parts = parts_of(len(ids), 1, ROWS[-1])
-        starts = [np.asarray(self._brain.start(attempts=padded(attempts, part))) for part in parts]
-        qpos = np.concatenate([start[: len(part)] for start, part in zip(starts, parts, strict=True)])
-        return batch_at_rest(self._models, attempts, qpos, self._threads)
+        begin = [self._brain.start(attempts=padded(attempts, part)) for part in parts]
+        starts = [np.asarray(start)[: len(part)] for start, part in zip(begin, parts, strict=True)]
+        return batch_at_rest(self._models, attempts, np.concatenate(starts), self._threads)
 
     def _nothing_done(self, attempts: Attempt, actions: int) -> Rollout:
-        done = attempt_rules.nothing_done(attempts, actions, len(self.scene.robot.joints))
+        done = attempt_rules.nothing_done(attempts, actions, len(self.scene.robot.joints), self.config)
         return replace(done, report=self._brain.no_report(attempts, actions))
 
     def _part(self, attempts: Attempt, ids: Int[np.ndarray, "m"], done: Rollout) -> "_Part":
@@ -189,12 +189,7 @@ class _Part:
         self.memory = replace(self.memory, goal=goal)
 
     def act(self, step: int, horizon: int) -> bool:
-        """Simulate and record one action of the running attempts; return True if any attempt is unfinished.
-
-        Args:
-            step: Index j of the action.
-            horizon: Number of actions that the policy plans for.
-        """
+        """Simulate and record action ``step`` of the running attempts; return True if any is unfinished."""
         before = self.block.qpos.copy(), self.block.qvel.copy()
         state, *acted = self.brain.act(self.memory, self.block.packed(), step, horizon)
         command, wanted, told, ends = jax.tree.map(np.asarray, acted)
@@ -219,21 +214,23 @@ class _Part:
         """Record the action of the running attempts and return the verdict."""
         block, done, running = self.block, self.done, self._running
         place, ids = np.searchsorted(self._shown, running), self.ids[running]
-        tip = self.brain.tip(block.packed(), self.memory.physics)
-        tip = jax.tree.map(lambda leaf: np.asarray(leaf)[place], tip)
+        end = self.brain.end(self.memory, block.packed(), step + 1)
+        tip, sensed = jax.tree.map(lambda leaf: np.asarray(leaf)[place], end)
         row = attempt_rules.trace_row(tip, block.wrench.swapaxes(0, 1)[running], command[place])
         for stored, now in zip(jax.tree.leaves(done.felt.trace), jax.tree.leaves(row), strict=True):
             stored[ids, step] = now
         at_limit, limited = block.at_limit()[running], self._limited[running]
         verdict = attempt_rules.judge(
             tip, self.hole_pos_world[running], block.finite()[running], at_limit, limited, self.brain.config
-        )
+        ).as_sensed(sensed)
         self._limited[running] = verdict.limited
         done.felt.length[ids] = step + 1
-        done.truth.valid[ids], done.truth.inserted[ids] = verdict.valid, verdict.inserted
-        for stored, now, old in zip(
-            (done.truth.end_qpos, done.truth.end_qvel), (block.qpos, block.qvel), before, strict=True
-        ):
+        ends = (done.truth.valid, done.truth.inserted, done.sensed)
+        for stored, now in zip(ends, (verdict.valid, verdict.inserted, verdict.sensed), strict=True):
+            if stored is not None:
+                stored[ids] = now
+        end = (done.truth.end_qpos, block.qpos, before[0]), (done.truth.end_qvel, block.qvel, before[1])
+        for stored, now, old in end:
             stored[ids] = np.where(verdict.valid[:, None], now[running], old[running])
         return verdict
 
