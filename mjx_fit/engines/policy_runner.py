@@ -77,8 +77,18 @@ def act(
 ) -> tuple[State, Float[Array, "3"]]:
     """Compute the policy's new state and its command (m) for one action.
 
+    The arguments are those of ``seen``.
+    """
+    return policy.act(memory.state, seen(policy.reads, config, horizon, memory, tip, step))
+
+
+def seen(
+    reads: bool, config: Config, horizon: int, memory: Memory, tip: Tip, step: Int[Array, ""]
+) -> PolicyInput:
+    """Measure what a policy sees before an action.
+
     Args:
-        policy: The policy.
+        reads: Whether it needs ``PolicyInput.reading``.
         config: Defines the errors of the F/T sensor and of the poses, and the contact threshold.
         horizon: Number of actions that the policy plans for.
         memory: Memory with the wrenches of the previous action.
@@ -93,7 +103,7 @@ def act(
     noisy = force_torque.measured(clean, tare, jax.random.fold_in(noise_key, step), wrist)
     wrench = distortion.sampled(noisy, tare, wrist)[0]
     measured = _measured(tip, memory, config, step)
-    seen = PolicyInput(
+    return PolicyInput(
         start=memory.start,
         attempt_key=memory.key,
         key=jax.random.fold_in(memory.key, step),
@@ -104,10 +114,9 @@ def act(
         tip_angvel_world=measured.angvel_world,
         wrench_sensor=wrench,
         contact=force_torque.in_contact(wrench, wrist),
-        reading=_read(memory, tip, config, before) if policy.reads else None,
+        reading=_read(memory, tip, config, before) if reads else None,
         horizon=horizon,
     )
-    return policy.act(memory.state, seen)
 
 
 def measures_insertion(

@@ -76,12 +76,23 @@ def batch_at_rest(
     pair = np.asarray(pair_index(attempts.peg_type, attempts.hole_type, scene.n_types))
     batch = Batch(scene.models[0], len(pair), threads, persistent=True)
     batch.set_models(models.of(pair, attempts.physics))
-    batch.bind("qpos")[:] = qpos
-    hole = np.asarray(attempts.hole_pos_world)
-    batch.bind("mocap_pos")[:, 0] = np.column_stack([hole, np.full(len(pair), scene.plate_top_m)])
-    batch.forward(stage=_OBSERVED)
-    batch.bind("ctrl")[:] = batch.bind("qfrc_bias")
+    _place(batch, np.arange(len(pair)), attempts, qpos, scene.plate_top_m)
     return batch
+
+
+def _place(
+    batch: Batch,
+    rows: Int[np.ndarray, "k"],
+    attempts: Attempt,
+    qpos: Float[np.ndarray, "k joints"],
+    top_m: float,
+) -> None:
+    """Put these simulations at the start of their attempts, at rest against gravity."""
+    batch.bind("qpos")[rows], batch.bind("qvel")[rows] = qpos, 0
+    hole = np.asarray(attempts.hole_pos_world)
+    batch.bind("mocap_pos")[rows, 0] = np.column_stack([hole, np.full(len(rows), top_m)])
+    batch.forward(rows, stage=_OBSERVED)
+    batch.bind("ctrl")[rows] = batch.bind("qfrc_bias")[rows]
 
 
 class Block:
@@ -112,7 +123,7 @@ class Block:
             qpos: Joint angles at the start, rad.
             rows: Maximum number of rows for the controller; rows beyond m are meaningless.
         """
-        self._robot = models.scene.robot
+        self._robot, self._models = models.scene.robot, models
         self.batch = batch = batch_at_rest(models, attempts, qpos, threads=1)
         self.qpos, self.qvel, self._ctrl = (batch.bind(name) for name in ("qpos", "qvel", "ctrl"))
         self._sensordata = batch.bind("sensordata")
@@ -136,6 +147,20 @@ class Block:
         """Set the state of the simulations."""
         self.qpos[:], self.qvel[:] = qpos, qvel
         self.batch.forward(stage=_OBSERVED)
+
+    def restart(
+        self, rows: Int[np.ndarray, "k"], attempts: Attempt, qpos: Float[np.ndarray, "k joints"]
+    ) -> None:
+        """Begin new attempts (k,) in these simulations, at rest; the others stay as they are."""
+        scene = self._models.scene
+        pair = np.asarray(pair_index(attempts.peg_type, attempts.hole_type, scene.n_types))
+        of_worlds = [self.batch.get_model(world) for world in range(len(self.qpos))]
+        for row, model in zip(rows, self._models.of(pair, attempts.physics), strict=True):
+            of_worlds[row] = model
+        self.batch.set_models(of_worlds)
+        _place(self.batch, rows, attempts, qpos, scene.plate_top_m)
+        self.batch.forward(rows)
+        self.tare_sensor[rows] = self._sensordata[rows]
 
     def show(self, shown: Int[np.ndarray, "s"], rows: int) -> None:
         """Select the simulations whose inputs the controller receives, in this order.

@@ -15,7 +15,7 @@ from mjx_fit.config.schema import Config
 from mjx_fit.control import operational_space, policies
 from mjx_fit.control.goals import commanded
 from mjx_fit.control.kinematics import chain_of
-from mjx_fit.control.policies import Policy
+from mjx_fit.control.policies import Policy, PolicyInput
 from mjx_fit.engines import attempt_rules, policy_runner
 from mjx_fit.engines.attempt_rules import Tip
 from mjx_fit.engines.native.block import Layout
@@ -55,6 +55,9 @@ class Brain:
         act: Function of that memory, packed inputs, index of the action and horizon: the policy's state, its
             command and the resulting goal of the TCP, (rows, 3) each, m; what it reports, and whether it
             gives up.
+        seen: Function of the memory, packed inputs, index of each row's action and horizon: what the
+            policy sees.
+        act_at: The same as ``act``, with an index of the action for each row.
         torque: Function of packed inputs, goals and physics: joint torques (rows, joints), N·m.
         tip: Function of packed inputs and physics: the TCP states.
         end: Function of the memory, packed inputs and the number of actions made: the TCP states, and whether
@@ -69,6 +72,8 @@ class Brain:
         self.begin = jax.jit(jax.vmap(partial(policy_runner.begin, policy, config)))
         self.act = jax.jit(jax.vmap(self._act, (0, 0, None, None)), static_argnums=3)
         self.torque = jax.jit(self._torque)
+        self.seen = jax.jit(jax.vmap(self._seen, (0, 0, 0, None)), static_argnums=3)
+        self.act_at = jax.jit(jax.vmap(self._act, (0, 0, 0, None)), static_argnums=3)
         self.tip = jax.jit(jax.vmap(self._tip))
         self.end = jax.jit(jax.vmap(self._end, (0, 0, None)))
 
@@ -103,6 +108,10 @@ class Brain:
         state, command = policy_runner.act(self._policy, self.config, horizon, memory, tip, step)
         told, ends = policy_runner.reported(self._policy, state), policy_runner.gives_up(self._policy, state)
         return state, command, commanded(tip.pos_world, command, self.config.control), told, ends
+
+    def _seen(self, memory: Memory, packed: Float[Array, "k"], step, horizon: int) -> PolicyInput:
+        tip = self._tip(packed, memory.physics)
+        return policy_runner.seen(self._policy.reads, self.config, horizon, memory, tip, step)
 
     def _end(self, memory: Memory, packed: Float[Array, "k"], step) -> tuple[Tip, Bool[Array, ""] | None]:
         tip = self._tip(packed, memory.physics)

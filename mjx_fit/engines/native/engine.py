@@ -7,6 +7,7 @@ independent of the other attempts in the batch and of their number.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import jax
 import numpy as np
@@ -15,13 +16,14 @@ from mujoco.batch import Batch
 
 from mjx_fit.config.schema import Config
 from mjx_fit.control import policies
-from mjx_fit.control.goals import Goal, after, at_rest, goal_during
+from mjx_fit.control.goals import Goal, at_rest
 from mjx_fit.control.policies import Policy
 from mjx_fit.control.regulation import regulated
 from mjx_fit.engines import attempt_rules
 from mjx_fit.engines.attempt_rules import Verdict
 from mjx_fit.engines.native.block import Block, batch_at_rest
 from mjx_fit.engines.native.controller import ROWS, Brain, padded, rows_for
+from mjx_fit.engines.native.drive import driven
 from mjx_fit.engines.native.models import Models
 from mjx_fit.engines.policy_runner import Memory
 from mjx_fit.engines.requests import ANY_POLICY, MOST_THREADS, require_attempts, require_count
@@ -29,7 +31,6 @@ from mjx_fit.engines.threads import on_threads, parts_of, silence_mujoco
 from mjx_fit.scene.build import simulation_scene
 from mjx_fit.types import Attempt, Rollout
 from mjx_fit.utils import interrupts, numerics
-from mjx_fit.utils.rates import SUBSTEPS
 
 OnStep = Callable[[Int[np.ndarray, "m"], Batch], None]
 
@@ -193,16 +194,10 @@ class _Part:
         before = self.block.qpos.copy(), self.block.qvel.copy()
         state, *acted = self.brain.act(self.memory, self.block.packed(), step, horizon)
         command, wanted, told, ends = jax.tree.map(np.asarray, acted)
-        goal, physics = jax.tree.map(np.asarray, (self.memory.goal, self.memory.physics))
-        for substep in range(SUBSTEPS):
-            goal, now = goal_during(goal, wanted, substep, self.brain.config.control, physics)
-            self.block.step(np.asarray(self.brain.torque(self.block.packed(), now, physics)), substep)
-            if self.on_step is not None:
-                self.on_step(self.ids, self.block.batch)
+        watched = None if self.on_step is None else partial(self.on_step, self.ids, self.block.batch)
+        goal = driven(self.brain, self.block, self.memory, wanted, watched)
         felt = padded(self.block.wrench.swapaxes(0, 1), self._shown)
-        self.memory = replace(
-            self.memory, state=state, wrench_sensor=felt, command_world=command, goal=after(goal, wanted)
-        )
+        self.memory = replace(self.memory, state=state, wrench_sensor=felt, command_world=command, goal=goal)
         place = np.searchsorted(self._shown, self._running)
         for stored, now in zip(jax.tree.leaves(self.done.report), jax.tree.leaves(told), strict=True):
             stored[self.ids[self._running], step] = now[place]
