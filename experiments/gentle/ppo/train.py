@@ -1,0 +1,117 @@
+"""Train a policy by reinforcement with the recurrent PPO of sb3-contrib, and export it.
+
+    pip install -e ".[rl]"
+    python experiments/gentle/ppo/train.py OUT [--actions 10000000] [--minutes 100]
+
+The same command resumes where it was. `OUT/curve.csv` has a line for each update: actions, seconds of this
+process, finished attempts, and the means of their insertions, lengths and returns. `OUT/policy.npz` holds the
+weights that `policy.py` reads.
+"""
+
+import argparse
+import csv
+import time
+from pathlib import Path
+
+import numpy as np
+import torch
+from insertion_env import InsertionEnv
+from policy import ACTOR, acted, begun
+from sb3_contrib import RecurrentPPO
+from stable_baselines3.common.callbacks import BaseCallback
+from torch import nn
+
+PER_WORLD, STEPS, SAVE_EVERY = 128, 64, 4
+"""Worlds of each configuration, actions of an update in each world, and updates between checkpoints."""
+SETTINGS = {
+    "n_steps": STEPS,
+    "batch_size": 4096,
+    "n_epochs": 4,
+    "learning_rate": 5e-4,
+    "gamma": 0.99,
+    "gae_lambda": 0.95,
+    "ent_coef": 0.001,
+    "target_kl": 0.05,
+    "policy_kwargs": {
+        "lstm_hidden_size": 128,
+        "net_arch": {"pi": [128], "vf": [128]},
+        "activation_fn": nn.Tanh,
+        "log_std_init": -0.5,
+    },
+}
+
+
+class Log(BaseCallback):
+    """Write the learning curve, save checkpoints, and stop when the time is over."""
+
+    def __init__(self, out: Path, minutes: float):
+        super().__init__()
+        self._out, self._ends, self._begun = out, time.monotonic() + 60 * minutes, time.monotonic()
+        self._inserted, self._lengths, self._returns, self._updates = [], [], [], 0
+
+    def _on_step(self) -> bool:
+        for info in self.locals["infos"]:
+            if "inserted" in info:
+                self._inserted.append(info["inserted"])
+                self._lengths.append(info["episode"]["l"])
+                self._returns.append(info["episode"]["r"])
+        return time.monotonic() < self._ends
+
+    def _on_rollout_end(self) -> None:
+        self._updates += 1
+        row = [self.num_timesteps, round(time.monotonic() - self._begun, 1), len(self._inserted)]
+        row += [round(float(np.mean(x)), 4) for x in (self._inserted, self._lengths, self._returns) if x]
+        with (self._out / "curve.csv").open("a", newline="") as file:
+            csv.writer(file).writerow(row)
+        self._inserted, self._lengths, self._returns = [], [], []
+        if self._updates % SAVE_EVERY == 0:
+            keep(self.model, self._out)
+
+
+def keep(model, out: Path) -> None:
+    """Save a checkpoint in place of the previous one."""
+    model.save(out / "next.zip")
+    (out / "next.zip").replace(out / "model.zip")
+
+
+def export(model, out: Path) -> None:
+    """Write the weights of the actor, and check that the policy made of them acts like the model."""
+    weights = {name: value.cpu().numpy() for name, value in model.policy.state_dict().items()}
+    actor = {name: weights[name] for name in weights if name.startswith(ACTOR)}
+    np.savez(out, **actor)
+    seen = np.random.default_rng(0).normal(size=(6, model.observation_space.shape[0])).astype(np.float32)
+    own, state, first = begun(actor), None, np.ones(1, bool)
+    for row in seen:
+        action, state = model.predict(row[None], state, first, deterministic=True)
+        own, mine = acted(actor, own, row)
+        np.testing.assert_allclose(mine, action[0], atol=1e-4)
+        first = np.zeros(1, bool)
+
+
+def main(out: Path, actions: int, minutes: float) -> None:
+    out.mkdir(parents=True, exist_ok=True)
+    torch.set_num_threads(2)
+    saved = out / "model.zip"
+    done = len((out / "curve.csv").read_text().splitlines()) if (out / "curve.csv").exists() else 0
+    env = InsertionEnv(PER_WORLD, seed=1000 * done)
+    if saved.exists():
+        model = RecurrentPPO.load(saved, env=env, device="cpu")
+    else:
+        model = RecurrentPPO("MlpLstmPolicy", env, device="cpu", seed=0, **SETTINGS)
+    left = actions - model.num_timesteps
+    if left > 0:
+        model.learn(left, callback=Log(out, minutes), reset_num_timesteps=False)
+        keep(model, out)
+    export(model, out / "policy.npz")
+    print(f"{out}: {model.num_timesteps:,} of {actions:,} actions")
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("out", type=Path, metavar="OUT")
+    parser.add_argument("--actions", type=int, default=10_000_000, metavar="N")
+    parser.add_argument("--minutes", type=float, default=1e6, metavar="M", help="stop after this long")
+    asked = parser.parse_args()
+    main(asked.out, asked.actions, asked.minutes)
