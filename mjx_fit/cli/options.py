@@ -16,8 +16,9 @@ if TYPE_CHECKING:
     from mjx_fit.control.policies import Policy
 
 RUN = "folder of a training run, as-2026-11 or gentle (default: the weights that ship with the package)"
-SEEK, SEEK_RUN = "seek", "gentle"
-"""Name of the policy ``mjx_fit.task.seek``, and of the weights and the preset that it uses by default."""
+RASTER, SEEK, SEEK_RUN = "raster", "seek", "gentle"
+"""Names of the policies ``control.search.raster_search`` and ``task.seek``, and of the weights and the preset
+that the latter uses by default."""
 _POLICY_FILE = "FILE.py:NAME, a mjx_fit.Policy or a function of PolicyInput"
 
 
@@ -148,10 +149,15 @@ def policy_of(args: argparse.Namespace, config: Config) -> "tuple[Config, Policy
     Raises:
         RequestError: The file holds no such policy, or the sensor cannot read an attempt in progress.
     """
+    from mjx_fit.config.schema import require_room
     from mjx_fit.control.policy_file import is_policy_file, load_policy
+    from mjx_fit.control.search import raster_search
     from mjx_fit.task.seek import seek_with
     from mjx_fit.training.sensor_loader import load_trained_sensor
 
     if args.policy == SEEK:
         return seek_with(load_trained_sensor(run_of(args)), config)
+    if args.policy == RASTER:
+        require_room(config, "seek.raster_m", config.seek.raster_m)
+        return config, raster_search(config.seek)
     return config, load_policy(args.policy) if args.policy and is_policy_file(args.policy) else None

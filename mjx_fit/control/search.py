@@ -9,6 +9,7 @@ on average to reach the hole h, at speed v. After radius ρ without success, it 
 0)] / (v d) more for a hole that is still outside, while one inside has been missed and needs a new search.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
@@ -17,10 +18,12 @@ import jax.numpy as jnp
 from jaxtyping import Bool, Float
 
 from mjx_fit.config.sections.seek import SeekConfig
-from mjx_fit.control.policies import PolicyInput
+from mjx_fit.control.policies import Policy, PolicyInput
 from mjx_fit.types import Array, pytree
 from mjx_fit.utils.rates import ACTION_S
 
+Path = Callable[[Float[Array, ""], float], Float[Array, "2"]]
+"""Point of a search after a length of its path, m, given the pitch, m; relative to the centre, m."""
 FOLLOW_M = 0.004
 """Largest lag of the TCP behind its goal while the search goes on, m; it waits for a TCP further behind."""
 DROP_M = 0.0012
@@ -67,8 +70,20 @@ def about(search: Search, centre_world: Float[Array, "2"]) -> Search:
     return replace(search, centre_world=centre_world, path_m=jnp.zeros(()))
 
 
-def step(search: Search, seen: PolicyInput, config: SeekConfig) -> tuple[Search, Float[Array, "3"]]:
-    """Advance the search by one action, and return its command, m.
+def raster_search(config: SeekConfig) -> Policy:
+    """Create the policy ``raster``: touch down and sweep the square about the estimate in parallel lines."""
+    lines = partial(raster, half_width_m=config.raster_m)
+
+    def act(search: Search, seen: PolicyInput) -> tuple[Search, Float[Array, "3"]]:
+        return step(search, seen, config, lines)
+
+    return Policy(lambda start, key: begin(start.estimate_world), act, "raster")
+
+
+def step(
+    search: Search, seen: PolicyInput, config: SeekConfig, path: Path | None = None
+) -> tuple[Search, Float[Array, "3"]]:
+    """Advance the search by one action along its path, by default the spiral, and return its command, m.
 
     A peg that has dropped by ``DROP_M`` is at the hole: it is pushed more, rests while it sinks, and is
     searched with anew about where it is if it does not.
@@ -83,22 +98,35 @@ def step(search: Search, seen: PolicyInput, config: SeekConfig) -> tuple[Search,
     search = replace(search, touch_m=touch, touched=touched, dropped=dropped)
     sinks = dropped & (seen.tip_linvel_world[2] < -SINK_MPS)
     behind = jnp.linalg.norm(search.goal_world - here)
-    target = search.centre_world + spiral(search.path_m, config.pitch_m)
+    at = path or spiral
+    target = search.centre_world + at(search.path_m, config.pitch_m)
     arrived = jnp.linalg.norm(target - search.goal_world) < 1e-6
     moves = touched & ~sinks & (behind < FOLLOW_M)
-    path = search.path_m + jnp.where(moves & arrived, config.speed_mps * ACTION_S, 0)
-    target = search.centre_world + spiral(path, config.pitch_m)
+    path_m = search.path_m + jnp.where(moves & arrived, config.speed_mps * ACTION_S, 0)
+    target = search.centre_world + at(path_m, config.pitch_m)
     goal = jnp.where(
         moves, towards(search.goal_world, target, config.slide_mps * ACTION_S), search.goal_world
     )
     push = jnp.where(dropped, config.deep_push_m, jnp.where(touched, config.push_m, config.approach_push_m))
-    return replace(search, path_m=path, goal_world=goal), jnp.append(goal - here, -push)
+    return replace(search, path_m=path_m, goal_world=goal), jnp.append(goal - here, -push)
 
 
 def spiral(path_m: Float[Array, ""], pitch_m: float) -> Float[Array, "2"]:
     """Return the point of the spiral after a length of its path, relative to its centre, m."""
     angle = jnp.sqrt(4 * jnp.pi * path_m / pitch_m)
     return pitch_m * angle / (2 * jnp.pi) * jnp.stack([jnp.cos(angle), jnp.sin(angle)])
+
+
+def raster(path_m: Float[Array, ""], pitch_m: float, half_width_m: float) -> Float[Array, "2"]:
+    """Return the point of a raster after a length of its path, relative to the centre of its square, m.
+
+    Lines a pitch apart, along x and back, joined at their ends; after the last one the path begins again.
+    """
+    width, lines = 2 * half_width_m, int(2 * half_width_m / pitch_m + 1e-6) + 1
+    line, along = jnp.divmod(path_m % (lines * (width + pitch_m)), width + pitch_m)
+    x = jnp.minimum(along, width) - half_width_m
+    y = line * pitch_m + jnp.where(line < lines - 1, jnp.maximum(along - width, 0), 0) - half_width_m
+    return jnp.stack([jnp.where(line % 2 == 0, x, -x), y])
 
 
 def towards(from_world: Float[Array, "2"], to_world: Float[Array, "2"], most_m: float) -> Float[Array, "2"]:

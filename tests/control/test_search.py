@@ -114,3 +114,33 @@ def test_a_peg_that_drops_is_pushed_more_where_it_is_and_searched_with_there_onc
     assert float(stuck.path_m) > 0
     np.testing.assert_allclose(stuck.centre_world, hole)
     assert np.linalg.norm(command[:2]) < 0.003
+
+
+@pytest.mark.parametrize(("pitch_m", "half_m"), [(0.002, 0.01), (0.0015, 0.004)])
+def test_the_raster_sweeps_its_square_in_lines_a_pitch_apart_and_begins_again(pitch_m, half_m):
+    once = (int(2 * half_m / pitch_m + 1e-6) + 1) * (2 * half_m + pitch_m)
+    lengths = jnp.linspace(0, once, 20_001)
+    path = np.asarray(jax.vmap(lambda s: search.raster(s, pitch_m, half_m))(lengths))
+    assert np.abs(path).max() <= half_m + 1e-6
+    steps = np.linalg.norm(np.diff(path[:-200], axis=0), axis=1)
+    np.testing.assert_allclose(steps[steps > 1e-9].mean(), once / 20_000, rtol=0.01)  # as long as it says
+    spots = np.random.default_rng(0).uniform(-half_m, half_m, (500, 2))
+    nearest = np.linalg.norm(spots[:, None] - path[None, ::10], axis=2).min(1)
+    assert nearest.max() <= pitch_m / 2 + 2e-4 + 2 * half_m % pitch_m
+    np.testing.assert_allclose(search.raster(lengths[3] + once, pitch_m, half_m), path[3], atol=1e-6)
+
+
+def test_the_raster_policy_slides_to_the_corner_of_its_square_and_sweeps_it():
+    policy = search.raster_search(CONFIG)
+    state = policy.init(seen().start, jax.random.key(0))
+    state, command = policy.act(state, seen(contact=False))
+    np.testing.assert_allclose(command, [0, 0, -CONFIG.approach_push_m], atol=1e-7)
+    here, way = np.zeros(2), []
+    for _ in range(60):
+        state, command = policy.act(state, seen(place=(*here, 0.045)))
+        here = here + np.asarray(command)[:2]
+        way.append(here)
+    assert np.abs(way).max() <= CONFIG.raster_m + 1e-6
+    corner = np.linalg.norm(np.array(way) + CONFIG.raster_m, axis=1)
+    assert corner.min() < 1e-6
+    assert way[-1][0] > CONFIG.raster_m / 2  # along the first line

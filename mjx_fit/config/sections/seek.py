@@ -22,6 +22,8 @@ class SeekConfig:
         change_s: Time that a new centre costs. The rule adds it for slowing down and starting anew.
         feel_s: Longest search that is expected. Contact then tells where the hole is, for any belief.
         sink_s: Time to push the peg in.
+        raster_m: Half width of the square of raster. This policy sweeps it with the same pitch, speeds and
+            pushes, without a belief.
         approach_push_m: Vertical command before contact. It sets the speed of the touch-down.
         push_m: Command in contact, downwards.
         deep_push_m: Vertical command after a drop. The peg has found an edge and is going in.
@@ -33,6 +35,7 @@ class SeekConfig:
     change_s: Annotated[float, Field(ge=0, le=10)] = 0.2
     feel_s: Annotated[float, Field(ge=0.1, le=100)] = 2.0
     sink_s: Annotated[float, Field(ge=0, le=100)] = 1.0
+    raster_m: Annotated[float, Field(ge=0.0005, le=0.1)] = 0.01
     approach_push_m: Push = 0.0025
     push_m: Push = 0.004
     deep_push_m: Push = 0.006
