@@ -70,6 +70,12 @@ def about(search: Search, centre_world: Float[Array, "2"]) -> Search:
     return replace(search, centre_world=centre_world, path_m=jnp.zeros(()))
 
 
+def spiral(path_m: Float[Array, ""], pitch_m: float) -> Float[Array, "2"]:
+    """Return the point of the spiral after a length of its path, relative to its centre, m."""
+    angle = jnp.sqrt(4 * jnp.pi * path_m / pitch_m)
+    return pitch_m * angle / (2 * jnp.pi) * jnp.stack([jnp.cos(angle), jnp.sin(angle)])
+
+
 def raster_search(config: SeekConfig) -> Policy:
     """Create the policy ``raster``: touch down and sweep the square about the estimate in parallel lines."""
     lines = partial(raster, half_width_m=config.raster_m)
@@ -81,7 +87,7 @@ def raster_search(config: SeekConfig) -> Policy:
 
 
 def step(
-    search: Search, seen: PolicyInput, config: SeekConfig, path: Path | None = None
+    search: Search, seen: PolicyInput, config: SeekConfig, path: Path = spiral
 ) -> tuple[Search, Float[Array, "3"]]:
     """Advance the search by one action along its path, by default the spiral, and return its command, m.
 
@@ -98,23 +104,16 @@ def step(
     search = replace(search, touch_m=touch, touched=touched, dropped=dropped)
     sinks = dropped & (seen.tip_linvel_world[2] < -SINK_MPS)
     behind = jnp.linalg.norm(search.goal_world - here)
-    at = path or spiral
-    target = search.centre_world + at(search.path_m, config.pitch_m)
+    target = search.centre_world + path(search.path_m, config.pitch_m)
     arrived = jnp.linalg.norm(target - search.goal_world) < 1e-6
     moves = touched & ~sinks & (behind < FOLLOW_M)
     path_m = search.path_m + jnp.where(moves & arrived, config.speed_mps * ACTION_S, 0)
-    target = search.centre_world + at(path_m, config.pitch_m)
+    target = search.centre_world + path(path_m, config.pitch_m)
     goal = jnp.where(
         moves, towards(search.goal_world, target, config.slide_mps * ACTION_S), search.goal_world
     )
     push = jnp.where(dropped, config.deep_push_m, jnp.where(touched, config.push_m, config.approach_push_m))
     return replace(search, path_m=path_m, goal_world=goal), jnp.append(goal - here, -push)
-
-
-def spiral(path_m: Float[Array, ""], pitch_m: float) -> Float[Array, "2"]:
-    """Return the point of the spiral after a length of its path, relative to its centre, m."""
-    angle = jnp.sqrt(4 * jnp.pi * path_m / pitch_m)
-    return pitch_m * angle / (2 * jnp.pi) * jnp.stack([jnp.cos(angle), jnp.sin(angle)])
 
 
 def raster(path_m: Float[Array, ""], pitch_m: float, half_width_m: float) -> Float[Array, "2"]:

@@ -8,9 +8,10 @@ import pytest
 from fakes import FakeEngine, T, halving, make_holes
 
 from mjx_fit.api import draw_attempts
+from mjx_fit.cli.main import main
 from mjx_fit.config.schema import Config
 from mjx_fit.engines.select import make_engine
-from mjx_fit.evaluation.results import summarise_sensed
+from mjx_fit.evaluation.results import read, summarise_sensed
 from mjx_fit.scene import scenarios
 from mjx_fit.scene.parts import plate_top_m
 from mjx_fit.task import assembly, methods, single_hole
@@ -21,11 +22,19 @@ N, ACTIONS = 12, 15
 SENSED = replace(Config(), task=replace(Config().task, success="sensed"))
 
 
-@pytest.mark.parametrize("engine", ["native", "mjx"])
-@pytest.mark.parametrize("noise_m", [0.0, 0.003])
-def test_the_attempt_ends_with_the_first_measured_depth_and_the_truth_is_that_of_its_end(engine, noise_m):
+@pytest.mark.parametrize(
+    ("engine", "errors"),
+    [
+        ("native", {}),
+        ("native", {"position_noise_m": 0.003}),
+        ("native", {"height_offset_m": 0.005}),
+        ("mjx", {}),
+        ("mjx", {"position_noise_m": 0.003}),
+    ],
+)
+def test_the_attempt_ends_with_the_first_measured_depth_and_the_truth_is_that_of_its_end(engine, errors):
     margin_m = SENSED.task.sensed_margin_m
-    config = replace(SENSED, pose=replace(SENSED.pose.without_errors(), position_noise_m=noise_m))
+    config = replace(SENSED, pose=replace(SENSED.pose.without_errors(), **errors))
     attempts = draw_attempts(jax.random.key(5), N, config=config)
     attempts = replace(attempts, hole_type=attempts.peg_type, estimate_world=attempts.hole_pos_world + 0.0005)
     done = make_engine(engine, config).run(attempts, ACTIONS)
@@ -35,13 +44,13 @@ def test_the_attempt_ends_with_the_first_measured_depth_and_the_truth_is_that_of
     assert done.sensed is not None
     assert done.sensed.any()
     np.testing.assert_array_equal(done.truth.inserted, below[last] >= config.task.insertion_depth_m)
-    if noise_m == 0:
+    if not errors:
         deep = (below >= config.task.insertion_depth_m + margin_m) & (height != 0)
         first = np.where(deep.any(1), deep.argmax(1) + 1, ACTIONS)
         np.testing.assert_array_equal(done.felt.length, first)
         np.testing.assert_array_equal(done.sensed, deep.any(1))
     else:
-        # A noise of 3 mm exceeds what a peg sinks with an action: some verdicts come early.
+        # Errors of this size exceed the margin: some verdicts come early.
         assert (done.sensed & ~done.truth.inserted).any()
         assert (done.felt.length[~done.sensed] == ACTIONS).all()
 
@@ -102,3 +111,16 @@ def test_precision_and_recall_count_every_insertion_of_valid_attempts():
     rows = {row.metric: (row.value, row.n) for row in summarise_sensed(trials, "spiral")}
     assert rows == {"sensed_precision": (0.5, 4), "sensed_recall": (pytest.approx(2 / 3), 3)}
     assert summarise_sensed([{"valid": True, "inserted": True}], "spiral") == []
+
+
+def test_the_result_of_single_attempts_says_what_was_sensed(tmp_path):
+    out = tmp_path / "attempt.json"
+    words = ["--set", "task.success=sensed", "--set", "task.attempt_actions=2", "--trials", "4"]
+    assert main(["evaluate", "attempt", "--out", str(out), "--engine", "native", *words]) == 0
+    assert [trial["sensed"] for trial in read(out).trials] == [False] * 16
+
+
+def test_a_run_is_refused_where_no_policy_reads_it(tmp_path, capsys):
+    out = str(tmp_path / "attempt.json")
+    assert main(["evaluate", "attempt", "--out", out, "--run", "gentle"]) == 2
+    assert "has no effect without --policy seek" in capsys.readouterr().err

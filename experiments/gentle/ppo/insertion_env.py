@@ -81,7 +81,7 @@ class _Half:
         self._observed = jax.jit(jax.vmap(partial(observed, config=config)))
         self._command = np.zeros((n, 3), np.float32)
         self._length = np.zeros(n, int)
-        self._value = self._worth(np.asarray(self._worlds.seen().tip_pos_world))
+        self._value = self._worth_of_starts(first)
         self._return = np.zeros(n)
 
     def observe(self) -> Float[np.ndarray, "n k"]:
@@ -116,12 +116,16 @@ class _Half:
         self._worlds.restart(over, drawn)
         self._command[over] = 0
         self._length[over], self._return[over] = 0, 0
-        self._value[over] = self._worth(np.asarray(self._worlds.seen().tip_pos_world))[over]
+        self._value[over] = self._worth_of_starts(drawn)[over]
 
     def _draw(self) -> Attempt:
         key, self._round = jax.random.fold_in(self._key, self._round), self._round + 1
         drawn = draw_attempts(key, self._n, config=self._config)
         return replace(drawn, hole_type=drawn.peg_type)
+
+    def _worth_of_starts(self, attempts: Attempt) -> Float[np.ndarray, "n"]:
+        start = np.asarray(attempts.estimate_world)
+        return self._worth(np.pad(start, ((0, 0), (0, 1)), constant_values=plate_top_m(self._config.scene)))
 
     def _worth(self, tip_pos_world: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
         """Return the potential of places: centimetres to the hole, negative, and into it."""

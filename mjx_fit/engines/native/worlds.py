@@ -32,7 +32,7 @@ class Stepped:
 
     Attributes:
         tip: True TCP states.
-        verdict: Whether each is inserted or broken; ``Worlds.restart`` has to begin these anew.
+        verdict: Whether each is inserted or broken, by the truth; ``Worlds.restart`` has to begin these anew.
         wrench_sensor: Clean wrenches of the action (n, 50, 6), N and N·m.
     """
 
