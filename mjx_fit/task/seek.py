@@ -12,6 +12,7 @@ one does with the smaller of both times.
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -32,6 +33,10 @@ from mjx_fit.task.estimator import posterior
 from mjx_fit.types import Array, Belief, pytree
 
 NAME = "seek"
+SPELL_ACTIONS = 20
+"""Actions of a spell that may be led astray."""
+_SPELLS = 2**21
+"""Offset of the random numbers of spells within those of the attempt."""
 
 
 @pytree
@@ -82,7 +87,7 @@ def seek(config: Config, sensor: ContactSensor | None = None, name: str = NAME) 
             felt = _felt(network, config)
             reads = (seen.step > 0) & (seen.step <= rows)
             thought = jax.lax.cond(reads, felt, lambda thought, seen: thought, thought, seen)
-            thought = decided(thought, seen, config)
+            thought = decided_or_astray(thought, seen, config)
         now, command = search.step(thought.search, seen, config.seek)
         return replace(thought, search=now), command
 
@@ -131,6 +136,21 @@ def _felt(network: Callable[[], ContactSensor], config: Config) -> Callable[[Tho
         return replace(thought, past=past, belief=belief)
 
     return felt
+
+
+def decided_or_astray(thought: Thought, seen: PolicyInput, config: Config) -> Thought:
+    """Decide, except in spells that are led astray: they begin with a search about a drawn place."""
+    if not config.seek.astray_share:
+        return decided(thought, seen, config)
+    spell, since = jnp.divmod(seen.step, SPELL_ACTIONS)
+    led, drawn = jax.random.split(jax.random.fold_in(seen.attempt_key, _SPELLS + spell))
+    off = scale_tril(thought.prior.pos_cov) @ jax.random.truncated_normal(drawn, -2.0, 2.0, (2,))
+    about = search.about(thought.search, thought.prior.pos_mean_world + off)
+    begins = (since == 0) & ~thought.search.dropped
+    led_away = jax.tree.map(partial(jnp.where, begins), about, thought.search)
+    astray = jax.random.bernoulli(led, config.seek.astray_share)
+    chosen = replace(thought, search=led_away), decided(thought, seen, config)
+    return jax.tree.map(partial(jnp.where, astray), *chosen)
 
 
 def decided(thought: Thought, seen: PolicyInput, config: Config) -> Thought:

@@ -19,6 +19,7 @@ PURE = {
         "filter.gate",
         "filter.match_temperature",
         "filter.correlation",
+        "seek.astray_share",
     ),
     *(
         "scene.friction",

@@ -27,6 +27,9 @@ class SeekConfig:
         approach_push_m: Vertical command before contact. It sets the speed of the touch-down.
         push_m: Command in contact, downwards.
         deep_push_m: Vertical command after a drop. The peg has found an edge and is going in.
+        astray_share: Share of spells led astray. Such a spell of 2 s searches about a place drawn from the
+            belief before the attempt; for the collection of data, where a peg that is always led by a belief
+            would tell the hole by its place alone.
     """
 
     pitch_m: Annotated[float, Field(ge=0.0002, le=0.02)] = 0.0015
@@ -39,3 +42,4 @@ class SeekConfig:
     approach_push_m: Push = 0.0025
     push_m: Push = 0.004
     deep_push_m: Push = 0.006
+    astray_share: Annotated[float, Field(ge=0, le=1)] = 0.0
