@@ -48,7 +48,7 @@ class Table:
         )
         n_rows, n = self._world["hole_type"].shape
         self._trial = self._world["trial"]
-        self._beliefs = self._initial_beliefs()
+        self._detected, self._beliefs = self._initial_beliefs(), self._initial_beliefs()
         self._content = np.full((n_rows, n), EMPTY)
         self._tries = np.zeros((n_rows, n), np.int32)
         self._attempts = np.zeros((n_rows, n), int)
@@ -90,12 +90,12 @@ class Table:
         hole, rows = self.choice.hole, np.arange(len(self._trial))
         wiggle_keys, noise_keys = self._keys(self._trial, self._peg_number(), self._attempt_number())
         hole_type, hole_pos = (self._world[name][rows, hole] for name in ("hole_type", "hole_pos_world"))
-        beliefs = self._belief_about(hole)
+        beliefs = about(self._beliefs, hole)
         physics = jax.tree.map(lambda leaf: leaf[rows, hole], self._world["physics"])
         start = beliefs.pos_mean_world
         attempts = spirals_at(self._peg(), hole_type, hole_pos, start, wiggle_keys, physics)
         attempts = replace(attempts, elsewhere_per_s=elsewhere)
-        return Try(attempts, self.active, beliefs, noise_keys)
+        return Try(attempts, self.active, beliefs, noise_keys, about(self._detected, hole))
 
     def learn(self, tried: Tried) -> None:
         """Store the posteriors about the tried holes, and reveal the truth to the upper-bound methods."""
@@ -152,10 +152,6 @@ class Table:
             for row in range(len(self._trial))
         ]
 
-    def _belief_about(self, chosen: Int[np.ndarray, "R"]) -> Belief:
-        """Return the current belief of each row about one hole."""
-        return jax.tree.map(lambda leaf: leaf[np.arange(len(chosen)), chosen], self._beliefs)
-
     def _kept(self, tried: Tried) -> Bool[np.ndarray, "R"]:
         """Tell whose peg is in and stays: by the truth, by the posterior, or always, as the method learns."""
         inserted = np.asarray(tried.rollouts.taken)
@@ -178,7 +174,7 @@ class Table:
         chosen, rows = self.choice.hole, np.flatnonzero(self.active)
         position = self._world["hole_pos_world"][np.arange(len(chosen)), chosen]
         match, error = believed(before, self._peg(), position)
-        match_after, error_after = believed(self._belief_about(chosen), self._peg(), position)
+        match_after, error_after = believed(about(self._beliefs, chosen), self._peg(), position)
         self._count_moves(np.asarray(rollouts.felt.estimate_world), rows)
         effort = effort_of(rollouts.felt)
         columns = {
@@ -229,3 +225,8 @@ class Table:
 
     def _attempt_number(self) -> Int[np.ndarray, "R"]:
         return self._attempts[np.arange(len(self._trial)), self._peg_number()]
+
+
+def about(beliefs: Belief, hole: Int[np.ndarray, "R"]) -> Belief:
+    """Return the belief of each row about one of its holes."""
+    return jax.tree.map(lambda leaf: leaf[np.arange(len(hole)), hole], beliefs)

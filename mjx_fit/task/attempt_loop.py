@@ -24,12 +24,14 @@ class Try:
         active: Whether each row makes its attempt.
         beliefs: Prior about the hole that each row tries, (R,).
         noise_keys: Seeds of the F/T sensor noise; None: the round updates no belief.
+        detected: Belief about each of these holes before the first attempt at it, (R,); None: the prior.
     """
 
     attempts: Attempt
     active: Bool[np.ndarray, "R"]
     beliefs: Belief
     noise_keys: Key[Array, "R"] | None
+    detected: Belief | None = None
 
 
 @dataclass(frozen=True)
@@ -70,7 +72,7 @@ def attempt_rounds(
         rollouts = engine.run(_with_beliefs(asked), actions, asked.active)
         beliefs, confirmed = asked.beliefs, None
         if asked.noise_keys is not None:
-            beliefs = after_failures(update, asked.beliefs, rollouts, asked.noise_keys)
+            beliefs = after_failures(update, asked.beliefs, rollouts, asked.noise_keys, asked.detected)
             if confirm is not None:
                 confirmed = after_insertions(confirm, asked.beliefs, rollouts, asked.noise_keys)
         yield Tried(asked, rollouts, beliefs, confirmed)

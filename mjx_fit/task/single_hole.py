@@ -89,7 +89,7 @@ class HoleTable:
         self._world = jax.tree.map(lambda leaf: np.concatenate([leaf] * len(methods)), _plain(holes))
         self._keys = jnp.concatenate([holes.key] * len(methods))
         self._samples = of_rows(methods, self._n_trials, lambda method: method.starts == "sample")
-        self._belief = _first_belief(config, methods, holes)
+        self._detected = self._belief = _first_belief(config, methods, holes)
         n_rows = len(self._samples)
         self._inserted_at, self._attempts = np.zeros(n_rows, int), np.zeros(n_rows, int)
         self._done = np.zeros(n_rows, bool)
@@ -109,7 +109,7 @@ class HoleTable:
         start = np.where(self._samples[:, None], _drawn(belief, sample), belief.pos_mean_world)
         kinds = world["peg_type"], world["hole_type"]
         attempts = spirals_at(*kinds, world["hole_pos_world"], start, wiggle, world["physics"])
-        return Try(attempts, active, belief, noise)
+        return Try(attempts, active, belief, noise, self._detected)
 
     def record(self, tried: Tried) -> None:
         """Count the attempts and store the posteriors of the active rows."""

@@ -19,6 +19,7 @@ from mjx_fit.filters.updates import initial_belief
 from mjx_fit.scene import scenarios
 from mjx_fit.task import assembly, estimator, greedy, methods
 from mjx_fit.task.assembly_state import Table
+from mjx_fit.task.attempt_loop import attempt_rounds
 from mjx_fit.types import Attempt, Observation
 from mjx_fit.utils.errors import RequestError
 
@@ -395,3 +396,23 @@ def test_among_equals_the_tries_of_the_peg_in_hand_count_and_not_those_of_earlie
             equals = np.flatnonzero(open_ >= open_.max() - 2e-6)
             assert one.chosen[row] == equals[tries[equals].argmin()]
             tries[one.chosen[row]] += 1
+
+
+def test_what_was_detected_is_kept_beside_what_was_learnt():
+    """A refuted belief returns to it: see ``after_failures``."""
+    trials = scenarios.draw_trials(CONFIG, 0, np.arange(6))
+    table = Table(CONFIG, methods.chosen("full", methods.ASSEMBLY), trials, 0)
+    learnt, rows = 0.0, np.arange(6)
+
+    def update(beliefs, felt, keys):
+        return dataclasses.replace(beliefs, pos_mean_world=beliefs.pos_mean_world + 0.03)
+
+    for tried in attempt_rounds(table.next_try, FakeEngine(), update, 2):
+        detected = tried.asked.detected
+        assert detected is not None
+        want = trials.estimate_world[rows, table.choice.hole]
+        np.testing.assert_array_equal(detected.pos_mean_world, want)
+        learnt = max(learnt, np.abs(tried.asked.beliefs.pos_mean_world - want)[tried.asked.active].max())
+        table.learn(tried)
+        table.record(tried)
+    assert learnt > 0.02
