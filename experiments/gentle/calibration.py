@@ -15,14 +15,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from mjx_fit.config.files import read_config
-from mjx_fit.config.worlds import world_file
+from mjx_fit.config.worlds import preset
 from mjx_fit.data.schedule import draw_places, pair_of
 from mjx_fit.engines.select import make_engine
 from mjx_fit.evaluation.statistics import wilson
 from mjx_fit.report import script
 from mjx_fit.task.attempt_loop import spirals_at
-from mjx_fit.task.effort import CONTACT_N
+from mjx_fit.task.effort import CONTACT_N, forces_n
 from mjx_fit.task.seek import seek_with
 from mjx_fit.training.sensor_loader import load_trained_sensor
 from mjx_fit.types import Belief, Rollout
@@ -40,7 +39,7 @@ def main(out: Path, run: Path, trials: int) -> None:
 
 
 def judged(world: str, run: Path, trials: int) -> dict[str, Any]:
-    config = read_config([*world_file(world), resources.folder("configs") / "gentle.yaml"], [])
+    config = preset("gentle", world)
     config, policy = seek_with(load_trained_sensor(run), config)
     ids = np.arange(trials)
     places = draw_places(jax.random.key(SEED), jnp.asarray(ids), config)
@@ -58,9 +57,9 @@ def judged(world: str, run: Path, trials: int) -> dict[str, Any]:
 
 
 def first_contact(done: Rollout) -> np.ndarray:
-    """Return the first action with a force of contact."""
-    wrench = np.asarray(done.felt.trace.wrench_sensor) - np.asarray(done.felt.tare_sensor)[:, None, None]
-    return (np.linalg.norm(wrench[..., :3], axis=-1).max(-1) > CONTACT_N).argmax(1)
+    """Return the first action with a force of contact; attempts without one never last long enough."""
+    touches = forces_n(done.felt.trace.wrench_sensor, done.felt.tare_sensor).max(-1) > CONTACT_N
+    return np.where(touches.any(1), touches.argmax(1), touches.shape[1])
 
 
 def described(done: Rollout, at: np.ndarray, among: np.ndarray) -> dict[str, Any]:

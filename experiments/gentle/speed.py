@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from mjx_fit.config.files import read_config
+from mjx_fit.config.worlds import preset
 from mjx_fit.data.schedule import draw_places
 from mjx_fit.engines.select import make_engine
 from mjx_fit.report import script
@@ -26,7 +26,7 @@ from mjx_fit.utils.rates import ACTION_S
 
 
 def main(out: Path, run: Path, worlds: int, repeats: int) -> None:
-    config = read_config([resources.folder("configs") / "gentle.yaml"], [])
+    config = preset("gentle")
     adapted, with_sensor = seek_with(load_trained_sensor(run), config)
     engines = {
         "spiral": make_engine("native", config),
@@ -38,7 +38,7 @@ def main(out: Path, run: Path, worlds: int, repeats: int) -> None:
     where = places.hole_pos_world, places.estimate_world
     attempts = spirals_at(peg, (peg + 1) % 3, *where, places.key, places.physics)
     for engine in engines.values():
-        engine.run(attempts, 2)
+        engine.run(attempts, 2, horizon=config.task.attempt_actions)
     rates: dict[str, list[float]] = {name: [] for name in engines}
     for _ in range(repeats):
         for name, engine in engines.items():

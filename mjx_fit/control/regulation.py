@@ -2,8 +2,8 @@
 
 Drives with a dead zone or friction swallow a part of every force. The F/T sensor at the wrist shows how much
 of the push arrives, and the TCP's position shows how far it lags behind; both losses are estimated and added
-to the next command. Without losses both estimates stay near zero. The lag that the lateral damping causes,
-2 ζ / √kp for each m/s, is known and added at once.
+to the next command. The second also grows where a peg is held, and then pulls it harder. The lag that the
+lateral damping causes, 2 ζ / √kp for each m/s, is known and added at once.
 """
 
 import math

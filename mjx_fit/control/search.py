@@ -25,7 +25,7 @@ from mjx_fit.utils.rates import ACTION_S
 Path = Callable[[Float[Array, ""], float], Float[Array, "2"]]
 """Point of a search after a length of its path, m, given the pitch, m; relative to the centre, m."""
 FOLLOW_M = 0.004
-"""Largest lag of the TCP behind its goal while the search goes on, m; it waits for a TCP further behind."""
+"""Largest lag of the TCP behind its goal with which the search goes on, m."""
 DROP_M = 0.0012
 """Depth below the first contact at which the peg has dropped into something, m."""
 REST_MPS = 0.003
@@ -91,8 +91,9 @@ def step(
 ) -> tuple[Search, Float[Array, "3"]]:
     """Advance the search by one action along its path, by default the spiral, and return its command, m.
 
-    A peg that has dropped by ``DROP_M`` is at the hole: it is pushed more, rests while it sinks, and is
-    searched with anew about where it is if it does not.
+    A peg that has dropped by ``DROP_M`` is at the hole: it is pushed more, rests while it sinks, and searches
+    on a spiral about where it is if it does not. The goal waits for a TCP that is further behind than
+    ``FOLLOW_M``, but not on a way back to it.
     """
     here, height = seen.tip_pos_world[:2], seen.tip_pos_world[2]
     rests = seen.contact & (jnp.abs(seen.tip_linvel_world[2]) < REST_MPS)
@@ -103,15 +104,18 @@ def step(
     search = jax.tree.map(partial(jnp.where, dropped & ~search.dropped), at_hole, search)
     search = replace(search, touch_m=touch, touched=touched, dropped=dropped)
     sinks = dropped & (seen.tip_linvel_world[2] < -SINK_MPS)
-    behind = jnp.linalg.norm(search.goal_world - here)
-    target = search.centre_world + path(search.path_m, config.pitch_m)
+
+    def next_goal(path_m: Float[Array, ""]) -> tuple[Float[Array, "2"], Float[Array, "2"]]:
+        off = jnp.where(dropped, spiral(path_m, config.pitch_m), path(path_m, config.pitch_m))
+        target = search.centre_world + off
+        return target, towards(search.goal_world, target, config.slide_mps * ACTION_S)
+
+    target, goal = next_goal(search.path_m)
+    behind, ahead = (jnp.linalg.norm(place - here) for place in (search.goal_world, goal))
     arrived = jnp.linalg.norm(target - search.goal_world) < 1e-6
-    moves = touched & ~sinks & (behind < FOLLOW_M)
+    moves = touched & ~sinks & ((behind < FOLLOW_M) | (ahead < behind))
     path_m = search.path_m + jnp.where(moves & arrived, config.speed_mps * ACTION_S, 0)
-    target = search.centre_world + path(path_m, config.pitch_m)
-    goal = jnp.where(
-        moves, towards(search.goal_world, target, config.slide_mps * ACTION_S), search.goal_world
-    )
+    goal = jnp.where(moves, next_goal(path_m)[1], search.goal_world)
     push = jnp.where(dropped, config.deep_push_m, jnp.where(touched, config.push_m, config.approach_push_m))
     return replace(search, path_m=path_m, goal_world=goal), jnp.append(goal - here, -push)
 

@@ -49,19 +49,16 @@ def summarise_effort(
     """
     if not trials or not all("peak_force_n" in trial for trial in trials):
         return []
-    draws, n, median = (
-        [trial["trial"] for trial in trials],
-        len(trials),
-        f"{group} median".removeprefix("all "),
-    )
-    peak = largest_forces(trials)
+    draws, n = [trial["trial"] for trial in trials], len(trials)
+    median, peak = f"{group} median".removeprefix("all "), largest_forces(trials)
     rows = [
         Row.of(method, "peak_force_n", group, bootstrap_mean(peak, draws), n),
         Row.of(method, "peak_force_n", median, bootstrap_median(peak, draws), n),
     ]
-    if not all(name in trial for trial in trials for name in (*COLUMNS, "move_seconds")):
+    names = (*COLUMNS, "move_seconds")
+    if not all(name in trial for trial in trials for name in names):
         return rows
-    total = {name: totals(trials, name) for name in (*COLUMNS, "move_seconds")}
+    total = {name: totals(trials, name) for name in names}
     means = {name: total[name] for name in ("seconds", "move_seconds", "impulse_ns")}
     means["mean_force_n"] = total["impulse_ns"] / np.maximum(total["contact_s"], 1e-9)
     rows += [Row.of(method, name, group, bootstrap_mean(own, draws), n) for name, own in means.items()]
@@ -70,10 +67,17 @@ def summarise_effort(
     if success is not None:
         needed = np.where(success, total["seconds"], np.inf)
         rows += shares_in_time(method, needed, draws, group)
-        middle = bootstrap_median(needed, draws)
-        if np.isfinite(middle.value) and not np.isinf(middle.high):
-            rows.append(Row.of(method, "seconds", median, middle, n))
+        rows += _median_seconds(method, needed, draws, median)
     return rows
+
+
+def _median_seconds(
+    method: str, needed_s: Float[np.ndarray, " n"], draws: Sequence[int], group: str
+) -> list[Row]:
+    """Return the median of seconds until the success; no row if it, or its upper end, is no success."""
+    middle = bootstrap_median(needed_s, draws)
+    known = np.isfinite(middle.value) and not np.isinf(middle.high)
+    return [Row.of(method, "seconds", group, middle, len(draws))] if known else []
 
 
 def shares_in_time(

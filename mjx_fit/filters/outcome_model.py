@@ -39,7 +39,7 @@ def success_probability(config: Config, pos_cov: Float[Array, "*batch 2 2"]) -> 
     if task.outcome_model == "constant":
         return constant
     untouched = jnp.all(jnp.abs(pos_cov - variance * jnp.eye(2)) < 1e-3 * variance, axis=(-2, -1))
-    offsets = jnp.einsum("...ij,kj->...ki", scale_tril(pos_cov), standard_normal())
+    offsets = jnp.einsum("...ij,kj->...ki", scale_tril(pos_cov), half_normal())
     distance = jnp.linalg.norm(offsets, axis=-1)
     knots = jnp.asarray(task.error_knots_m)
     by_error = task.success_by_error or ()
@@ -63,8 +63,11 @@ def enters_others(config: Config) -> Bool[np.ndarray, "C"]:
     return np.asarray((alpha * ~np.eye(len(alpha), dtype=bool)).any(1))
 
 
-def standard_normal() -> Float[np.ndarray, "k 2"]:
-    """Return points of equal weight that represent N(0, I): P(r < R) = 1 - exp(-R² / 2)."""
+def half_normal() -> Float[np.ndarray, "k 2"]:
+    """Return points of equal weight that represent N(0, I) together with their negatives.
+
+    P(r < R) = 1 - exp(-R² / 2). They suffice for the mean of a function with f(x) = f(-x).
+    """
     share = (np.arange(RINGS) + 0.5) / RINGS
     radius = np.sqrt(-2 * np.log1p(-share))
     angle = math.pi * (np.arange(ANGLES) + 0.5) / ANGLES

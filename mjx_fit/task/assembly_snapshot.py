@@ -41,8 +41,8 @@ class Choice:
 
     Attributes:
         hole: Index of the chosen hole.
-        chance: Predicted success probability of the attempt.
-        next_best: Highest success probability among the other empty holes; NaN if there are no others.
+        chance: Predicted success probability of the attempt; P(match) under ``task.next_hole: rate``.
+        next_best: The highest of these among the other empty holes; NaN if there are no others.
     """
 
     hole: Int[np.ndarray, "R"]

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mjx_fit.config.sections.moves import MovesConfig
-from mjx_fit.types import Felt
+from mjx_fit.types import Array, Felt
 from mjx_fit.utils.pytrees import pytree
 from mjx_fit.utils.rates import ACTION_S, STEP_S
 
@@ -49,13 +49,19 @@ def effort_of(felt: Felt) -> Effort:
     parts = []
     for first in range(0, len(length), _AT_ONCE):  # taring copies the wrenches
         rows = slice(first, first + _AT_ONCE)
-        force = np.asarray(felt.trace.wrench_sensor[rows])[..., :3]
-        tare = np.asarray(felt.tare_sensor[rows])[:, None, None, :3]
-        size = np.linalg.norm(force - tare, axis=-1)
+        size = forces_n(felt.trace.wrench_sensor[rows], felt.tare_sensor[rows])
         real = np.arange(size.shape[1]) < length[rows, None]
         parts.append(_columns(np.where(real[..., None], size, 0)))
     joined = [np.concatenate(columns) for columns in zip(*parts, strict=True)]
     return Effort(ACTION_S * length.astype(np.float32), *joined)
+
+
+def forces_n(
+    wrench_sensor: Float[Array, "*n J samples 6"], tare_sensor: Float[Array, "*n 6"]
+) -> Float[np.ndarray, "*n J samples"]:
+    """Compute the magnitude of tared forces, N."""
+    tare = np.asarray(tare_sensor)[..., None, None, :3]
+    return np.linalg.norm(np.asarray(wrench_sensor)[..., :3] - tare, axis=-1)
 
 
 def _columns(force_n: Float[np.ndarray, "m J samples"]) -> tuple[Float[np.ndarray, "m"], ...]:

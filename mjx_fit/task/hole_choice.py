@@ -32,7 +32,7 @@ class Situation(NamedTuple):
         peg_type: Type of the peg in hand.
         filled: Whether each hole is filled.
         tries: Number of attempts at each hole with the peg in hand.
-        from_world: Place of the peg, m.
+        from_world: Place of the peg, m. A new peg begins above its first hole: its first move takes no time.
     """
 
     beliefs: Belief
@@ -55,7 +55,9 @@ def by_rate(now: Situation, config: Config) -> tuple[Choice, Float[np.ndarray, "
         It is 0 where they are filled: nobody takes the peg away from the last hole.
     """
     rows = np.arange(len(now.peg_type))
-    hole = np.where(now.filled, -1.0, rates_per_s(now, now.from_world, config)).argmax(1)
+    moves = now.tries.any(1, keepdims=True)
+    rate = np.where(moves, rates_per_s(now, now.from_world, config), rates_per_s(now, None, config))
+    hole = np.where(now.filled, -1.0, rate).argmax(1)
     there = rates_per_s(now, np.asarray(now.beliefs.pos_mean_world)[rows, hole], config)
     others = ~now.filled & (np.arange(now.filled.shape[1]) != hole[:, None])
     match = _match(now)
@@ -65,12 +67,14 @@ def by_rate(now: Situation, config: Config) -> tuple[Choice, Float[np.ndarray, "
 
 
 def rates_per_s(
-    now: Situation, from_world: Float[np.ndarray, "R 2"], config: Config
+    now: Situation, from_world: Float[np.ndarray, "R 2"] | None, config: Config
 ) -> Float[np.ndarray, "R n"]:
     """Compute the insertions per second that a visit to each hole promises, after a move from a place."""
     mean, match = np.asarray(now.beliefs.pos_mean_world), _match(now)
-    here = np.broadcast_to(from_world[:, None], mean.shape).reshape(-1, 2)
-    moves = move_time_s(here, mean.reshape(-1, 2), config.moves).reshape(match.shape)
+    moves = np.zeros(match.shape)
+    if from_world is not None:
+        here = np.broadcast_to(from_world[:, None], mean.shape).reshape(-1, 2)
+        moves = move_time_s(here, mean.reshape(-1, 2), config.moves).reshape(match.shape)
     spread = np.trace(now.beliefs.pos_cov, axis1=-2, axis2=-1)
     return match / (moves + np.asarray(visit_s(spread, config.seek)))
 

@@ -24,7 +24,7 @@ from mjx_fit.control import search
 from mjx_fit.control.policies import Policy, PolicyInput, PolicyStart
 from mjx_fit.control.search import Search
 from mjx_fit.filters.kalman import scale_tril
-from mjx_fit.filters.outcome_model import standard_normal
+from mjx_fit.filters.outcome_model import half_normal
 from mjx_fit.filters.updates import initial_belief
 from mjx_fit.sensors.contact_sensor import ContactSensor
 from mjx_fit.sensors.encoder import Past
@@ -35,8 +35,8 @@ from mjx_fit.types import Array, Belief, pytree
 NAME = "seek"
 SPELL_ACTIONS = 20
 """Actions of a spell that may be led astray."""
-_SPELLS = 2**21
-"""Offset of the random numbers of spells within those of the attempt."""
+_SPELLS = 2**22
+"""Offset of the keys of spells: beyond those of policies and of errors (``engines.policy_runner``)."""
 
 
 @pytree
@@ -139,7 +139,7 @@ def _felt(network: Callable[[], ContactSensor], config: Config) -> Callable[[Tho
 
 
 def decided_or_astray(thought: Thought, seen: PolicyInput, config: Config) -> Thought:
-    """Decide, except in spells that are led astray: they begin with a search about a drawn place."""
+    """Decide, except in spells led astray: they begin about a drawn place, unless the peg is in a hole."""
     if not config.seek.astray_share:
         return decided(thought, seen, config)
     spell, since = jnp.divmod(seen.step, SPELL_ACTIONS)
@@ -156,7 +156,8 @@ def decided_or_astray(thought: Thought, seen: PolicyInput, config: Config) -> Th
 def decided(thought: Thought, seen: PolicyInput, config: Config) -> Thought:
     """Begin the search anew if that takes less time than to go on, and decide whether to leave the hole."""
     belief, now = thought.belief, thought.search
-    holes = belief.pos_mean_world + standard_normal() @ scale_tril(belief.pos_cov).T
+    offsets = half_normal() @ scale_tril(belief.pos_cov).T
+    holes = belief.pos_mean_world + jnp.concatenate([offsets, -offsets])
     anew = search.new_s(seen.tip_pos_world[:2], belief.pos_mean_world, belief.pos_cov, config.seek)
     goes_on = search.remaining_s(now, holes, anew, config.seek)
     changes = now.touched & ~now.dropped & (anew < goes_on)

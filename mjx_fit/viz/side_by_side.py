@@ -10,6 +10,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from mjx_fit.evaluation.recording import Recording
+from mjx_fit.task.effort import forces_n
 from mjx_fit.types import Felt
 from mjx_fit.utils.progress import Progress
 from mjx_fit.viz import video
@@ -76,8 +77,7 @@ def _half(recording: Recording, title: str, shown: list[Moment], most: int) -> G
 
 def _peaks_n(felt: Felt) -> np.ndarray:
     """Return the largest force of each action, N."""
-    force = (np.asarray(felt.trace.wrench_sensor) - np.asarray(felt.tare_sensor))[..., :3]
-    return np.linalg.norm(force, axis=-1).max(-1)[: int(felt.length)]
+    return forces_n(felt.trace.wrench_sensor, felt.tare_sensor).max(-1)[: int(felt.length)]
 
 
 def _caption(words: str, font: Any) -> Frame:

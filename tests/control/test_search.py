@@ -116,6 +116,30 @@ def test_a_peg_that_drops_is_pushed_more_where_it_is_and_searched_with_there_onc
     assert np.linalg.norm(command[:2]) < 0.003
 
 
+def test_the_goal_of_a_held_peg_comes_back_when_the_search_is_begun_anew_where_it_is():
+    state, _ = search.step(search.begin(jnp.zeros(2)), seen(), CONFIG)
+    held = replace(state, goal_world=jnp.array([0.005, 0.0]))
+    ahead = search.about(held, jnp.array([0.02, 0.0]))
+    waits, _ = search.step(ahead, seen(), CONFIG)
+    np.testing.assert_allclose(waits.goal_world, held.goal_world)
+    for centre in ((0.0, 0.0), (-0.02, 0.0)):
+        back = search.about(held, jnp.array(centre))
+        for _ in range(3):
+            back, command = search.step(back, seen(), CONFIG)
+        assert float(command[0]) < 0.001, centre
+
+
+def test_a_raster_that_has_found_the_hole_searches_there():
+    """Its first point is the corner of its square; the hole is in the middle of it."""
+    policy = search.raster_search(CONFIG)
+    state, _ = search.step(search.begin(jnp.zeros(2)), seen(), CONFIG)
+    hole = (0.003, 0.001)
+    for _ in range(8):
+        state, command = policy.act(state, seen((*hole, 0.045 - search.DROP_M - 0.0005)))
+        assert np.linalg.norm(command[:2]) < 0.003
+    assert float(state.path_m) > 0
+
+
 @pytest.mark.parametrize(("pitch_m", "half_m"), [(0.002, 0.01), (0.0015, 0.004)])
 def test_the_raster_sweeps_its_square_in_lines_a_pitch_apart_and_begins_again(pitch_m, half_m):
     once = (int(2 * half_m / pitch_m + 1e-6) + 1) * (2 * half_m + pitch_m)

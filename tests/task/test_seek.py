@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from fakes import FakeEngine, seen
 from flax import nnx
+from thoughts import belief_of, thought
 
 from mjx_fit.api import draw_attempts
 from mjx_fit.config.schema import Config
@@ -18,11 +19,8 @@ from mjx_fit.evaluation.request import Request
 from mjx_fit.filters.updates import initial_belief
 from mjx_fit.sensors.contact_sensor import ContactSensor
 from mjx_fit.sensors.reading import Window, read_window
-from mjx_fit.task.assembly_snapshot import EMPTY
-from mjx_fit.task.effort import move_time_s
 from mjx_fit.task.estimator import after_failures, posterior
-from mjx_fit.task.hole_choice import Situation, by_rate
-from mjx_fit.task.seek import NAME, SPELL_ACTIONS, Thought, decided, decided_or_astray, seek
+from mjx_fit.task.seek import NAME, Thought, decided, seek
 from mjx_fit.types import Belief
 from mjx_fit.utils.errors import RequestError
 
@@ -80,18 +78,6 @@ def test_the_belief_inside_an_attempt_is_the_filters_after_the_trace_so_far(engi
     assert moved > 1e-4
 
 
-def thought(belief: Belief, *, path_m: float, centre=(0.0, 0.0), touched=True) -> Thought:
-    state = replace(
-        search.begin(jnp.asarray(centre)), path_m=jnp.asarray(path_m), touched=jnp.asarray(touched)
-    )
-    return Thought(None, belief, belief, state, jnp.zeros((), bool))
-
-
-def belief_of(mean, std, match=1 / 3) -> Belief:
-    logp = np.log([match, (1 - match) / 2, (1 - match) / 2])
-    return Belief(jnp.asarray(mean), std**2 * jnp.eye(2), jnp.asarray(logp))
-
-
 def costs(thought: Thought, here, config: Config) -> tuple[float, float]:
     """The two times of the rule, from 200,000 drawn holes."""
     own, b = config.seek, thought.belief
@@ -106,21 +92,25 @@ def costs(thought: Thought, here, config: Config) -> tuple[float, float]:
     return float(goes_on), float(anew)
 
 
-@pytest.mark.parametrize("seed", range(12))
-def test_a_search_is_begun_anew_where_that_takes_less_time(seed):
-    config, rng = Config(), np.random.default_rng(seed)
-    belief = belief_of(rng.normal(0, 0.004, 2), rng.uniform(0.0005, 0.004))
-    before = thought(belief, path_m=rng.uniform(0, 0.15))
-    here = (*rng.normal(0, 0.003, 2), 0.045)
-    goes_on, anew = costs(before, here, config)
-    if abs(goes_on - anew) < 0.1 * anew:
-        pytest.skip("too close for drawn holes")
-    after = decided(before, seen(here), config)
-    if anew < goes_on:
-        np.testing.assert_allclose(after.search.centre_world, belief.pos_mean_world, rtol=1e-6)
-        assert float(after.search.path_m) == 0
-    else:
-        assert float(after.search.path_m) == float(before.search.path_m)
+def test_a_search_is_begun_anew_where_that_takes_less_time():
+    config, outcomes = Config(), []
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        belief = belief_of(rng.normal(0, 0.004, 2), rng.uniform(0.002, 0.006))
+        centre = np.asarray(belief.pos_mean_world) + rng.normal(0, 0.0015, 2)
+        before = thought(belief, path_m=rng.uniform(0, 0.06), centre=centre)
+        here = (*rng.normal(0, 0.006, 2), 0.045)
+        goes_on, anew = costs(before, here, config)
+        if abs(goes_on - anew) < 0.04 * anew:
+            continue  # too close for drawn holes
+        after = decided(before, seen(here), config)
+        if anew < goes_on:
+            np.testing.assert_allclose(after.search.centre_world, belief.pos_mean_world, rtol=1e-6)
+            assert float(after.search.path_m) == 0
+        else:
+            assert float(after.search.path_m) == float(before.search.path_m)
+        outcomes.append(anew < goes_on)
+    assert 3 <= sum(outcomes) <= len(outcomes) - 3
 
 
 def test_nothing_is_decided_before_contact_or_in_a_hole():
@@ -204,61 +194,3 @@ def test_a_sensor_that_reads_whole_attempts_only_is_refused():
     config = gentle()
     with pytest.raises(RequestError, match=r"sensor\.causal"):
         seek(config, ContactSensor(config.sensor, nnx.Rngs(0)))
-
-
-def test_the_hole_with_the_highest_rate_is_chosen_and_the_next_best_is_judged_from_there():
-    rng, config = np.random.default_rng(5), Config()
-    rows, holes = 6, 4
-    match = rng.dirichlet(np.ones(3), (rows, holes))
-    std = rng.uniform(0.0005, 0.01, (rows, holes))
-    mean = rng.uniform(0.3, 0.6, (rows, holes, 2))
-    beliefs = Belief(mean, std[..., None, None] ** 2 * np.eye(2), np.log(match))
-    peg, filled = rng.integers(0, 3, rows), rng.random((rows, holes)) < 0.4
-    filled[:, 0], filled[-1] = False, [False, True, True, True]
-    place = rng.uniform(0.3, 0.6, (rows, 2))
-    now = Situation(beliefs, peg, filled, np.zeros((rows, holes), int), place)
-    choice, elsewhere = by_rate(now, config)
-
-    def rate(r: int, h: int, start: np.ndarray) -> float:
-        blind = np.pi * 2 * std[r, h] ** 2 / (config.seek.speed_mps * config.seek.pitch_m)
-        search_s = 1 / (1 / blind + 1 / config.seek.feel_s) + config.seek.sink_s
-        return match[r, h, peg[r]] / (search_s + move_time_s(start[None], mean[r, h][None], config.moves)[0])
-
-    for r in range(rows):
-        free = [h for h in range(holes) if not filled[r, h]]
-        best = max(free, key=lambda h, r=r: rate(r, h, place[r]))
-        assert choice.hole[r] == best
-        assert choice.chance[r] == pytest.approx(match[r, best, peg[r]])
-        others = [rate(r, h, mean[r, best]) for h in free if h != best]
-        assert elsewhere[r] == pytest.approx(max(others, default=0.0), rel=1e-4)
-        assert np.isnan(choice.next_best[r]) == (not others)
-    assert EMPTY == -1
-
-
-def after_step(step: int, key, share: float) -> Thought:
-    """The state after an action with a belief that asks for a new search at once: 5 mm away, and sure."""
-    config = replace(Config(), seek=replace(Config().seek, astray_share=share))
-    state = replace(thought(belief_of((0.005, 0.0), 0.0005), path_m=0.01), prior=belief_of((0.0, 0.01), 0.01))
-    return decided_or_astray(state, replace(seen(), step=jnp.int32(step), attempt_key=key), config)
-
-
-def test_a_spell_astray_begins_at_a_place_of_the_prior_and_lasts():
-    keys = jax.random.split(jax.random.key(5), 1000)
-    begun = jax.vmap(lambda key: after_step(3 * SPELL_ACTIONS, key, 1.0).search)(keys)
-    assert (np.asarray(begun.path_m) == 0).all()
-    # A normal distribution cut at two standard deviations has 0.774 of its variance.
-    off = (np.asarray(begun.centre_world) - [0.0, 0.01]) / 0.01
-    np.testing.assert_allclose(off.mean(0), 0, atol=0.1)
-    np.testing.assert_allclose(np.cov(off.T), 0.774 * np.eye(2), atol=0.1)
-    assert np.abs(off).max() <= 2
-    within = jax.vmap(lambda key: after_step(3 * SPELL_ACTIONS + 1, key, 1.0).search)(keys[:5])
-    np.testing.assert_allclose(within.path_m, 0.01)
-    np.testing.assert_array_equal(within.centre_world, np.zeros((5, 2)))
-
-
-def test_the_share_of_spells_is_led_astray_and_the_others_follow_the_belief():
-    keys = jax.random.split(jax.random.key(6), 1000)
-    centres = np.asarray(jax.vmap(lambda key: after_step(SPELL_ACTIONS, key, 0.3).search.centre_world)(keys))
-    follows = np.isclose(centres, [0.005, 0.0], atol=1e-9).all(1)
-    assert 0.65 < follows.mean() < 0.75
-    assert np.isclose(after_step(SPELL_ACTIONS, keys[0], 0.0).search.centre_world, [0.005, 0.0]).all()

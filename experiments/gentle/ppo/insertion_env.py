@@ -16,13 +16,12 @@ from observation import commanded, observed
 from stable_baselines3.common.vec_env import VecEnv
 
 from mjx_fit.api import draw_attempts
-from mjx_fit.config.files import read_config
 from mjx_fit.config.schema import Config
-from mjx_fit.config.worlds import world_file
+from mjx_fit.config.worlds import preset
 from mjx_fit.engines.native.worlds import Stepped, Worlds
 from mjx_fit.scene.parts import plate_top_m
 from mjx_fit.types import Attempt
-from mjx_fit.utils import granted_cpus, resources
+from mjx_fit.utils import granted_cpus
 
 INSERTED, BROKEN, PER_ACTION, PER_NEWTON, FREE_N = 5.0, -2.0, -0.03, -0.02, 15.0
 """Rewards of an insertion, of a broken world, of each action, and of each newton of the largest force beyond
@@ -33,8 +32,7 @@ class InsertionEnv(VecEnv):
     """Attempts of at most ``task.attempt_actions`` actions; a world that is over begins a new one at once."""
 
     def __init__(self, per_world: int, seed: int):
-        preset = resources.folder("configs") / "gentle.yaml"
-        configs = [read_config([*world_file(world), preset], []) for world in ("home", "forge")]
+        configs = [preset("gentle", world) for world in ("home", "forge")]
         self._halves = [_Half(config, per_world, seed + i) for i, config in enumerate(configs)]
         size = self._halves[0].observe().shape[1]
         box = gymnasium.spaces.Box

@@ -9,7 +9,7 @@ from mjx_fit.scene.parts import plate_top_m
 from mjx_fit.types import Array
 
 LATERAL_M, PUSH_M = 0.004, 0.006
-"""Largest lateral command of an action, and the deepest push: 1.2 times that of `seek`."""
+"""Largest lateral command of an action, and the deepest push: that of `seek` after a drop."""
 FORCE, TORQUE = 10.0, 0.3
 """Units of the wrench: N and N·m."""
 

@@ -15,10 +15,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from mjx_fit.config.files import read_config
+from mjx_fit.config.worlds import preset
 from mjx_fit.control.policies import Policy, PolicyInput
 from mjx_fit.types import Array
-from mjx_fit.utils import resources
 
 sys.path.insert(0, str(Path(__file__).parent))
 from observation import commanded, observed
@@ -53,7 +52,7 @@ def acted(weights: Weights, cell: Cell, observation: Float[Array, "k"]) -> tuple
 
 def policy(weights: Weights) -> Policy:
     """Return the policy of these weights."""
-    config = read_config([resources.folder("configs") / "gentle.yaml"], [])
+    config = preset("gentle")
 
     def act(state, seen: PolicyInput):
         cell, command = state

@@ -3,9 +3,9 @@
     pip install -e ".[rl]"
     python experiments/gentle/ppo/train.py OUT [--actions 10000000] [--minutes 100]
 
-The same command resumes where it was. `OUT/curve.csv` has a line for each update: actions, seconds of this
-process, finished attempts, and the means of their insertions, lengths and returns. `OUT/policy.npz` holds the
-weights that `policy.py` reads.
+The same command resumes after the last update that was saved. `OUT/curve.csv` has a line for each update:
+actions, seconds of this process, finished attempts, and the means of their insertions, lengths and returns.
+`OUT/policy.npz` holds the weights that `policy.py` reads.
 """
 
 import argparse
@@ -21,8 +21,8 @@ from sb3_contrib import RecurrentPPO
 from stable_baselines3.common.callbacks import BaseCallback
 from torch import nn
 
-PER_WORLD, STEPS, SAVE_EVERY = 128, 64, 4
-"""Worlds of each configuration, actions of an update in each world, and updates between checkpoints."""
+PER_WORLD, STEPS = 128, 64
+"""Worlds of each configuration, and actions of an update in each world."""
 SETTINGS = {
     "n_steps": STEPS,
     "batch_size": 4096,
@@ -42,12 +42,17 @@ SETTINGS = {
 
 
 class Log(BaseCallback):
-    """Write the learning curve, save checkpoints, and stop when the time is over."""
+    """Write the learning curve, save each update, and stop after the one in which the time is over."""
 
     def __init__(self, out: Path, minutes: float):
         super().__init__()
         self._out, self._ends, self._begun = out, time.monotonic() + 60 * minutes, time.monotonic()
-        self._inserted, self._lengths, self._returns, self._updates = [], [], [], 0
+        self._inserted, self._lengths, self._returns, self._over = [], [], [], False
+
+    def _on_rollout_start(self) -> None:
+        if self.n_calls:  # the previous rollout has been learnt from
+            keep(self.model, self._out)
+            self._over = time.monotonic() > self._ends
 
     def _on_step(self) -> bool:
         for info in self.locals["infos"]:
@@ -55,17 +60,31 @@ class Log(BaseCallback):
                 self._inserted.append(info["inserted"])
                 self._lengths.append(info["episode"]["l"])
                 self._returns.append(info["episode"]["r"])
-        return time.monotonic() < self._ends
+        return not self._over
 
     def _on_rollout_end(self) -> None:
-        self._updates += 1
         row = [self.num_timesteps, round(time.monotonic() - self._begun, 1), len(self._inserted)]
         row += [round(float(np.mean(x)), 4) for x in (self._inserted, self._lengths, self._returns) if x]
         with (self._out / "curve.csv").open("a", newline="") as file:
             csv.writer(file).writerow(row)
         self._inserted, self._lengths, self._returns = [], [], []
-        if self._updates % SAVE_EVERY == 0:
+
+    def _on_training_end(self) -> None:
+        if not self._over:
             keep(self.model, self._out)
+
+
+def begun_or_resumed(out: Path) -> RecurrentPPO:
+    """Return the model of the last saved update with new worlds, and cut the curve off there."""
+    saved, curve = out / "model.zip", out / "curve.csv"
+    if not saved.exists():
+        curve.unlink(missing_ok=True)
+        return RecurrentPPO("MlpLstmPolicy", InsertionEnv(PER_WORLD, 0), device="cpu", seed=0, **SETTINGS)
+    model = RecurrentPPO.load(saved, device="cpu")
+    model.set_env(InsertionEnv(PER_WORLD, seed=model.num_timesteps))
+    lines = curve.read_text().splitlines(keepends=True)
+    curve.write_text("".join(line for line in lines if int(line.split(",")[0]) <= model.num_timesteps))
+    return model
 
 
 def keep(model, out: Path) -> None:
@@ -91,17 +110,11 @@ def export(model, out: Path) -> None:
 def main(out: Path, actions: int, minutes: float) -> None:
     out.mkdir(parents=True, exist_ok=True)
     torch.set_num_threads(2)
-    saved = out / "model.zip"
-    done = len((out / "curve.csv").read_text().splitlines()) if (out / "curve.csv").exists() else 0
-    env = InsertionEnv(PER_WORLD, seed=1000 * done)
-    if saved.exists():
-        model = RecurrentPPO.load(saved, env=env, device="cpu")
-    else:
-        model = RecurrentPPO("MlpLstmPolicy", env, device="cpu", seed=0, **SETTINGS)
+    model = begun_or_resumed(out)
     left = actions - model.num_timesteps
     if left > 0:
         model.learn(left, callback=Log(out, minutes), reset_num_timesteps=False)
-        keep(model, out)
+        model = RecurrentPPO.load(out / "model.zip", device="cpu")
     export(model, out / "policy.npz")
     print(f"{out}: {model.num_timesteps:,} of {actions:,} actions")
 

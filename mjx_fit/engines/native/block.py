@@ -89,6 +89,7 @@ def _place(
 ) -> None:
     """Put these simulations at the start of their attempts, at rest against gravity."""
     batch.bind("qpos")[rows], batch.bind("qvel")[rows] = qpos, 0
+    batch.bind("qacc_warmstart")[rows] = 0  # a world that was here before may have diverged
     hole = np.asarray(attempts.hole_pos_world)
     batch.bind("mocap_pos")[rows, 0] = np.column_stack([hole, np.full(len(rows), top_m)])
     batch.forward(rows, stage=_OBSERVED)
