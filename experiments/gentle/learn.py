@@ -5,9 +5,9 @@
 The same command resumes where it was. The first data are spirals and random sweeps. The later ones are
 attempts of `seek` with the sensor trained so far: a search that acts on its belief goes where no spiral
 goes, and what the sensor feels there it has to learn there (Ross et al., "A reduction of imitation learning
-and structured prediction to no-regret online learning", 2011). The second sensor starts from the first and
-reads the new data alone; the last one starts anew and reads all. Half of the attempts are in the world
-`paper`, half in `forge`; readings have the errors of `forge`.
+and structured prediction to no-regret online learning", 2011). In the last ones half of the spells are led
+astray. The second sensor starts from the first and reads the new data alone; the others start anew and read
+all. Half of the attempts are in the world `paper`, half in `forge`; readings have the errors of `forge`.
 """
 
 import argparse
@@ -26,7 +26,11 @@ def main(out: Path) -> None:
     further = "--init", out / "run0", "--set", "train.learning_rate=5e-4"
     train(out / "run1", first, 10, *further)
     second = collect(out, 2, 2500, "--policy", "seek", "--run", out / "run1")
-    train(out / "run", [*spirals, *first, *second], 14)
+    early = [*spirals, *first, *second]
+    train(out / "run2", early, 14)
+    third = collect(out, 4, 2500, "--policy", "seek", "--run", out / "run2")
+    astray = "--policy", "seek", "--run", out / "run2", "--set", "seek.astray_share=0.5"
+    train(out / "run", [*early, *third, *collect(out, 5, 2500, *astray)], 14)
 
 
 def collect(out: Path, number: int, episodes: int, *policy: object) -> list[Path]:

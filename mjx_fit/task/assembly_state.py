@@ -22,7 +22,7 @@ from mjx_fit.filters.updates import initial_belief
 from mjx_fit.scene.scenarios import Trials
 from mjx_fit.task.assembly_snapshot import EMPTY, KEPT_FROM, Choice, State
 from mjx_fit.task.attempt_log import Diary, believed
-from mjx_fit.task.attempt_loop import Tried, Try, spirals_at
+from mjx_fit.task.attempt_loop import Tried, Try, placed_as, spirals_at
 from mjx_fit.task.effort import COLUMNS, effort_of, move_time_s
 from mjx_fit.task.hole_choice import Situation, by_chance, by_rate
 from mjx_fit.task.methods import Method, of_rows
@@ -85,17 +85,20 @@ class Table:
         if not self.active.any():
             return None
         choice = by_rate if self._config.task.next_hole == "rate" else by_chance
-        now = Situation(self._beliefs, self._peg(), self._content != EMPTY, self._tries, self._starts)
+        beliefs = self._beliefs
+        if self._config.task.revisit_from == "detection":
+            beliefs = placed_as(beliefs, self._detected, self._tries > 0)
+        now = Situation(beliefs, self._peg(), self._content != EMPTY, self._tries, self._starts)
         self.choice, elsewhere = choice(now, self._config)
         hole, rows = self.choice.hole, np.arange(len(self._trial))
         wiggle_keys, noise_keys = self._keys(self._trial, self._peg_number(), self._attempt_number())
         hole_type, hole_pos = (self._world[name][rows, hole] for name in ("hole_type", "hole_pos_world"))
-        beliefs = about(self._beliefs, hole)
+        beliefs = about(beliefs, hole)
         physics = jax.tree.map(lambda leaf: leaf[rows, hole], self._world["physics"])
         start = beliefs.pos_mean_world
         attempts = spirals_at(self._peg(), hole_type, hole_pos, start, wiggle_keys, physics)
         attempts = replace(attempts, elsewhere_per_s=elsewhere)
-        return Try(attempts, self.active, beliefs, noise_keys, about(self._detected, hole))
+        return Try(attempts, self.active, beliefs, noise_keys)
 
     def learn(self, tried: Tried) -> None:
         """Store the posteriors about the tried holes, and reveal the truth to the upper-bound methods."""
@@ -106,9 +109,10 @@ class Table:
             self._store(rows[self.active & np.asarray(happened.taken) & ~kept], tried.confirmed)
         failed = self.active & np.asarray(happened.truth.valid) & ~kept
         told = rows[failed & self._of("learns_truth")]
-        reveal_hole(self._beliefs, self._world, (told, chosen[told]))
-        told = rows[failed & self._of("learns_match")]
-        reveal_match(self._beliefs, self._world, (told, chosen[told]), self._peg()[told])
+        match_told = rows[failed & self._of("learns_match")]
+        for beliefs in (self._beliefs, self._detected):
+            reveal_hole(beliefs, self._world, (told, chosen[told]))
+            reveal_match(beliefs, self._world, (match_told, chosen[match_told]), self._peg()[match_told])
         self._note(happened, tried.asked.beliefs)
 
     def record(self, tried: Tried) -> None:

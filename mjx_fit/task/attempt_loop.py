@@ -24,14 +24,12 @@ class Try:
         active: Whether each row makes its attempt.
         beliefs: Prior about the hole that each row tries, (R,).
         noise_keys: Seeds of the F/T sensor noise; None: the round updates no belief.
-        detected: Belief about each of these holes before the first attempt at it, (R,); None: the prior.
     """
 
     attempts: Attempt
     active: Bool[np.ndarray, "R"]
     beliefs: Belief
     noise_keys: Key[Array, "R"] | None
-    detected: Belief | None = None
 
 
 @dataclass(frozen=True)
@@ -72,7 +70,7 @@ def attempt_rounds(
         rollouts = engine.run(_with_beliefs(asked), actions, asked.active)
         beliefs, confirmed = asked.beliefs, None
         if asked.noise_keys is not None:
-            beliefs = after_failures(update, asked.beliefs, rollouts, asked.noise_keys, asked.detected)
+            beliefs = after_failures(update, asked.beliefs, rollouts, asked.noise_keys)
             if confirm is not None:
                 confirmed = after_insertions(confirm, asked.beliefs, rollouts, asked.noise_keys)
         yield Tried(asked, rollouts, beliefs, confirmed)
@@ -83,6 +81,15 @@ def _with_beliefs(asked: Try) -> Attempt:
     if asked.attempts.belief is not None:
         return asked.attempts
     return replace(asked.attempts, belief=jax.tree.map(jnp.asarray, asked.beliefs))
+
+
+def placed_as(beliefs: Belief, others: Belief, where: Bool[np.ndarray, "*batch"]) -> Belief:
+    """Return beliefs with the positions of others where asked, for any batch axes."""
+    return replace(
+        beliefs,
+        pos_mean_world=np.where(where[..., None], others.pos_mean_world, beliefs.pos_mean_world),
+        pos_cov=np.where(where[..., None, None], others.pos_cov, beliefs.pos_cov),
+    )
 
 
 def spirals_at(

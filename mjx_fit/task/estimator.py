@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import jax
@@ -136,34 +135,24 @@ def frame_update(config: Config, sensor: ContactSensor) -> Update:
     return update
 
 
-def after_failures(
-    update: Update,
-    beliefs: Belief,
-    rollouts: Rollout,
-    keys: Key[Array, "n"],
-    detected: Belief | None = None,
-) -> Belief:
+def after_failures(update: Update, beliefs: Belief, rollouts: Rollout, keys: Key[Array, "n"]) -> Belief:
     """Return the beliefs after simulated attempts: the posterior after failures, else the prior.
 
     The update never sees the measurements of an attempt that succeeded or diverged. A policy that updates the
     belief itself (``task.seek``) has the last word: its belief is what it reported with its last action. If
     its attempt lasted to the end, it has searched where it believed the hole to be, and it was not there: the
-    position then is what the detector said, whatever earlier attempts made of it; only the type is learnt.
-
-    Args:
-        update: Belief update.
-        beliefs: Beliefs before the attempts, (n,).
-        rollouts: The attempts, (n,).
-        keys: Seeds of the noise.
-        detected: Beliefs before the first attempt at each hole, (n,); None: these attempts are the first.
+    position then is what it was before, and only the type is learnt.
     """
     failed = np.asarray(rollouts.truth.valid & ~rollouts.taken)
     if isinstance(rollouts.report, Belief):
         learnt = _last(rollouts)
         refuted = np.asarray(rollouts.felt.length) == rollouts.report.pos_cov.shape[1]
-        placed = jax.tree.map(partial(where_rows, refuted), detected or beliefs, learnt)
-        learnt = replace(placed, type_logp=learnt.type_logp)
-        return jax.tree.map(partial(where_rows, failed), learnt, beliefs)
+        place = failed & ~refuted
+        return Belief(
+            pos_mean_world=where_rows(place, learnt.pos_mean_world, beliefs.pos_mean_world),
+            pos_cov=where_rows(place, learnt.pos_cov, beliefs.pos_cov),
+            type_logp=where_rows(failed, learnt.type_logp, beliefs.type_logp),
+        )
     length = np.where(failed, rollouts.felt.length, 0).astype(np.int32)
     learnt = update(beliefs, replace(rollouts.felt, length=length), keys)
     return jax.tree.map(lambda new, old: where_rows(failed, new, old), learnt, beliefs)

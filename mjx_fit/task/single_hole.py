@@ -17,7 +17,7 @@ from mjx_fit.config.schema import Config
 from mjx_fit.engines.interface import Engine
 from mjx_fit.filters.kalman import scale_tril
 from mjx_fit.filters.updates import initial_belief
-from mjx_fit.task.attempt_loop import Tried, Try, attempt_rounds, spirals_at
+from mjx_fit.task.attempt_loop import Tried, Try, attempt_rounds, placed_as, spirals_at
 from mjx_fit.task.effort import COLUMNS, Effort, effort_of, move_time_s
 from mjx_fit.task.estimator import Update
 from mjx_fit.task.methods import KNOWN_VARIANCE_M2, HoleMethod, of_rows
@@ -90,6 +90,7 @@ class HoleTable:
         self._keys = jnp.concatenate([holes.key] * len(methods))
         self._samples = of_rows(methods, self._n_trials, lambda method: method.starts == "sample")
         self._detected = self._belief = _first_belief(config, methods, holes)
+        self._forgets = config.task.revisit_from == "detection"
         n_rows = len(self._samples)
         self._inserted_at, self._attempts = np.zeros(n_rows, int), np.zeros(n_rows, int)
         self._done = np.zeros(n_rows, bool)
@@ -106,10 +107,12 @@ class HoleTable:
             return None
         wiggle, noise, sample = _keys(self._keys, number)
         belief, world = self._belief, self._world
+        if self._forgets:
+            belief = placed_as(belief, self._detected, np.ones(len(active), bool))
         start = np.where(self._samples[:, None], _drawn(belief, sample), belief.pos_mean_world)
         kinds = world["peg_type"], world["hole_type"]
         attempts = spirals_at(*kinds, world["hole_pos_world"], start, wiggle, world["physics"])
-        return Try(attempts, active, belief, noise, self._detected)
+        return Try(attempts, active, belief, noise)
 
     def record(self, tried: Tried) -> None:
         """Count the attempts and store the posteriors of the active rows."""

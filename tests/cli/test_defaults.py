@@ -138,6 +138,7 @@ def test_presets_mean_what_they_meant():
         "control.push is displacement there and force here",
         "random.reach_m is 0.025 there and 0.018 here",
         "task.next_hole is chance there and rate here",
+        "task.revisit_from is belief there and detection here",
         "filter.match_temperature is 1.14 there and 2.0 here",
     ]
 

@@ -398,21 +398,37 @@ def test_among_equals_the_tries_of_the_peg_in_hand_count_and_not_those_of_earlie
             tries[one.chosen[row]] += 1
 
 
-def test_what_was_detected_is_kept_beside_what_was_learnt():
-    """A refuted belief returns to it: see ``after_failures``."""
-    trials = scenarios.draw_trials(CONFIG, 0, np.arange(6))
-    table = Table(CONFIG, methods.chosen("full", methods.ASSEMBLY), trials, 0)
-    learnt, rows = 0.0, np.arange(6)
+@pytest.mark.parametrize("revisit_from", ["belief", "detection"])
+def test_a_peg_that_comes_back_to_a_hole_starts_where_the_configuration_says(revisit_from):
+    """Other pegs start from what was learnt; the type always is what was learnt."""
+    config = dataclasses.replace(CONFIG, task=dataclasses.replace(CONFIG.task, revisit_from=revisit_from))
+    trials, rows = scenarios.draw_trials(config, 0, np.arange(6)), np.arange(6)
+    table = Table(config, methods.chosen("full", methods.ASSEMBLY), trials, 0)
+    learnt, tried_with, again, others = np.zeros((6, 4)), np.full((6, 4), -1), 0, 0
 
     def update(beliefs, felt, keys):
-        return dataclasses.replace(beliefs, pos_mean_world=beliefs.pos_mean_world + 0.03)
+        moved = beliefs.pos_mean_world + np.array([0.03, 0], np.float32)
+        logp = np.log(np.array([0.5, 0.3, 0.2], np.float32))
+        return dataclasses.replace(beliefs, pos_mean_world=moved, type_logp=np.tile(logp, (6, 1)))
 
     for tried in attempt_rounds(table.next_try, FakeEngine(), update, 2):
-        detected = tried.asked.detected
-        assert detected is not None
-        want = trials.estimate_world[rows, table.choice.hole]
-        np.testing.assert_array_equal(detected.pos_mean_world, want)
-        learnt = max(learnt, np.abs(tried.asked.beliefs.pos_mean_world - want)[tried.asked.active].max())
+        hole, peg = table.choice.hole, np.minimum(table.pegs_done, 3)
+        back = tried_with[rows, hole] == peg
+        kept = np.where(back & (revisit_from == "detection"), 0, learnt[rows, hole])
+        start = np.asarray(tried.asked.attempts.estimate_world)
+        active = tried.asked.active
+        np.testing.assert_allclose(
+            (start - trials.estimate_world[rows, hole])[active, 0], kept[active], atol=1e-6
+        )
+        np.testing.assert_allclose(tried.asked.beliefs.pos_mean_world, start)
+        first = np.exp(np.asarray(tried.asked.beliefs.type_logp))[:, 0]
+        was_tried = tried_with[rows, hole] >= 0
+        np.testing.assert_allclose(first[active & was_tried], 0.5, rtol=1e-5)
+        again, others = again + (back & active).sum(), others + (was_tried & ~back & active).sum()
+        failed = active & ~tried.rollouts.taken
+        learnt[rows[failed], hole[failed]] = kept[failed] + 0.03
+        tried_with[rows[active], hole[active]] = peg[active]
         table.learn(tried)
         table.record(tried)
-    assert learnt > 0.02
+    assert again > 5
+    assert others > 5

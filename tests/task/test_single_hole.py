@@ -31,8 +31,8 @@ def play(picked, holes, engine, max_attempts=5):
     return tried(picked, holes, max_attempts, engine, {"full": halving})
 
 
-def tried(picked, holes, max_attempts, engine, updates):
-    table = single_hole.HoleTable(CONFIG, picked, holes, max_attempts)
+def tried(picked, holes, max_attempts, engine, updates, config=CONFIG):
+    table = single_hole.HoleTable(config, picked, holes, max_attempts)
     for _ in single_hole.rounds(table, engine, single_hole.update_of_rows(picked, updates)):
         pass
     return table.outcomes()
@@ -55,6 +55,17 @@ def test_it_goes_on_until_the_peg_is_in_and_the_belief_stays_from_there_on():
         assert np.isfinite(done.effort.peak_force_n[i]).sum() == done.attempts[i]
     for number, (_, active) in enumerate(engine.seen):
         assert np.array_equal(active, (done.inserted_at == 0) | (done.inserted_at > number))
+
+
+def test_attempts_may_all_start_from_the_detection():
+    holes, engine = make_holes(), FakeEngine()
+    config = replace(CONFIG, task=replace(CONFIG.task, revisit_from="detection"))
+    done = tried((methods.INSERTION[0],), holes, 3, engine, {"full": halving}, config)["full"]
+    far = np.linalg.norm(holes.estimate_world - holes.hole_pos_world, axis=1) > CLOSE_M
+    for start in engine.starts:
+        np.testing.assert_array_equal(start[far], holes.estimate_world[far])
+    once = np.broadcast_to([1e-4, 0.25e-4, 0.25e-4, 0.25e-4], (far.sum(), 4))
+    np.testing.assert_allclose(done.cov[far, :, 0, 0], once, rtol=1e-5)
 
 
 def test_methods_share_their_draws_and_differ_in_where_they_start():
