@@ -107,9 +107,11 @@ def posterior(
         RequestError: The sensor knows another number of types.
     """
     _require_same_types(observation, config)
-    if config.filter.match_temperature != 1:
-        logits = observation.match_logits / config.filter.match_temperature
-        observation = replace(observation, match_logits=logits)
+    observation = replace(
+        observation,
+        match_logits=observation.match_logits / config.filter.match_temperature,
+        pos_noise_cov=observation.pos_noise_cov * config.filter.position_temperature,
+    )
     moved = update_position(beliefs, observation, config.filter, config.detector.prior_std_m)
     hard = config.task.hard_match
     typed = update_type(beliefs, observation, peg_type, success_probability, hard=hard, inserted=inserted)

@@ -140,6 +140,7 @@ def test_presets_mean_what_they_meant():
         "task.next_hole is chance there and rate here",
         "task.revisit_from is belief there and detection here",
         "filter.match_temperature is 1.14 there and 2.0 here",
+        "filter.position_temperature is 1.0 there and 1.35 here",
     ]
 
 

@@ -18,6 +18,7 @@ PURE = {
         "wrist.cross_talk",
         "filter.gate",
         "filter.match_temperature",
+        "filter.position_temperature",
         "filter.correlation",
         "seek.astray_share",
     ),

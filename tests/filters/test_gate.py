@@ -16,8 +16,8 @@ from mjx_fit.config.sections.learning import SensorConfig
 from mjx_fit.filters import kalman
 from mjx_fit.filters.updates import NONE, initial_belief, update_position
 from mjx_fit.sensors.contact_sensor import ContactSensor
-from mjx_fit.task.estimator import filter_update
-from mjx_fit.types import Observation
+from mjx_fit.task.estimator import filter_update, posterior
+from mjx_fit.types import Belief, Observation
 
 GATE = 0.99
 SMALL = SensorConfig(width=8, conv_channels=(2, 2, 2, 2, 2), layers=1, heads=1, feedforward=8)
@@ -92,3 +92,22 @@ def test_a_temperature_flattens_the_match_classification_in_the_estimator():
     alone = types(1.0, learns=False)
     warm, hot = (np.abs(types(temperature) - alone).max() for temperature in (1.0, 100.0))
     assert hot < warm
+
+
+def test_a_temperature_of_the_position_widens_r():
+    """Against the information form: the inverse of Σ0⁻¹ + (T R)⁻¹."""
+    cov, noise = np.diag([1e-4, 4e-5]), np.array([[3e-5, 1e-5], [1e-5, 2e-5]])
+    prior = Belief(jnp.zeros(2), jnp.asarray(cov, jnp.float32), jnp.log(jnp.full(3, 1 / 3)))
+    seen = Observation(
+        jnp.array([0.002, -0.001]),
+        jnp.asarray(noise, jnp.float32),
+        jnp.zeros(2),
+        jnp.log(jnp.full((3, 2), 0.5)),
+    )
+    for temperature in (1.0, 3.0):
+        config = Config(filter=replace(NONE, position_temperature=temperature))
+        after = posterior(prior, seen, jnp.int32(0), jnp.zeros((3, 3)), config)
+        want = np.linalg.inv(np.linalg.inv(cov) + np.linalg.inv(temperature * noise))
+        np.testing.assert_allclose(after.pos_cov, want, rtol=1e-4)
+        mean = want @ np.linalg.inv(temperature * noise) @ np.array([0.002, -0.001])
+        np.testing.assert_allclose(after.pos_mean_world, mean, rtol=1e-4)

@@ -21,8 +21,10 @@ class FilterConfig:
         correlation: Correlation of readings. That of their errors at one hole, ρ; later readings then count
             less (``mjx_fit.filters.kalman.correlated``); 0: independent, as in the paper.
         match_temperature: Divisor of the logits of h_match. Above 1, the match classification counts less.
+        position_temperature: Factor of R. Above 1, the measured position counts less.
     """
 
     gate: Annotated[float, Field(ge=0, le=0.99999)] = 0.99
     correlation: Annotated[float, Field(ge=0, le=0.95)] = 0.1
     match_temperature: Annotated[float, Field(ge=0.1, le=100)] = 1.14
+    position_temperature: Annotated[float, Field(ge=0.1, le=100)] = 1.0
