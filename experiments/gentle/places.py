@@ -1,4 +1,4 @@
-"""Does the belief of `seek` follow what the wrist feels, or where the peg is? Read attempts with other wrenches.
+"""Does the belief of `seek` follow what the wrist feels, or where the peg is? Swap the wrenches of attempts.
 
     python experiments/gentle/places.py DATA RUN...
 
