@@ -1,6 +1,6 @@
 """Judge the belief inside attempts of `seek`: error, coverage and the probability of a match, after 1 to 8 s.
 
-    python experiments/gentle/calibration.py OUT.json [--run RUN] [--trials N]
+    python experiments/gentle/calibration.py OUT.json [--run RUN] [--trials N] [--seed K]
 
 Half of the holes match the peg. A trial counts as long as its attempt lasts, with the seconds since the first
 contact. `matched` and `mismatched` count those holes alone: a matching hole that is still searched for after
@@ -27,22 +27,21 @@ from mjx_fit.training.sensor_loader import load_trained_sensor
 from mjx_fit.types import Belief, Rollout
 from mjx_fit.utils import resources
 
-SEED = 43
 AFTER_S = (1, 2, 4, 8)
 INSIDE = 4.605
 """Quantile of 90 % of the squared distance in two dimensions."""
 
 
-def main(out: Path, run: Path, trials: int) -> None:
-    found = {world: judged(world, run, trials) for world in ("home", "forge")}
-    script.save(out, {"trials": trials, "worlds": found})
+def main(out: Path, run: Path, trials: int, seed: int) -> None:
+    found = {world: judged(world, run, trials, seed) for world in ("home", "forge")}
+    script.save(out, {"trials": trials, "seed": seed, "worlds": found})
 
 
-def judged(world: str, run: Path, trials: int) -> dict[str, Any]:
+def judged(world: str, run: Path, trials: int, seed: int) -> dict[str, Any]:
     config = preset("gentle", world)
     config, policy = seek_with(load_trained_sensor(run), config)
     ids = np.arange(trials)
-    places = draw_places(jax.random.key(SEED), jnp.asarray(ids), config)
+    places = draw_places(jax.random.key(seed), jnp.asarray(ids), config)
     pegs, holes = pair_of(ids, config.scene.n_types)
     where = places.hole_pos_world, places.estimate_world
     done = make_engine("native", config, policy).run(
@@ -90,5 +89,6 @@ if __name__ == "__main__":
     parser.add_argument("out", type=Path, metavar="OUT.json")
     parser.add_argument("--run", type=Path, default=resources.run_folder("gentle"), metavar="RUN")
     parser.add_argument("--trials", type=int, default=1000, metavar="N")
+    parser.add_argument("--seed", type=int, default=43, metavar="K")
     asked = parser.parse_args()
-    main(asked.out, asked.run, asked.trials)
+    main(asked.out, asked.run, asked.trials, asked.seed)

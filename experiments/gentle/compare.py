@@ -30,10 +30,13 @@ HEAD = (
 
 def main(out: Path, sources: list[str]) -> None:
     rows: list[dict[str, Any]] = []
-    table = {}
+    table, drawn = {}, []
     for source in sources:
-        name, (file, method) = source.partition("=")[0], place_of(source)
-        own = [row for row in results.read(Path(file)).trials if row["method"] == method]
+        name, _, place = source.partition("=")
+        file, _, method = place.rpartition(":")
+        result = results.read(Path(file))
+        drawn.append((result.seed, result.config["detector"]))
+        own = [row for row in result.trials if row["method"] == method]
         own = sorted(own, key=lambda row: (row["trial"], row["seed"]))
         rows += [row | {"method": name} for row in own]
         table[name] = described(own)
@@ -41,7 +44,7 @@ def main(out: Path, sources: list[str]) -> None:
     first, *others = by_name
     draws = [row["trial"] for row in by_name[first]]
     seconds = {name: totals(own, "seconds") for name, own in by_name.items()}
-    require_same_draws(sources, by_name)
+    require_same_draws(drawn, by_name)
     saved = {name: seconds[name] - seconds[first] for name in others}
     p_values = holm([sign_flip(one, draws) for one in saved.values()])
     for (name, one), p_value in zip(saved.items(), p_values, strict=True):
@@ -53,19 +56,11 @@ def main(out: Path, sources: list[str]) -> None:
         script.draw(out.with_name(f"{out.name}_{kind}.png"), partial(drawn, rows))
 
 
-def require_same_draws(sources: list[str], by_name: dict[str, list[dict[str, Any]]]) -> None:
-    """Stop if trials, seeds or detections of the results differ."""
-    headers = [results.read(Path(place_of(source)[0])) for source in sources]
-    drawn = [(one.seed, one.config["detector"]) for one in headers]
+def require_same_draws(drawn: list[Any], by_name: dict[str, list[dict[str, Any]]]) -> None:
+    """Stop if trials, or root seeds and detectors, of the results differ."""
     trials = [[(row["trial"], row["seed"]) for row in own] for own in by_name.values()]
     if drawn != drawn[:1] * len(drawn) or trials != trials[:1] * len(trials):
         raise SystemExit("the results are of other draws")
-
-
-def place_of(source: str) -> tuple[str, str]:
-    """Return the file and the method of a source."""
-    file, _, method = source.partition("=")[2].rpartition(":")
-    return file, method
 
 
 def print_table(table: dict[str, Any]) -> None:
