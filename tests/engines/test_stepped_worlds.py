@@ -52,3 +52,16 @@ def test_each_world_goes_where_the_engine_takes_its_attempt_whenever_it_began(co
             want = np.where(early[:, None], second.estimate_world, first.estimate_world)
             np.testing.assert_array_equal(start, want)
             assert not np.asarray(seen.contact)[early].any()
+
+
+def test_a_world_that_has_diverged_leaves_nothing_to_the_one_after_it():
+    """The solver starts from the accelerations of the step before, which would stay not a number."""
+    first, second = (draw_attempts(jax.random.key(i), 2, config=Config()) for i in range(2))
+    worlds = Worlds(Config(), first, threads=1)
+    worlds.act(np.zeros((2, 3)))
+    (part,) = worlds._parts
+    guess = part._block.batch.bind("qacc_warmstart")
+    guess[:] = np.nan
+    worlds.restart(np.array([True, False]), second)
+    assert np.isfinite(guess[0]).all()
+    assert np.isnan(guess[1]).all()
