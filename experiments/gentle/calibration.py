@@ -15,16 +15,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from mjx_fit.config.schema import Config
 from mjx_fit.config.worlds import preset
 from mjx_fit.data.schedule import draw_places, pair_of
 from mjx_fit.engines.select import make_engine
 from mjx_fit.evaluation.statistics import wilson
 from mjx_fit.report import script
+from mjx_fit.sensors.force_torque import touched
 from mjx_fit.task.attempt_loop import spirals_at
-from mjx_fit.task.effort import CONTACT_N, forces_n
 from mjx_fit.task.seek import seek_with
 from mjx_fit.training.sensor_loader import load_trained_sensor
-from mjx_fit.types import Belief, Rollout
+from mjx_fit.types import Belief, Felt, Rollout
 from mjx_fit.utils import resources
 
 AFTER_S = (1, 2, 4, 8)
@@ -47,7 +48,7 @@ def judged(world: str, run: Path, trials: int, seed: int) -> dict[str, Any]:
     done = make_engine("native", config, policy).run(
         spirals_at(pegs, holes, *where, places.key, places.physics)
     )
-    begins = first_contact(done)
+    begins = first_contact(done.felt, config)
     kinds = {"all": np.ones(trials, bool), "matched": pegs == holes, "mismatched": pegs != holes}
     return {
         f"{after} s": {name: described(done, begins + 10 * after, kind) for name, kind in kinds.items()}
@@ -55,9 +56,9 @@ def judged(world: str, run: Path, trials: int, seed: int) -> dict[str, Any]:
     }
 
 
-def first_contact(done: Rollout) -> np.ndarray:
-    """Return the first action with a force of contact; attempts without one never last long enough."""
-    touches = forces_n(done.felt.trace.wrench_sensor, done.felt.tare_sensor).max(-1) > CONTACT_N
+def first_contact(felt: Felt, config: Config) -> np.ndarray:
+    """Return the first action in contact; attempts without one never last long enough."""
+    touches = touched(felt, config.wrist)
     return np.where(touches.any(1), touches.argmax(1), touches.shape[1])
 
 

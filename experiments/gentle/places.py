@@ -14,7 +14,7 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
-from calibration import INSIDE
+from calibration import INSIDE, first_contact
 from jaxtyping import Float, Int
 
 from mjx_fit.config.schema import Config
@@ -25,7 +25,6 @@ from mjx_fit.data.windows import usable
 from mjx_fit.filters.updates import initial_belief
 from mjx_fit.sensors.reading import Window, read_window
 from mjx_fit.sensors.trained_sensor import TrainedSensor
-from mjx_fit.task.effort import CONTACT_N, forces_n
 from mjx_fit.task.estimator import posterior
 from mjx_fit.training.sensor_loader import load_trained_sensor
 from mjx_fit.types import Belief, Felt
@@ -52,9 +51,8 @@ def main(data: Path, runs: list[Path]) -> None:
 def attempts(data: Episode) -> tuple[Episode, Int[np.ndarray, "n"]]:
     """Return the attempts to read, and the action of their first contact."""
     felt, truth = data.rollout.felt, data.rollout.truth
-    contact = forces_n(felt.trace.wrench_sensor, felt.tare_sensor).max(-1) > CONTACT_N
-    touch = contact.argmax(1)
-    long = contact.any(1) & (np.asarray(felt.length) > touch + 10 * max(AFTER_S))
+    touch = first_contact(felt, preset("gentle"))
+    long = np.asarray(felt.length) > touch + 10 * max(AFTER_S)
     mismatched = np.asarray(felt.peg_type) != np.asarray(truth.hole_type)
     rows = np.flatnonzero(usable(data) & (np.asarray(data.number) == 0) & mismatched & long)[:MOST]
     return jax.tree.map(lambda leaf: np.asarray(leaf)[rows], data), touch[rows]

@@ -17,7 +17,7 @@ from mjx_fit.data.schedule import draw_attempts, draw_later_attempts
 from mjx_fit.engines.failures import report
 from mjx_fit.engines.interface import Engine
 from mjx_fit.filters.updates import initial_belief
-from mjx_fit.task.attempt_loop import Tried, Try, attempt_rounds
+from mjx_fit.task.attempt_loop import Tried, Try, attempt_rounds, placed_as
 from mjx_fit.task.estimator import Update
 from mjx_fit.types import Array, Attempt, Belief, Felt, Rollout
 from mjx_fit.utils.randomness import root_key
@@ -82,7 +82,9 @@ class _Batch:
         self._noise_keys = jax.vmap(partial(jax.random.fold_in, root_key(plan.seed, "collect: noise")))
         self._sequences = np.arange(start, start + plan.worlds)
         self._wanted = self._sequences < plan.sequences
-        self._going, self._belief, self._number = self._wanted, None, 0
+        self._forgets = config.task.revisit_from == "detection"
+        self._going, self._number = self._wanted, 0
+        self._detected = self._belief = None
 
     @property
     def ids(self) -> Int[np.ndarray, "n"]:
@@ -97,6 +99,7 @@ class _Batch:
             std, n_types = self._config.detector.prior_std_m, self._config.scene.n_types
             drawn = initial_belief(attempts.estimate_world, std, n_types)
             self._belief = replace(drawn, pos_cov=jnp.asarray(self._cov))
+            self._detected = self._belief if self._detected is None else self._detected
         goes_on = self._learns and self._number + 1 < self._plan.sequence
         keys = self._noise_keys(jnp.asarray(self.ids)) if goes_on else None
         return Try(attempts, self._going, self._belief, keys)
@@ -109,6 +112,8 @@ class _Batch:
         one = Episode(self.ids, self._sequences, number, policy, np.asarray(self._cov), done)
         self._going = self._going & done.truth.valid & ~done.taken
         self._belief, self._number = tried.beliefs, self._number + 1
+        if self._forgets and self._detected is not None:
+            self._belief = placed_as(self._belief, self._detected, np.ones(len(self.ids), bool))
         return jax.tree.map(lambda leaf: leaf[: self._wanted.sum()], one)
 
     def _attempts(self) -> tuple[Attempt, Float[Array, "n 2 2"]]:

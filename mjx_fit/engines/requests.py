@@ -12,6 +12,7 @@ from jaxtyping import Bool
 from mjx_fit.config.randomized import allowed_range
 from mjx_fit.config.sections.scene import SceneConfig
 from mjx_fit.control.policies import NAMES
+from mjx_fit.filters.belief_check import require_beliefs
 from mjx_fit.scene.robot import ROBOTS
 from mjx_fit.scene.variation import GEOMETRY, require_linear
 from mjx_fit.types import Attempt
@@ -69,9 +70,7 @@ def require_attempts(
     for name, reach in places.items():
         _require_places(name, _leaf(attempts, name, n, (2,), jnp.floating, "floats"), active, reach)
     if attempts.belief is not None:
-        sizes = {"pos_mean_world": (2,), "pos_cov": (2, 2), "type_logp": (scene.n_types,)}
-        for name, size in sizes.items():
-            _require_finite(f"belief.{name}", getattr(attempts.belief, name), (n, *size), active)
+        require_beliefs(attempts.belief, n, scene.n_types, active)
     if attempts.elsewhere_per_s is not None:
         _require_finite("elsewhere_per_s", attempts.elsewhere_per_s, (n,), active)
     _require_keys(attempts.key, n)

@@ -15,6 +15,7 @@ from jaxtyping import Float
 from mjx_fit.config.schema import Config
 from mjx_fit.config.sections.randomize import RandomizeConfig
 from mjx_fit.engines.requests import require_count
+from mjx_fit.filters.belief_check import require_beliefs
 from mjx_fit.filters.outcome_model import success_probability
 from mjx_fit.filters.updates import initial_belief
 from mjx_fit.scene.robot import ROBOTS
@@ -23,7 +24,7 @@ from mjx_fit.sensors.trained_sensor import TrainedSensor
 from mjx_fit.task import greedy
 from mjx_fit.task.assembly_snapshot import KEPT_FROM
 from mjx_fit.task.estimator import Update, filter_update
-from mjx_fit.task.estimator_input import require_beliefs, require_places
+from mjx_fit.task.estimator_input import require_places
 from mjx_fit.task.logged_attempt import AtHole, attempt_of, padded, require_own
 from mjx_fit.task.saved_beliefs import FORMAT, SavedBeliefs, read_beliefs, write_beliefs
 from mjx_fit.types import Belief, Felt

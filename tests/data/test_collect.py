@@ -287,3 +287,19 @@ def test_a_sequence_ends_with_a_world_that_broke(tmp_path, capsys):
     assert (data.rollout.felt.length > 0).tolist() == [i != 5 for i in range(9)]
     assert sequences.broken == 1
     assert "episode 4: " in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("revisit_from", ["belief", "detection"])
+def test_later_attempts_start_where_revisits_do(revisit_from, tmp_path):
+    """An estimator that moves each belief by 1 cm: later attempts follow it, or begin where the first did."""
+
+    def moved(beliefs, felt, keys):
+        return replace(beliefs, pos_mean_world=beliefs.pos_mean_world + 0.01)
+
+    engine, config = FakeEngine(), read_config(None, [f"task.revisit_from={revisit_from}"])
+    plan = Plan(episodes=9, actions=2, policy="spiral", seed=0, batch=9, sequence=3)
+    Sequences(engine, config, plan, tmp_path, moved)(0)
+    off = [np.asarray(start) - engine.starts[0] for start in engine.starts[1:]]
+    expected = (0.01, 0.02) if revisit_from == "belief" else (0, 0)
+    for one, distance in zip(off, expected, strict=True):
+        np.testing.assert_allclose(one, distance, atol=1e-6)

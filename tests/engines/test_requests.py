@@ -65,10 +65,13 @@ REFUSED = {
     },
     r"hole_pos_world: float32 \(4, 3\)": lambda a: {"hole_pos_world": np.full((N, 3), 0.5, np.float32)},
     "peg_type: list is invalid: expected a NumPy or JAX array": lambda a: {"peg_type": [0] * N},
-    r"belief.pos_cov: float32 \(4, 3, 3\) is invalid: expected floats \(4, 2, 2\)": lambda a: {
+    r"belief: pos_cov: float32 \(4, 3, 3\) is invalid: expected floats \(4, 2, 2\)": lambda a: {
         "belief": dataclasses.replace(believed(a), pos_cov=jnp.zeros((N, 3, 3)))
     },
-    "belief.type_logp of row 1: .* expected finite numbers": lambda a: {
+    "belief: pos_cov of row 1: .* expected finite, symmetric and positive definite": lambda a: {
+        "belief": dataclasses.replace(believed(a), pos_cov=at(believed(a).pos_cov, -1e-4 * np.eye(2)))
+    },
+    "belief: type_logp of row 1: .* expected exponentials that sum to 1": lambda a: {
         "belief": dataclasses.replace(believed(a), type_logp=at(believed(a).type_logp, np.nan))
     },
     r"elsewhere_per_s: float32 \(3,\)": lambda a: {"elsewhere_per_s": jnp.zeros(3)},
@@ -227,7 +230,7 @@ NO_BELIEF = {
     "type_logp of row 1: .* expected exponentials that sum to 1": lambda b: dataclasses.replace(
         b, type_logp=at(b.type_logp, 0.0)
     ),
-    r"type_logp: shape \(4, 4\) is invalid": lambda b: dataclasses.replace(b, type_logp=np.zeros((N, 4))),
+    r"type_logp: float64 \(4, 4\) is invalid": lambda b: dataclasses.replace(b, type_logp=np.zeros((N, 4))),
 }
 
 
