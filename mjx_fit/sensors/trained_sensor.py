@@ -58,11 +58,17 @@ class TrainedSensor:
         """List what is new to the sensor: ``section.key is A there and B here``.
 
         These are quantities with values that they never had in training, and other keys of the physics, the
-        measurements and the attempt whose values differ.
+        measurements and the attempt whose values differ. Shorter attempts are not new to a sensor that reads
+        attempts in progress.
         """
         new = not_covered(self.config, config, (*QUANTITIES, *MEASURED))
         quantities = [difference(name, self.config, config) for name in new]
-        return quantities + config_differences(self.config, config, _is_constant)
+        shorter = config.task.attempt_actions < self.config.task.attempt_actions
+        known = {"attempt_actions"} if self.config.sensor.causal and shorter else set()
+        differs = config_differences(
+            self.config, config, lambda *key: _is_constant(*key) and key[1] not in known
+        )
+        return quantities + differs
 
     def say_if_away(self, config: Config, doing: str) -> None:
         """Print a note to stderr if a configuration differs from that of training."""

@@ -40,6 +40,13 @@ def test_only_what_the_sensor_never_saw_is_new(change, new):
     assert SENSOR.differences(read_config(None, [change])) == new
 
 
+@pytest.mark.parametrize(("actions", "new"), [(50, 0), (100, 0), (101, 1)])
+def test_a_sensor_of_attempts_in_progress_knows_shorter_ones(actions, new):
+    causal = TrainedSensor(NETWORK, read_config(world_file("forge"), ["sensor.causal=true"]), "f")
+    here = read_config(None, [f"task.attempt_actions={actions}", "sensor.causal=true"])
+    assert len(causal.differences(here)) == new
+
+
 def test_a_changed_network_is_named_whatever_else_differs():
     changed = read_config(None, ["scene.friction=0.6", "sensor.width=16"])
     with pytest.raises(RequestError, match=r"^config: sensor\.width is 64 there and 16 here"):
