@@ -19,6 +19,7 @@ from mjx_fit.config.schema import Config
 from mjx_fit.engines.native.block import Block, Layout, batch_at_rest
 from mjx_fit.engines.native.engine import NativeEngine
 from mjx_fit.engines.native.models import Models
+from mjx_fit.scene.placement import setting_of
 from mjx_fit.utils.rates import SUBSTEPS
 
 WORLDS, ACTIONS, TIMES = 128, 10, 5
@@ -32,11 +33,12 @@ def main() -> None:
     torque, start = _recorded(config)
     engine = NativeEngine(config, 1)
     models = Models(engine.scene)
-    block = Block(models, Layout(engine.scene), attempts, start, WORLDS)
+    setting = setting_of(attempts.hole_pos_world, attempts.physics, config)
+    block = Block(models, Layout(engine.scene), attempts, setting, start, WORLDS)
     goal = np.asarray(block.tip_pos_world + np.array([0, 0, -0.004]), np.float32)
 
     def alone() -> None:
-        batch_at_rest(models, attempts, start, 1).rollout(STEPS, torque, record=("sensordata",))
+        batch_at_rest(models, attempts, setting, start, 1).rollout(STEPS, torque, record=("sensordata",))
 
     def in_turns() -> None:
         block.move(start, np.zeros_like(start))

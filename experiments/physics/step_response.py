@@ -17,6 +17,7 @@ from mjx_fit.engines.native.block import Block, Layout
 from mjx_fit.engines.native.models import Models
 from mjx_fit.report.figures import style
 from mjx_fit.scene.build import simulation_scene
+from mjx_fit.scene.placement import setting_of
 from mjx_fit.scene.robot import PANDA
 from mjx_fit.types import Attempt
 from mjx_fit.utils.rates import SUBSTEPS
@@ -78,7 +79,8 @@ def follow(config: Config, start: np.ndarray, goal: np.ndarray) -> tuple[np.ndar
     kind = np.zeros(n, int)
     attempts = Attempt(kind, kind, far, far, np.full(n, SPIRAL), jax.random.split(jax.random.key(0), n))
     qpos = np.asarray(jax.vmap(inverse, (None, 0))(chain_of(scene.models[0]), jnp.asarray(start)))
-    block = Block(Models(scene), layout, attempts, qpos, n)
+    setting = setting_of(far, attempts.physics, config)
+    block = Block(Models(scene), layout, attempts, setting, qpos, n)
     gains = operational_space.gains_of(config)
     command = jax.jit(jax.vmap(lambda row, to: operational_space.torque(layout.unpack(row), to, gains)))
     tips, frames, torques = [], [], []

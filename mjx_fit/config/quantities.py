@@ -33,6 +33,16 @@ QUANTITIES = {
     "payload_kg": Quantity("arm", "kg"),
     "tilt_x_rad": Quantity("arm", "rad"),
     "tilt_y_rad": Quantity("arm", "rad"),
+    "socket_z_m": Quantity("placement", "m"),
+    "socket_roll_rad": Quantity("placement", "rad"),
+    "socket_pitch_rad": Quantity("placement", "rad"),
+    "socket_yaw_rad": Quantity("placement", "rad"),
+    "grasp_x_m": Quantity("placement", "m"),
+    "grasp_y_m": Quantity("placement", "m"),
+    "grasp_z_m": Quantity("placement", "m"),
+    "grasp_roll_rad": Quantity("placement", "rad"),
+    "grasp_pitch_rad": Quantity("placement", "rad"),
+    "grasp_yaw_rad": Quantity("placement", "rad"),
 }
 """Quantities that a world can have of its own, in the order of ``mjx_fit.types.physics.Physics``."""
 

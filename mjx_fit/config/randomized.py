@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from mjx_fit.config.quantities import MEASURED, QUANTITIES
 from mjx_fit.config.schema_errors import members, plain_and_limits
 from mjx_fit.config.sections.measurement import PoseConfig, WristConfig
+from mjx_fit.config.sections.placement import PlacementConfig
 from mjx_fit.config.sections.randomize import Distribution, RandomizeConfig
 from mjx_fit.config.sections.scene import SceneConfig
 from mjx_fit.config.sections.world import ArmConfig, ControlConfig
@@ -24,6 +25,7 @@ _SCHEMAS: dict[str, Any] = {
     "scene": SceneConfig,
     "control": ControlConfig,
     "arm": ArmConfig,
+    "placement": PlacementConfig,
     "wrist": WristConfig,
     "pose": PoseConfig,
 }

@@ -17,6 +17,7 @@ from mjx_fit.config.sections.first import FIRST_VALUES
 from mjx_fit.config.sections.learning import SensorConfig, TrainConfig
 from mjx_fit.config.sections.measurement import PoseConfig, WristConfig
 from mjx_fit.config.sections.moves import MovesConfig
+from mjx_fit.config.sections.placement import PlacementConfig
 from mjx_fit.config.sections.randomize import RandomizeConfig
 from mjx_fit.config.sections.scene import SceneConfig
 from mjx_fit.config.sections.seek import SeekConfig
@@ -46,6 +47,7 @@ class Config:
     scene: SceneConfig = SceneConfig()
     control: ControlConfig = ControlConfig()
     arm: ArmConfig = ArmConfig()
+    placement: PlacementConfig = PlacementConfig()
     randomize: RandomizeConfig = RandomizeConfig()
     spiral: SpiralConfig = SpiralConfig()
     random: RandomConfig = RandomConfig()

@@ -18,7 +18,7 @@ from mjx_fit.data.manifest import Manifest, read_complete_manifest
 from mjx_fit.data.reader import load, read_shards
 from mjx_fit.data.schedule import stored_policies
 from mjx_fit.data.split import split_sequences
-from mjx_fit.scene.parts import START_HEIGHT_M, plate_top_m
+from mjx_fit.scene.parts import start_tip_m
 from mjx_fit.sensors.force_torque import in_contact
 from mjx_fit.types import Rollout
 from mjx_fit.utils import files, locks
@@ -125,7 +125,7 @@ def _sides(sequences: Int[np.ndarray, "n"], fraction: float) -> dict[str, Int[np
 
 
 def _add_demonstration(root: h5py.Group, episode: Episode, policy: str, config: Config) -> int:
-    names, plate_top = config.scene.names, plate_top_m(config.scene)
+    names, start = config.scene.names, start_tip_m(config.scene)
     rollout = episode.rollout
     n = int(rollout.felt.length)
     demo = root.create_group(f"demo_{int(episode.episode)}")
@@ -142,7 +142,7 @@ def _add_demonstration(root: h5py.Group, episode: Episode, policy: str, config: 
     demo["actions"] = rollout.felt.trace.action_world[:n]
     demo["rewards"] = (ended & rollout.succeeded).astype(np.float32)
     demo["dones"] = ended.astype(np.int64)
-    first = _at_rest(rollout, plate_top)
+    first = _at_rest(rollout, start)
     clean = rollout.felt.trace.wrench_sensor - rollout.felt.tare_sensor
     state = vars(rollout.felt.trace) | {"contact": in_contact(clean, config.wrist)}
     for name in _STATE:
@@ -157,9 +157,9 @@ def _add_demonstration(root: h5py.Group, episode: Episode, policy: str, config: 
     return n
 
 
-def _at_rest(rollout: Rollout, plate_top: float) -> dict[str, np.ndarray]:
+def _at_rest(rollout: Rollout, start_m: float) -> dict[str, np.ndarray]:
     return {
-        "tip_pos_world": np.append(rollout.felt.estimate_world, plate_top + START_HEIGHT_M),
+        "tip_pos_world": np.append(rollout.felt.estimate_world, start_m),
         "tip_quat_world": np.array([0.0, 1.0, 0.0, 0.0]),
         "tip_linvel_world": np.zeros(3),
         "tip_angvel_world": np.zeros(3),

@@ -4,10 +4,12 @@ The functions take NumPy or JAX arrays, for one world or many.
 """
 
 from dataclasses import replace
+from functools import partial
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxlie import SE3, SO3
 from jaxtyping import Bool, Float, Int
 
 from mjx_fit.config.schema import Config
@@ -16,7 +18,8 @@ from mjx_fit.control import operational_space
 from mjx_fit.control.kinematics import Chain, inverse
 from mjx_fit.control.operational_space import ArmState
 from mjx_fit.engines import plausible
-from mjx_fit.scene.parts import START_HEIGHT_M, plate_top_m
+from mjx_fit.scene.parts import plate_top_m, start_tip_m
+from mjx_fit.scene.placement import Setting, as_if_upright, setting_of
 from mjx_fit.sensors.pose import turned
 from mjx_fit.types import Array, Attempt, Felt, Rollout, Trace, Truth, pytree
 from mjx_fit.types.physics import Physics
@@ -79,7 +82,7 @@ def start_qpos(chain: Chain, attempts: Attempt, config: Config) -> Float[Array, 
 
     The TCP is above the estimate, straight down but for the tilt of the tool, of which the robot is unaware.
     """
-    height = jnp.full_like(attempts.estimate_world[:, :1], plate_top_m(config.scene) + START_HEIGHT_M)
+    height = jnp.full_like(attempts.estimate_world[:, :1], start_tip_m(config.scene))
     place = jnp.concatenate([attempts.estimate_world, height], 1)
     tilt = jnp.broadcast_to(tilt_world(attempts.physics, config), place.shape)
     return jax.vmap(inverse, (None, 0, 0))(chain, place, tilt)
@@ -100,6 +103,35 @@ def tip_of(arm: ArmState, physics: Physics, config: Config) -> Tip:
     if not (is_off(gains.tilt_x_rad) and is_off(gains.tilt_y_rad)):
         quat = turned(quat, -tilt_world(physics, config))
     return Tip(arm.tip_pos_world, quat, velocity[:3], velocity[3:])
+
+
+def peg_of(tip: Tip, setting: Setting | None, physics: Physics, config: Config) -> Tip:
+    """Return one world's peg as if its socket were upright at its place and the nominal height.
+
+    Pose and twist are the TCP's where the peg is straight in the hand and the socket upright; the twist is
+    that of the TCP in any case.
+    """
+    if setting is None or (setting.socket_world is None and setting.peg_tip is None):
+        return tip
+    quat = jnp.asarray(turned(tip.quat_world, tilt_world(physics, config)))
+    peg = SE3.from_rotation_and_translation(SO3(quat), jnp.asarray(tip.pos_world))
+    peg = peg if setting.peg_tip is None else peg @ setting.peg_tip
+    peg = as_if_upright(peg, setting, plate_top_m(config.scene))
+    quat = peg.rotation().wxyz
+    return replace(tip, pos_world=peg.translation(), quat_world=jnp.where(quat[1] < 0, -quat, quat))
+
+
+def as_judged(rollouts: Rollout, config: Config) -> Rollout:
+    """Return rollouts (n,) whose traces hold the pegs as they were judged (``peg_of``), not the TCPs."""
+    physics, trace = rollouts.truth.physics, rollouts.felt.trace
+    setting = setting_of(np.asarray(rollouts.truth.hole_pos_world), physics, config)
+    tips = Tip(trace.tip_pos_world, trace.tip_quat_world, trace.tip_linvel_world, trace.tip_angvel_world)
+    one = jax.vmap(partial(peg_of, config=config), (0, None, None))
+    pegs = jax.vmap(one)(tips, setting, physics)
+    trace = replace(
+        trace, tip_pos_world=np.asarray(pegs.pos_world), tip_quat_world=np.asarray(pegs.quat_world)
+    )
+    return replace(rollouts, felt=replace(rollouts.felt, trace=trace))
 
 
 def trace_row(tip: Tip, wrench_sensor: Float[Array, "*n 50 6"], action_world: Float[Array, "*n 3"]) -> Trace:
@@ -125,7 +157,7 @@ def judge(
     """Judge the worlds at the end of an action.
 
     Args:
-        tip: TCP state at the end of the action.
+        tip: Peg at the end of the action (``peg_of``).
         hole_pos_world: True centre of the hole, m.
         finite: Whether the state and the torques that led to it are finite.
         at_limit: Whether a joint is at its torque limit at the end of the action.

@@ -21,6 +21,7 @@ from mjx_fit.control import goals
 from mjx_fit.control.goals import Goal
 from mjx_fit.control.policies import OWN, Policy
 from mjx_fit.engines import failure_file
+from mjx_fit.engines.attempt_rules import as_judged
 from mjx_fit.engines.failure_file import GOALS
 from mjx_fit.engines.interface import Engine
 from mjx_fit.engines.native.engine import NativeEngine
@@ -66,7 +67,7 @@ def report(
     broken = np.flatnonzero(~rollouts.truth.valid)
     if not len(broken):
         return 0
-    before = goals_before(rollouts, config)
+    before, judged = goals_before(rollouts, config), as_judged(rollouts[broken], config)
     for place, i in enumerate(broken):
         path = path_inside(folder.parent, folder.name) / f"broken-{ids[i]:08d}.npz"
         arrays = {
@@ -83,7 +84,7 @@ def report(
         files.replace_with(path, lambda temporary, arrays=arrays: _save(temporary, arrays))
         if place < MOST_LINES:
             _say(
-                f"episode {ids[i]}: {reason(rollouts, int(i), config.scene)} in action {arrays['step']}; "
+                f"episode {ids[i]}: {reason(judged, place, config.scene)} in action {arrays['step']}; "
                 f"it is left out; its state before that action is in {path}"
             )
     if len(broken) > MOST_LINES:

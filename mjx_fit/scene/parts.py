@@ -16,8 +16,6 @@ from mjx_fit.config.sections.scene import SceneConfig
 from mjx_fit.config.sections.shape import Shape
 
 FLOOR_THICKNESS_M = 0.01
-START_HEIGHT_M = 0.002
-"""Height of the TCP above the socket at the start of an attempt, at rest, m."""
 HANGING = np.array([1.0, -1.0, -1.0])
 """Signs that convert coordinates in the frame of the body ``peg`` to world axes."""
 
@@ -48,6 +46,11 @@ class Boxes:
 def plate_top_m(scene: SceneConfig) -> float:
     """Height of the socket's upper face above the table, m."""
     return scene.hole_depth_m + FLOOR_THICKNESS_M
+
+
+def start_tip_m(scene: SceneConfig) -> float:
+    """Return the height of the TCP at the start of an attempt, m."""
+    return plate_top_m(scene) + scene.start_height_m
 
 
 def peg_boxes(shape: Shape, scene: SceneConfig, scale: float = 1.0) -> Boxes:

@@ -8,7 +8,7 @@ from jaxtyping import Float, Key
 
 from mjx_fit.config.sections.measurement import PoseConfig
 from mjx_fit.config.sections.scene import SceneConfig
-from mjx_fit.scene.parts import START_HEIGHT_M, plate_top_m
+from mjx_fit.scene.parts import start_tip_m
 from mjx_fit.types import Array, Felt, StartPose, Trace
 from mjx_fit.utils.arrays import is_off
 from mjx_fit.utils.rates import ACTION_S
@@ -59,7 +59,7 @@ def start_of(felt: Felt, scene: SceneConfig) -> StartPose:
     if felt.start is not None:
         return felt.start
     estimate = jnp.asarray(felt.estimate_world)
-    height = jnp.full_like(estimate[..., :1], plate_top_m(scene) + START_HEIGHT_M)
+    height = jnp.full_like(estimate[..., :1], start_tip_m(scene))
     position = jnp.concatenate([estimate, height], -1)
     return StartPose(position, from_down(jnp.zeros_like(position)))
 

@@ -33,6 +33,16 @@ class Physics:
         payload_kg: ``arm.payload_kg``.
         tilt_x_rad: ``arm.tilt_x_rad``.
         tilt_y_rad: ``arm.tilt_y_rad``.
+        socket_z_m: ``placement.socket_z_m``.
+        socket_roll_rad: ``placement.socket_roll_rad``.
+        socket_pitch_rad: ``placement.socket_pitch_rad``.
+        socket_yaw_rad: ``placement.socket_yaw_rad``.
+        grasp_x_m: ``placement.grasp_x_m``.
+        grasp_y_m: ``placement.grasp_y_m``.
+        grasp_z_m: ``placement.grasp_z_m``.
+        grasp_roll_rad: ``placement.grasp_roll_rad``.
+        grasp_pitch_rad: ``placement.grasp_pitch_rad``.
+        grasp_yaw_rad: ``placement.grasp_yaw_rad``.
     """
 
     friction: Drawn = None
@@ -52,6 +62,16 @@ class Physics:
     payload_kg: Drawn = None
     tilt_x_rad: Drawn = None
     tilt_y_rad: Drawn = None
+    socket_z_m: Drawn = None
+    socket_roll_rad: Drawn = None
+    socket_pitch_rad: Drawn = None
+    socket_yaw_rad: Drawn = None
+    grasp_x_m: Drawn = None
+    grasp_y_m: Drawn = None
+    grasp_z_m: Drawn = None
+    grasp_roll_rad: Drawn = None
+    grasp_pitch_rad: Drawn = None
+    grasp_yaw_rad: Drawn = None
 
 
 AS_CONFIGURED = Physics()

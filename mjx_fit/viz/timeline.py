@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from mjx_fit.evaluation.recording import Recording, Step
-from mjx_fit.scene.parts import START_HEIGHT_M, plate_top_m
+from mjx_fit.scene.parts import plate_top_m, start_tip_m
 from mjx_fit.scene.robot import ROBOTS
 from mjx_fit.task.assembly_snapshot import EMPTY
 from mjx_fit.types import Belief
@@ -86,7 +86,7 @@ def moments_of(
 ) -> list[Moment]:
     """Return the moments of one step: motion from ``tip`` to the hole, attempt, belief update and lift."""
     step, top = recording.steps[index], plate_top_m(recording.config.scene)
-    path, clear = _path(step, top + START_HEIGHT_M), top + CLEAR_M
+    path, clear = _path(step, start_tip_m(recording.config.scene)), top + CLEAR_M
     shown = [*_move(index, step, path[0], tip, clear, fps), *_attempt(index, step, path, fps, speed)]
     return [*shown, *_learn(index, step, shown[-1].tip_pos_world, clear, fps)]
 

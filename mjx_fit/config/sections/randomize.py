@@ -80,6 +80,16 @@ class RandomizeConfig:
         payload_kg: Of ``arm.payload_kg``.
         tilt_x_rad: Of ``arm.tilt_x_rad``.
         tilt_y_rad: Of ``arm.tilt_y_rad``.
+        socket_z_m: Of ``placement.socket_z_m``.
+        socket_roll_rad: Of ``placement.socket_roll_rad``.
+        socket_pitch_rad: Of ``placement.socket_pitch_rad``.
+        socket_yaw_rad: Of ``placement.socket_yaw_rad``.
+        grasp_x_m: Of ``placement.grasp_x_m``.
+        grasp_y_m: Of ``placement.grasp_y_m``.
+        grasp_z_m: Of ``placement.grasp_z_m``.
+        grasp_roll_rad: Of ``placement.grasp_roll_rad``.
+        grasp_pitch_rad: Of ``placement.grasp_pitch_rad``.
+        grasp_yaw_rad: Of ``placement.grasp_yaw_rad``.
         force_noise_n: Of ``wrist.force_noise_n``.
         torque_xy_noise_nm: Of ``wrist.torque_xy_noise_nm``.
         torque_z_noise_nm: Of ``wrist.torque_z_noise_nm``.
@@ -117,6 +127,16 @@ class RandomizeConfig:
     payload_kg: Distribution | None = None
     tilt_x_rad: Distribution | None = None
     tilt_y_rad: Distribution | None = None
+    socket_z_m: Distribution | None = None
+    socket_roll_rad: Distribution | None = None
+    socket_pitch_rad: Distribution | None = None
+    socket_yaw_rad: Distribution | None = None
+    grasp_x_m: Distribution | None = None
+    grasp_y_m: Distribution | None = None
+    grasp_z_m: Distribution | None = None
+    grasp_roll_rad: Distribution | None = None
+    grasp_pitch_rad: Distribution | None = None
+    grasp_yaw_rad: Distribution | None = None
     force_noise_n: Distribution | None = None
     torque_xy_noise_nm: Distribution | None = None
     torque_z_noise_nm: Distribution | None = None

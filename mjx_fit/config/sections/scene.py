@@ -36,6 +36,7 @@ class SceneConfig:
             (2.83 cm), the spiral radius (1.5 cm) and half a peg (2 cm for the default shapes).
         hole_depth_m: Depth of the hole to its floor.
         peg_length_m: Length of the peg below the sensor.
+        start_height_m: Height of starts. Of the TCP above the plate, at rest, before an attempt.
         friction: Coulomb friction, peg and socket. The default is typical of two dry, smooth plastics or
             metals.
         contact_time_s: MuJoCo's solref time constant. With ten simulation steps the contact force of a
@@ -68,6 +69,7 @@ class SceneConfig:
     plate_half_width_m: Annotated[float, Field(ge=0.08, le=0.2)] = 0.08
     hole_depth_m: Annotated[float, Field(ge=0.01, le=0.08)] = 0.035
     peg_length_m: Annotated[float, Field(ge=0.05, le=0.15)] = 0.07
+    start_height_m: Annotated[float, Field(ge=0.001, le=0.05)] = 0.002
     friction: Annotated[float, Field(ge=0, le=2)] = 0.3
     contact_time_s: Annotated[float, Field(ge=LEAST_CONTACT_TIME_S, le=0.05)] = 0.01
     contact_time_per_gap: Annotated[float, Field(ge=2, le=100, json_schema_extra={"unit": "s/m"})] = 11.0

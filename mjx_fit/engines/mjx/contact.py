@@ -13,11 +13,14 @@ from functools import partial
 import jax.numpy as jnp
 import mujoco
 import numpy as np
-from jaxtyping import Int
+from jaxlie import SE3
+from jaxtyping import Float, Int
 from mujoco import mjx
 
 from mjx_fit.engines.mjx import collision, friction_cones, newton_solver, outline_contact
 from mjx_fit.engines.mjx.outlines import Outlines
+from mjx_fit.scene.placement import Setting
+from mjx_fit.types import Array
 from mjx_fit.utils.linalg import cholesky_factor, cholesky_solve, worlds_last
 
 
@@ -39,18 +42,28 @@ def require_supported(model: mujoco.MjModel) -> None:
             raise ValueError(f"the MJX engine requires {what}")
 
 
-def collide(model: mjx.Model, outlines: Outlines | None, data: mjx.Data) -> mjx.Data:
+def collide(
+    model: mjx.Model, outlines: Outlines | None, data: mjx.Data, setting: Setting | None = None
+) -> mjx.Data:
     """Find the deepest contact points between peg and socket; see ``mjx.collision``.
 
     Args:
         model: The model.
         outlines: Outlines of peg and hole; None: they consist of the model's boxes.
         data: State with current positions.
+        setting: Tells whether the socket is upright, and how the peg is held; None: upright and straight.
     """
     peg, plate = _geoms(model, "peg_"), _geoms(model, "hole_")
     peg_body, plate_body = (int(model.geom_bodyid[geoms[0]]) for geoms in (peg, plate))
     contact = data._impl.contact
-    pose = data.xpos[peg_body] - data.xpos[plate_body], data.xmat[peg_body]
+    pos, frame = data.xpos[peg_body], data.xmat[peg_body]
+    if setting is not None and setting.peg_hand is not None:
+        pos, frame = _held(pos, frame, setting.peg_hand)
+    upright = setting is None or setting.socket_world is None
+    turn = data.xmat[plate_body]
+    pose = pos - data.xpos[plate_body], frame
+    if not upright:
+        pose = turn.T @ pose[0], turn.T @ pose[1]
     count = len(contact.dist)
     if outlines is None:
         points = worlds_last(partial(collision.deepest_points, count=count))(
@@ -61,11 +74,14 @@ def collide(model: mjx.Model, outlines: Outlines | None, data: mjx.Data) -> mjx.
     else:
         points = worlds_last(partial(outline_contact.touching_points, count=count))(*outlines, *pose)
     slide, spin, roll = jnp.maximum(model.geom_friction[peg[0]], mujoco.mjMINMU)  # as in the C engine
+    pos_plate, axes = points.pos_plate, points.frame
+    if not upright:
+        pos_plate, axes = pos_plate @ turn.T, axes @ turn.T
     # All boxes share the same friction and stiffness, so one box represents its body.
     contact = contact.replace(
         dist=points.dist,
-        pos=points.pos_plate + data.xpos[plate_body],
-        frame=points.frame,
+        pos=pos_plate + data.xpos[plate_body],
+        frame=axes,
         geom=jnp.broadcast_to(jnp.array([peg[0], plate[0]]), contact.geom.shape),
         friction=jnp.broadcast_to(jnp.stack([slide, slide, spin, roll, roll]), contact.friction.shape),
         solref=jnp.broadcast_to(model.geom_solref[peg[0]], contact.solref.shape),
@@ -75,6 +91,16 @@ def collide(model: mjx.Model, outlines: Outlines | None, data: mjx.Data) -> mjx.
         reference = jnp.broadcast_to(model.pair_solreffriction[0], contact.solreffriction.shape)
         contact = contact.replace(solreffriction=reference)
     return data.replace(_impl=data._impl.replace(contact=contact))
+
+
+def _held(
+    pos_world: Float[Array, "3"], frame_world: Float[Array, "3 3"], peg_hand: SE3
+) -> tuple[Float[Array, "3"], Float[Array, "3 3"]]:
+    """Return the pose of the peg, given that of the hand."""
+    return (
+        pos_world + frame_world @ peg_hand.translation(),
+        frame_world @ peg_hand.rotation().as_matrix(),
+    )
 
 
 def solve(model: mjx.Model, data: mjx.Data) -> mjx.Data:

@@ -20,11 +20,12 @@ from mjx_fit.control.policies import Policy
 from mjx_fit.control.regulation import regulated
 from mjx_fit.engines import attempt_rules, policy_runner
 from mjx_fit.engines.mjx.compiler import compiler_options
-from mjx_fit.engines.mjx.step import Models, WorldModel, accelerate, advance, placed
+from mjx_fit.engines.mjx.step import Models, WorldModel, advance, free_reading, placed
 from mjx_fit.engines.plausible import at_limit
 from mjx_fit.engines.requests import ANY_POLICY, MOST_THREADS, require_attempts, require_count
 from mjx_fit.engines.threads import on_threads, silence_mujoco
 from mjx_fit.scene.build import Scene, pair_index, simulation_scene
+from mjx_fit.scene.placement import setting_of
 from mjx_fit.types import Array, Attempt, Felt, Rollout, Truth
 from mjx_fit.types.physics import Physics
 from mjx_fit.utils import interrupts, numerics
@@ -124,6 +125,8 @@ class MjxEngine:
     def _rollout(self, attempts: Attempt, active: Bool[Array, "n"], actions: int, horizon: int) -> Rollout:
         pair = pair_index(attempts.peg_type, attempts.hole_type, self.scene.n_types)
         models, axes = self._models.of_worlds(pair, attempts.physics)
+        setting = setting_of(attempts.hole_pos_world, attempts.physics, self.config)
+        models, axes = models._replace(setting=setting), axes._replace(setting=0)
         qpos = attempt_rules.start_qpos(self._chain, attempts, self.config)
         world = partial(self._world.rollout, actions=actions, horizon=horizon)
         # Matrix products in lower precision (TF32 on some accelerators) break the constraint solver.
@@ -156,7 +159,7 @@ class World:
     ) -> Rollout:
         """Simulate one attempt from a start posture; an inactive world does not move."""
         data = placed(model, qpos, attempt.hole_pos_world, self.scene.plate_top_m)
-        tare = _free_reading(model, data)
+        tare = free_reading(model, data)
 
         def act(carry, step):
             data, running, limited, memory = carry
@@ -171,7 +174,8 @@ class World:
             # Evaluated after the action: one more output of a step would change the rounding of all
             # outputs in XLA.
             limit = at_limit(driven.ctrl, self.scene.robot)
-            verdict = attempt_rules.judge(tip, attempt.hole_pos_world, finite, limit, limited, self.config)
+            peg = attempt_rules.peg_of(tip, model.setting, memory.physics, self.config)
+            verdict = attempt_rules.judge(peg, attempt.hole_pos_world, finite, limit, limited, self.config)
             verdict = verdict.as_sensed(policy_runner.measures_insertion(memory, tip, step + 1, self.config))
             data = jax.tree.map(partial(jnp.where, running & verdict.valid), driven, data)
             made = row, policy_runner.reported(self.policy, state)
@@ -243,8 +247,3 @@ def arm_state(model: WorldModel, data: mjx.Data, scene: Scene) -> operational_sp
         joint_anchor_world=data.xanchor,
         joint_axis_world=data.xaxis,
     )
-
-
-def _free_reading(model: WorldModel, data: mjx.Data) -> Float[Array, "6"]:
-    """Compute the reading of the F/T sensor at rest in free space."""
-    return accelerate(model, data.replace(ctrl=data.qfrc_bias)).sensordata

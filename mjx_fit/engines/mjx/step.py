@@ -21,6 +21,7 @@ from mujoco import mjx
 from mjx_fit.engines.mjx import contact
 from mjx_fit.engines.mjx.outlines import Outlines, outlines_of
 from mjx_fit.scene.build import Scene
+from mjx_fit.scene.placement import Setting
 from mjx_fit.scene.variation import Slope, longest_contact_times, offsets, slopes
 from mjx_fit.types import Array
 from mjx_fit.types.physics import AS_CONFIGURED, Physics
@@ -32,18 +33,23 @@ class WorldModel(NamedTuple):
     Attributes:
         mjx: The model in MJX.
         outlines: Outlines of peg and hole; None: the boxes of the model.
+        setting: Where the socket stands, and how the peg is held; None: upright and straight.
     """
 
     mjx: mjx.Model
     outlines: Outlines | None
+    setting: Setting | None = None
 
 
 def placed(
     model: WorldModel, qpos: Float[Array, "joints"], hole_pos_world: Float[Array, "2"], plate_top_m: float
 ) -> mjx.Data:
-    """Create one world at rest, with the arm in a posture (rad) and the socket at a position (m)."""
-    mocap = jnp.append(hole_pos_world, plate_top_m)[None]
-    return observe(model, mjx.make_data(model.mjx).replace(qpos=qpos, mocap_pos=mocap))
+    """Create one world at rest, with the arm in a posture (rad) and an upright socket at a position (m)."""
+    place = {"mocap_pos": jnp.append(hole_pos_world, plate_top_m)[None]}
+    if model.setting is not None and model.setting.socket_world is not None:
+        socket = model.setting.socket_world
+        place = {"mocap_pos": socket.translation()[None], "mocap_quat": socket.rotation().wxyz[None]}
+    return observe(model, mjx.make_data(model.mjx).replace(qpos=qpos, **place))
 
 
 def advance(
@@ -70,7 +76,7 @@ def observe(model: WorldModel, data: mjx.Data) -> mjx.Data:
     """Run the stages of ``mjx.forward`` that depend on position and velocity."""
     for stage in (mjx.kinematics, mjx.com_pos, mjx.crb):
         data = stage(model.mjx, data)
-    data = mjx.make_constraint(model.mjx, contact.collide(model.mjx, model.outlines, data))
+    data = mjx.make_constraint(model.mjx, contact.collide(model.mjx, model.outlines, data, model.setting))
     return mjx.fwd_velocity(model.mjx, mjx.transmission(model.mjx, data))
 
 
@@ -79,6 +85,11 @@ def accelerate(model: WorldModel, data: mjx.Data) -> mjx.Data:
     data = mjx.fwd_actuation(model.mjx, data)
     data = data.replace(qfrc_smooth=data.qfrc_passive - data.qfrc_bias + data.qfrc_actuator)
     return mjx.sensor_acc(model.mjx, contact.solve(model.mjx, data))
+
+
+def free_reading(model: WorldModel, data: mjx.Data) -> Float[Array, "6"]:
+    """Compute the reading of the F/T sensor at rest in free space, N and N·m."""
+    return accelerate(model, data.replace(ctrl=data.qfrc_bias)).sensordata
 
 
 _GEOMETRY = ("geom_pos", "geom_size", "geom_solref", "geom_solimp")

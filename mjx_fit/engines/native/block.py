@@ -12,6 +12,7 @@ from mjx_fit.control import operational_space
 from mjx_fit.engines import plausible
 from mjx_fit.engines.native.models import Models
 from mjx_fit.scene.build import Scene, pair_index
+from mjx_fit.scene.placement import Setting
 from mjx_fit.types import Array, Attempt
 from mjx_fit.utils.rates import SUBSTEPS
 
@@ -69,29 +70,33 @@ class Layout:
 
 
 def batch_at_rest(
-    models: Models, attempts: Attempt, qpos: Float[np.ndarray, "n joints"], threads: int
+    models: Models, attempts: Attempt, setting: Setting, qpos: Float[np.ndarray, "n joints"], threads: int
 ) -> Batch:
     """Create a persistent batch of C simulations at the start of these attempts, at rest against gravity."""
     scene = models.scene
     pair = np.asarray(pair_index(attempts.peg_type, attempts.hole_type, scene.n_types))
     batch = Batch(scene.models[0], len(pair), threads, persistent=True)
-    batch.set_models(models.of(pair, attempts.physics))
-    _place(batch, np.arange(len(pair)), attempts, qpos, scene.plate_top_m)
+    batch.set_models(models.of(pair, attempts.physics, setting.peg_hand))
+    _place(batch, np.arange(len(pair)), setting, qpos, scene.plate_top_m)
     return batch
 
 
 def _place(
     batch: Batch,
     rows: Int[np.ndarray, "k"],
-    attempts: Attempt,
+    setting: Setting,
     qpos: Float[np.ndarray, "k joints"],
     top_m: float,
 ) -> None:
     """Put these simulations at the start of their attempts, at rest against gravity."""
     batch.bind("qpos")[rows], batch.bind("qvel")[rows] = qpos, 0
     batch.bind("qacc_warmstart")[rows] = 0  # a world that was here before may have diverged
-    hole = np.asarray(attempts.hole_pos_world)
-    batch.bind("mocap_pos")[rows, 0] = np.column_stack([hole, np.full(len(rows), top_m)])
+    hole, socket = np.asarray(setting.hole_pos_world), setting.socket_world
+    upright = np.column_stack([hole, np.full(len(rows), top_m)])
+    place = upright if socket is None else np.asarray(socket.translation())
+    batch.bind("mocap_pos")[rows, 0] = place
+    if socket is not None:
+        batch.bind("mocap_quat")[rows, 0] = np.asarray(socket.rotation().wxyz)
     batch.forward(rows, stage=_OBSERVED)
     batch.bind("ctrl")[rows] = batch.bind("qfrc_bias")[rows]
 
@@ -112,6 +117,7 @@ class Block:
         models: Models,
         layout: Layout,
         attempts: Attempt,
+        setting: Setting,
         qpos: Float[np.ndarray, "m joints"],
         rows: int,
     ):
@@ -121,11 +127,12 @@ class Block:
             models: Models of the scene.
             layout: Layout of the controller's inputs.
             attempts: Attempts to simulate (m,).
+            setting: Their settings.
             qpos: Joint angles at the start, rad.
             rows: Maximum number of rows for the controller; rows beyond m are meaningless.
         """
         self._robot, self._models = models.scene.robot, models
-        self.batch = batch = batch_at_rest(models, attempts, qpos, threads=1)
+        self.batch = batch = batch_at_rest(models, attempts, setting, qpos, threads=1)
         self.qpos, self.qvel, self._ctrl = (batch.bind(name) for name in ("qpos", "qvel", "ctrl"))
         self._sensordata = batch.bind("sensordata")
         self.tip_pos_world = batch.bind("site_xpos")[:, layout.tip]
@@ -150,16 +157,20 @@ class Block:
         self.batch.forward(stage=_OBSERVED)
 
     def restart(
-        self, rows: Int[np.ndarray, "k"], attempts: Attempt, qpos: Float[np.ndarray, "k joints"]
+        self,
+        rows: Int[np.ndarray, "k"],
+        attempts: Attempt,
+        setting: Setting,
+        qpos: Float[np.ndarray, "k joints"],
     ) -> None:
         """Begin new attempts (k,) in these simulations, at rest; the others stay as they are."""
         scene = self._models.scene
         pair = np.asarray(pair_index(attempts.peg_type, attempts.hole_type, scene.n_types))
         of_worlds = [self.batch.get_model(world) for world in range(len(self.qpos))]
-        for row, model in zip(rows, self._models.of(pair, attempts.physics), strict=True):
+        for row, model in zip(rows, self._models.of(pair, attempts.physics, setting.peg_hand), strict=True):
             of_worlds[row] = model
         self.batch.set_models(of_worlds)
-        _place(self.batch, rows, attempts, qpos, scene.plate_top_m)
+        _place(self.batch, rows, setting, qpos, scene.plate_top_m)
         self.batch.forward(rows)
         self.tare_sensor[rows] = self._sensordata[rows]
 

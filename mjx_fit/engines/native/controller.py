@@ -21,6 +21,7 @@ from mjx_fit.engines.attempt_rules import Tip
 from mjx_fit.engines.native.block import Layout
 from mjx_fit.engines.policy_runner import Memory
 from mjx_fit.scene.build import Scene
+from mjx_fit.scene.placement import Setting, setting_of
 from mjx_fit.types import Array, Attempt
 from mjx_fit.types.physics import Physics
 
@@ -60,8 +61,10 @@ class Brain:
         act_at: The same as ``act``, with an index of the action for each row.
         torque: Function of packed inputs, goals and physics: joint torques (rows, joints), N·m.
         tip: Function of packed inputs and physics: the TCP states.
-        end: Function of the memory, packed inputs and the number of actions made: the TCP states, and whether
-            the robot measures an insertion.
+        setting: Function of the centres of holes and physics: the settings.
+        peg: Function of TCP states, settings and physics: the pegs (``attempt_rules.peg_of``).
+        end: Function of the memory, packed inputs, settings and the number of actions made: the TCP states,
+            the pegs, and whether the robot measures an insertion.
     """
 
     def __init__(self, scene: Scene, config: Config, policy: Policy):
@@ -75,7 +78,9 @@ class Brain:
         self.seen = jax.jit(jax.vmap(self._seen, (0, 0, 0, None)), static_argnums=3)
         self.act_at = jax.jit(jax.vmap(self._act, (0, 0, 0, None)), static_argnums=3)
         self.tip = jax.jit(jax.vmap(self._tip))
-        self.end = jax.jit(jax.vmap(self._end, (0, 0, None)))
+        self.setting = jax.jit(partial(setting_of, config=config))
+        self.peg = jax.jit(jax.vmap(partial(attempt_rules.peg_of, config=config)))
+        self.end = jax.jit(jax.vmap(self._end, (0, 0, 0, None)))
 
     def no_report(self, attempts: Attempt, actions: int) -> Any:
         """Allocate what the policy reports about attempts (n,) after each action; None if nothing."""
@@ -113,9 +118,12 @@ class Brain:
         tip = self._tip(packed, memory.physics)
         return policy_runner.seen(self._policy.reads, self.config, horizon, memory, tip, step)
 
-    def _end(self, memory: Memory, packed: Float[Array, "k"], step) -> tuple[Tip, Bool[Array, ""] | None]:
+    def _end(
+        self, memory: Memory, packed: Float[Array, "k"], setting: Setting, step
+    ) -> tuple[Tip, Tip, Bool[Array, ""] | None]:
         tip = self._tip(packed, memory.physics)
-        return tip, policy_runner.measures_insertion(memory, tip, step, self.config)
+        peg = attempt_rules.peg_of(tip, setting, memory.physics, self.config)
+        return tip, peg, policy_runner.measures_insertion(memory, tip, step, self.config)
 
     def _tip(self, packed: Float[Array, "k"], physics: Physics) -> Tip:
         return attempt_rules.tip_of(self.layout.unpack(packed), physics, self.config)

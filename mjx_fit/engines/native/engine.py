@@ -29,6 +29,7 @@ from mjx_fit.engines.policy_runner import Memory
 from mjx_fit.engines.requests import ANY_POLICY, MOST_THREADS, require_attempts, require_count
 from mjx_fit.engines.threads import on_threads, parts_of, silence_mujoco
 from mjx_fit.scene.build import simulation_scene
+from mjx_fit.scene.placement import Setting
 from mjx_fit.types import Attempt, Rollout
 from mjx_fit.utils import interrupts, numerics
 
@@ -129,7 +130,8 @@ class NativeEngine:
         parts = parts_of(len(ids), 1, ROWS[-1])
         begin = [self._brain.start(attempts=padded(attempts, part)) for part in parts]
         starts = [np.asarray(start)[: len(part)] for start, part in zip(begin, parts, strict=True)]
-        return batch_at_rest(self._models, attempts, np.concatenate(starts), self._threads)
+        setting = self._brain.setting(attempts.hole_pos_world, attempts.physics)
+        return batch_at_rest(self._models, attempts, setting, np.concatenate(starts), self._threads)
 
     def _nothing_done(self, attempts: Attempt, actions: int) -> Rollout:
         done = attempt_rules.nothing_done(attempts, actions, len(self.scene.robot.joints), self.config)
@@ -140,11 +142,13 @@ class NativeEngine:
         rows = padded(attempts, ids)
         start = np.asarray(self._brain.start(attempts=rows))[: len(ids)]
         own = jax.tree.map(lambda leaf: leaf[: len(ids)], rows)
-        block = Block(self._models, self._brain.layout, own, start, len(rows.peg_type))
+        setting = self._brain.setting(rows.hole_pos_world, rows.physics)
+        here = jax.tree.map(lambda leaf: leaf[: len(ids)], setting)
+        block = Block(self._models, self._brain.layout, own, here, start, len(rows.peg_type))
         done.felt.tare_sensor[ids] = block.tare_sensor
         at_rest = (block.tare_sensor, np.asarray(block.tip_pos_world, np.float32))
         memory = self._brain.begin(rows, *(padded(one, np.arange(len(ids))) for one in at_rest))
-        return _Part(self._brain, block, memory, np.asarray(own.hole_pos_world), ids, done, self._on_step)
+        return _Part(self._brain, block, memory, setting, ids, done, self._on_step)
 
 
 @dataclass
@@ -155,7 +159,7 @@ class _Part:
         brain: Control and policy.
         block: Simulations of the attempts.
         memory: Memory of the policy for the simulations that ``brain`` receives, padded.
-        hole_pos_world: True centres of the holes, m.
+        setting: Settings of the simulations that ``brain`` receives, padded.
         ids: Indices of the attempts in the batch.
         done: Results: arrays over the whole batch, modified in place.
         on_step: Callback, see ``NativeEngine``.
@@ -164,7 +168,7 @@ class _Part:
     brain: Brain
     block: Block
     memory: Memory
-    hole_pos_world: Float[np.ndarray, "m 2"]
+    setting: Setting
     ids: Int[np.ndarray, "m"]
     done: Rollout
     on_step: OnStep | None
@@ -209,14 +213,15 @@ class _Part:
         """Record the action of the running attempts and return the verdict."""
         block, done, running = self.block, self.done, self._running
         place, ids = np.searchsorted(self._shown, running), self.ids[running]
-        end = self.brain.end(self.memory, block.packed(), step + 1)
-        tip, sensed = jax.tree.map(lambda leaf: np.asarray(leaf)[place], end)
+        end = self.brain.end(self.memory, block.packed(), self.setting, step + 1)
+        tip, peg, sensed = jax.tree.map(lambda leaf: np.asarray(leaf)[place], end)
         row = attempt_rules.trace_row(tip, block.wrench.swapaxes(0, 1)[running], command[place])
         for stored, now in zip(jax.tree.leaves(done.felt.trace), jax.tree.leaves(row), strict=True):
             stored[ids, step] = now
         at_limit, limited = block.at_limit()[running], self._limited[running]
+        hole = np.asarray(self.setting.hole_pos_world)[place]
         verdict = attempt_rules.judge(
-            tip, self.hole_pos_world[running], block.finite()[running], at_limit, limited, self.brain.config
+            peg, hole, block.finite()[running], at_limit, limited, self.brain.config
         ).as_sensed(sensed)
         self._limited[running] = verdict.limited
         done.felt.length[ids] = step + 1
@@ -237,6 +242,7 @@ class _Part:
         self.block.run_only(self._running)
         rows = rows_for(len(self._running))
         if rows < len(self.memory.key):
-            self.memory = padded(self.memory, np.searchsorted(self._shown, self._running))
+            kept = np.searchsorted(self._shown, self._running)
+            self.memory, self.setting = padded(self.memory, kept), padded(self.setting, kept)
             self._shown = self._running
             self.block.show(self._shown, rows)

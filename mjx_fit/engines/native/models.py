@@ -8,6 +8,7 @@ from functools import cached_property
 
 import mujoco
 import numpy as np
+from jaxlie import SE3
 from jaxtyping import Float, Int
 
 from mjx_fit.scene.build import Scene
@@ -33,17 +34,20 @@ class Models:
     def _longest(self) -> Float[np.ndarray, "pairs"]:
         return longest_contact_times(self.scene.config)
 
-    def of(self, pair: Int[np.ndarray, "n"], physics: Physics) -> list[mujoco.MjModel]:
+    def of(
+        self, pair: Int[np.ndarray, "n"], physics: Physics, peg_hand: SE3 | None = None
+    ) -> list[mujoco.MjModel]:
         """Return one model per world; worlds without contact or geometry of their own share the scene's.
 
         Args:
             pair: Index of each world's pair of peg and hole.
             physics: Quantities of the worlds, (n,).
+            peg_hand: Poses of the pegs in the frame of the hand, (n,); None: straight.
         """
         contact = {name: getattr(physics, name) for name in CONTACT}
         contact = {name: np.asarray(value, float) for name, value in contact.items() if value is not None}
         moved = {name: np.asarray(by, float) for name, by in offsets(self.scene, physics).items()}
-        if not contact and not moved:
+        if not contact and not moved and peg_hand is None:
             return [self.scene.models[i] for i in pair]
         models = []
         for row, i in enumerate(pair):
@@ -58,8 +62,23 @@ class Models:
                 model.geom_size[:] += by[row] * slope.size[i]
             if moved:
                 _bound(model)
+            if peg_hand is not None:
+                _hold(model, np.asarray(peg_hand.wxyz_xyz[row], float))
             models.append(model)
         return models
+
+
+def _hold(model: mujoco.MjModel, peg_hand: Float[np.ndarray, "7"]) -> None:
+    """Move the peg in the hand: a quaternion, and a displacement, m."""
+    turn, shift = peg_hand[:4], peg_hand[4:]
+    body, rotated = model.body("peg").id, np.empty(3)
+    first = model.body_geomadr[body]
+    for geom in range(first, first + model.body_geomnum[body]):
+        mujoco.mju_rotVecQuat(rotated, model.geom_pos[geom], turn)
+        model.geom_pos[geom] = rotated + shift
+        mujoco.mju_mulQuat(model.geom_quat[geom], turn, model.geom_quat[geom].copy())
+        model.geom_sameframe[geom] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_MIDPHASE
 
 
 def _touch(model: mujoco.MjModel, own: dict[str, float]) -> None:

@@ -20,6 +20,7 @@ from mjx_fit.engines.native.models import Models
 from mjx_fit.engines.policy_runner import Memory
 from mjx_fit.engines.threads import on_threads, parts_of, silence_mujoco
 from mjx_fit.scene.build import simulation_scene
+from mjx_fit.scene.placement import Setting
 from mjx_fit.types import Attempt
 
 FROM_OUTSIDE = Policy(lambda start, key: jnp.zeros(3), lambda command, seen: (command, command))
@@ -111,7 +112,9 @@ class _Part:
         self._rows = np.arange(self._n)
         self._attempts = padded(attempts, self._rows)
         qpos = np.asarray(brain.start(attempts=self._attempts))[: self._n]
-        self._block = Block(models, brain.layout, attempts, qpos, len(self._attempts.peg_type))
+        self._setting = self._settings()
+        here = jax.tree.map(lambda leaf: leaf[: self._n], self._setting)
+        self._block = Block(models, brain.layout, attempts, here, qpos, len(self._attempts.peg_type))
         self._memory = self._begun()
         self._step = np.zeros(len(self._attempts.peg_type), np.int32)
         self._limited = np.zeros(self._n, np.int32)
@@ -137,11 +140,12 @@ class _Part:
 
     def _judged(self) -> Stepped:
         block, own = self._block, self._attempts
-        tip = self._brain.tip(block.packed(), self._memory.physics)
-        tip = jax.tree.map(lambda leaf: np.asarray(leaf)[: self._n], tip)
-        hole, config = own.hole_pos_world[: self._n], self._brain.config
-        at_limit, limited = block.at_limit(), self._limited
-        verdict = attempt_rules.judge(tip, hole, block.finite(), at_limit, limited, config)
+        physics, config = self._memory.physics, self._brain.config
+        tip = self._brain.tip(block.packed(), physics)
+        both = tip, self._brain.peg(tip, self._setting, physics)
+        tip, peg = jax.tree.map(lambda leaf: np.asarray(leaf)[: self._n], both)
+        hole, at_limit, limited = own.hole_pos_world[: self._n], block.at_limit(), self._limited
+        verdict = attempt_rules.judge(peg, hole, block.finite(), at_limit, limited, config)
         self._limited = np.asarray(verdict.limited)
         return Stepped(tip, verdict, block.wrench.swapaxes(0, 1).copy())
 
@@ -150,10 +154,15 @@ class _Part:
         all_over = padded(over, self._rows)
         self._attempts = _chosen(all_over, new, self._attempts)
         qpos = np.asarray(self._brain.start(attempts=self._attempts))
-        self._block.restart(rows, jax.tree.map(lambda leaf: leaf[rows], self._attempts), qpos[rows])
+        self._setting = self._settings()
+        begun, here = jax.tree.map(lambda leaf: leaf[rows], (self._attempts, self._setting))
+        self._block.restart(rows, begun, here, qpos[rows])
         self._memory = _chosen(all_over, self._begun(), self._memory)
         self._step = np.where(all_over, 0, self._step)
         self._limited = np.where(over, 0, self._limited)
+
+    def _settings(self) -> Setting:
+        return self._brain.setting(self._attempts.hole_pos_world, self._attempts.physics)
 
     def _begun(self) -> Memory:
         tip = np.asarray(self._block.tip_pos_world, np.float32)
