@@ -1,7 +1,9 @@
 """Motion of the controller's goal during an action.
 
 If a push is a force (``ControlConfig.push``), the third component of a goal is no height: it is the vertical
-command itself, which ``mjx_fit.control.force_control`` takes for a force.
+command itself, which ``mjx_fit.control.force_control`` takes for a force. A policy that commands orientations
+(``Policy.turns``) has goals of six components, k = 6: the last three are the rotation vector from straight
+down, about the world's axes, rad. Else k = 3, and the TCP is held straight down.
 """
 
 from dataclasses import replace
@@ -22,7 +24,7 @@ from mjx_fit.utils.rates import ACTION_S, STEP_S, SUBSTEPS
 
 @pytree
 class Goal:
-    """Goal of the TCP between actions, m.
+    """Goal of the TCP between actions, m and rad.
 
     Attributes:
         now_world: Commanded goal at the end of the previous action.
@@ -30,45 +32,48 @@ class Goal:
         smooth_world: Smoothed goal that the controller follows.
     """
 
-    now_world: Float[Array, "*n 3"]
-    earlier_world: Float[Array, "*n 3"]
-    smooth_world: Float[Array, "*n 3"]
+    now_world: Float[Array, "*n k"]
+    earlier_world: Float[Array, "*n k"]
+    smooth_world: Float[Array, "*n k"]
 
 
-def at_rest(tip_pos_world: Float[Array, "*n 3"], control: ControlConfig) -> Goal:
-    """Return the goal of a TCP that stays where it is, and does not push."""
-    here = commanded(tip_pos_world, 0 * tip_pos_world, control)
+def at_rest(tip_pos_world: Float[Array, "*n 3"], control: ControlConfig, *, turns: bool = False) -> Goal:
+    """Return the goal of a TCP that stays where it is, straight down, and does not push."""
+    still = 0 * tip_pos_world
+    here = commanded(tip_pos_world, jnp.concatenate([still, still], -1) if turns else still, control)
     return Goal(here, here, here)
 
 
 def commanded(
-    tip_pos_world: Float[Array, "*n 3"], command_world: Float[Array, "*n 3"], control: ControlConfig
-) -> Float[Array, "*n 3"]:
-    """Return the goal at the end of an action that starts at a position of the TCP, m."""
-    if control.push == "displacement":
+    tip_pos_world: Float[Array, "*n 3"], command_world: Float[Array, "*n k"], control: ControlConfig
+) -> Float[Array, "*n k"]:
+    """Return the goal at the end of an action that starts at a position of the TCP, m and rad."""
+    if control.push == "force":
+        tip_pos_world = tip_pos_world * np.array([1, 1, 0], np.float32)
+    if command_world.shape[-1] == tip_pos_world.shape[-1]:
         return tip_pos_world + command_world
-    return tip_pos_world * np.array([1, 1, 0], np.float32) + command_world
+    return jnp.concatenate([tip_pos_world + command_world[..., :3], command_world[..., 3:]], -1)
 
 
-def after(goal: Goal, next_world: Float[Array, "*n 3"]) -> Goal:
-    """Return the goal at the end of an action with a new commanded goal, m."""
+def after(goal: Goal, next_world: Float[Array, "*n k"]) -> Goal:
+    """Return the goal at the end of an action with a new commanded goal, m and rad."""
     return replace(goal, now_world=next_world, earlier_world=goal.now_world)
 
 
 def after_actions(
     start_world: Float[Array, "3"],
-    tip_pos_world: Float[Array, "k 3"],
-    action_world: Float[Array, "k 3"],
+    tip_pos_world: Float[Array, "n 3"],
+    command_world: Float[Array, "n k"],
     count: Int[Array, ""],
     control: ControlConfig,
     physics: Physics = AS_CONFIGURED,
 ) -> Goal:
-    """Reconstruct the goal after the first ``count`` of k recorded actions of one attempt.
+    """Reconstruct the goal after the first ``count`` of n recorded actions of one attempt.
 
     Args:
         start_world: Position of the TCP before the first action, m.
         tip_pos_world: Positions of the TCP at the end of each action, m.
-        action_world: Commanded changes of position, m.
+        command_world: Commands, m and rad.
         count: Number of actions; the other rows are ignored.
         control: As in ``goal_during``.
         physics: As in ``goal_during``.
@@ -84,18 +89,19 @@ def after_actions(
         done = after(jax.lax.fori_loop(0, SUBSTEPS, step, goal), next_world)
         return jax.tree.map(partial(jnp.where, number < count), done, goal), None
 
-    rows = jnp.arange(len(action_world)), commanded(before_world, action_world, control)
-    return jax.lax.scan(action, at_rest(start_world, control), rows)[0]
+    rows = jnp.arange(len(command_world)), commanded(before_world, command_world, control)
+    begin = at_rest(start_world, control, turns=command_world.shape[-1] > len(start_world))
+    return jax.lax.scan(action, begin, rows)[0]
 
 
 def goal_during(
     goal: Goal,
-    next_world: Float[Array, "*n 3"],
+    next_world: Float[Array, "*n k"],
     substep: int | Int[Array, ""],
     control: ControlConfig,
     physics: Physics = AS_CONFIGURED,
-) -> tuple[Goal, Float[Array, "*n 3"]]:
-    """Compute the goal of the TCP in one simulation step of an action, m, and update the smoothed one.
+) -> tuple[Goal, Float[Array, "*n k"]]:
+    """Compute the goal of the TCP in one simulation step of an action, and update the smoothed one.
 
     Mode ``step`` is a jump by the whole command, which the arm answers with a torque step. Mode ``ramp``
     interpolates linearly at the rate of the torques, as the controllers of VICES (Martín-Martín et al., 2019)
@@ -103,7 +109,7 @@ def goal_during(
 
     Args:
         goal: Goal before the step.
-        next_world: Goal commanded for this action, m.
+        next_world: Goal commanded for this action, m and rad.
         substep: Index of the simulation step in the action, from 0.
         control: Defines the mode, and delay and smoothing of worlds that have none of their own.
         physics: Quantities of the worlds.
@@ -118,11 +124,11 @@ def goal_during(
 
 
 def _own(drawn: Any, constant: float) -> Any:
-    """Return a world's own value with an axis for x, y and z, or the constant."""
+    """Return a world's own value with an axis for the components, or the constant."""
     return constant if drawn is None else drawn[..., None]
 
 
-def _commanded(goal: Goal, next_world, substep, mode: str, delay_s: Any) -> Float[Array, "*n 3"]:
+def _commanded(goal: Goal, next_world, substep, mode: str, delay_s: Any) -> Float[Array, "*n k"]:
     """Return the commanded goal as it was ``delay_s`` ago, at most one action."""
     if is_off(delay_s):
         if mode == "step":

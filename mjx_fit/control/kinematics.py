@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import mujoco
 import numpy as np
+from jaxlie import SO3
 from jaxtyping import Float
 
 from mjx_fit.scene.parts import HANGING
@@ -85,14 +86,22 @@ def jacobian(
 
 
 def rotation_error(
-    frame_world: Float[Array, "3 3 *b"], goal_world: Float[Array, "3 3"]
+    frame_world: Float[Array, "3 3 *b"], goal_world: Float[Array, "3 3 *b"]
 ) -> Float[Array, "3 *b"]:
     """Compute the rotation vector (rad, world frame) from one frame to another, exact to second order.
 
-    The result is half the sum of the axes' cross products (Siciliano et al., Robotics, section 3.7.3).
+    The result is half the sum of the axes' cross products (Siciliano et al., Robotics, section 3.7.3). A goal
+    without batch axes is that of all worlds.
     """
-    goal = jnp.reshape(goal_world, (3, 3, *[1] * (frame_world.ndim - 2)))
-    return 0.5 * total(cross(frame_world, goal), 1)
+    if goal_world.ndim == 2:
+        goal_world = jnp.reshape(goal_world, (3, 3, *[1] * (frame_world.ndim - 2)))
+    return 0.5 * total(cross(frame_world, goal_world), 1)
+
+
+def turned_down(turn_world: Float[Array, "3 *b"]) -> Float[Array, "3 3 *b"]:
+    """Return the frame that a rotation vector (rad, world frame) makes of straight down."""
+    turn = SO3.exp(jnp.moveaxis(turn_world, 0, -1)).as_matrix()
+    return jnp.moveaxis(turn @ STRAIGHT_DOWN, (-2, -1), (0, 1))
 
 
 def posture_towards(tip_pos_world: Float[Array, "3 *b"], robot: Robot = PANDA) -> Float[Array, "joints *b"]:

@@ -25,7 +25,13 @@ from jaxtyping import Float
 
 from mjx_fit.config.schema import Config
 from mjx_fit.control.force_control import position_force
-from mjx_fit.control.kinematics import STRAIGHT_DOWN, jacobian, posture_towards, rotation_error
+from mjx_fit.control.kinematics import (
+    STRAIGHT_DOWN,
+    jacobian,
+    posture_towards,
+    rotation_error,
+    turned_down,
+)
 from mjx_fit.scene.robot import PANDA, Robot
 from mjx_fit.types import Array, pytree
 from mjx_fit.types.physics import AS_CONFIGURED, Physics
@@ -122,14 +128,15 @@ def gains_of(config: Config, physics: Physics = AS_CONFIGURED) -> Gains:
 
 
 def torque(
-    arm: ArmState, goal_pos_world: Float[Array, "3 *b"], gains: Gains, robot: Robot = PANDA
+    arm: ArmState, goal_world: Float[Array, "k *b"], gains: Gains, robot: Robot = PANDA
 ) -> Float[Array, "joints *b"]:
-    """Compute joint torques that pull the TCP to a goal, straight down.
+    """Compute joint torques that pull the TCP to a goal.
 
     Args:
         arm: State of the arm.
-        goal_pos_world: Goal position of the TCP, m; its third component is a vertical command if a push is a
-            force (``mjx_fit.control.force_control``).
+        goal_world: Goal of the TCP, k = 3: its position, m, straight down; or k = 6: followed by its rotation
+            vector from straight down, rad. The third component is a vertical command if a push is a force
+            (``mjx_fit.control.force_control``).
         gains: Stiffness and damping, and the arm's imperfections.
         robot: Robot with the null-space posture and the torque limits.
 
@@ -137,7 +144,9 @@ def torque(
         Joint torques within the robot's limits, N·m.
     """
     jac = jacobian(arm.joint_anchor_world, arm.joint_axis_world, arm.tip_pos_world)
-    turn = rotation_error(arm.tip_frame_world, STRAIGHT_DOWN)
+    goal_pos_world, goal_turn_world = goal_world[:3], goal_world[3:]
+    goal_frame = STRAIGHT_DOWN if len(goal_world) == 3 else turned_down(goal_turn_world)
+    turn = rotation_error(arm.tip_frame_world, goal_frame)
     if not (is_off(gains.tilt_x_rad) and is_off(gains.tilt_y_rad)):
         tilt = (gains.tilt_x_rad, gains.tilt_y_rad, 0.0)
         turn += jnp.stack([jnp.broadcast_to(angle, turn.shape[1:]) for angle in tilt])

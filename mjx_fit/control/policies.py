@@ -8,12 +8,9 @@ action j comes from ``fold_in(key, j)``, so it depends on the attempt alone.
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Bool, Float, Int, Key
 
-from mjx_fit.config.schema import Config
-from mjx_fit.config.sections.world import RandomConfig, SpiralConfig
 from mjx_fit.types import Array, Attempt, Belief, Reading
 from mjx_fit.utils.pytrees import pytree, static
 
@@ -111,14 +108,23 @@ class Policy(NamedTuple):
         report: Maps the state after each action to a pytree of arrays that the engines record in
             ``Rollout.report``, such as a belief; None: nothing is recorded.
         gives_up: Maps the state after an action to whether the attempt ends with it; None: never.
+        turns: Whether its commands have six components: the last three are the orientation that the TCP is to
+            have at the end of the action, the rotation vector from straight down, about the world's axes,
+            rad. Others keep the TCP straight down.
     """
 
     init: Callable[[PolicyStart, Key[Array, ""]], State]
-    act: Callable[[State, PolicyInput], tuple[State, Float[Array, "3"]]]
+    act: Callable[[State, PolicyInput], tuple[State, Float[Array, "k"]]]
     name: str = ""
     reads: bool = False
     report: Callable[[State], Any] | None = None
     gives_up: Callable[[State], Bool[Array, ""]] | None = None
+    turns: bool = False
+
+    @property
+    def width(self) -> int:
+        """Number of components of a command."""
+        return 6 if self.turns else 3
 
 
 def start_of(attempt: Attempt) -> PolicyStart:
@@ -126,11 +132,6 @@ def start_of(attempt: Attempt) -> PolicyStart:
     return PolicyStart(
         attempt.peg_type, attempt.estimate_world, attempt.policy, attempt.belief, attempt.elsewhere_per_s
     )
-
-
-def shipped(config: Config) -> Policy:
-    """Return the policy that follows each attempt's choice, ``NAMES[attempt.policy]``."""
-    return by_name(spiral(config.spiral), random(config.random))
 
 
 def by_name(*members: Policy) -> Policy:
@@ -158,92 +159,3 @@ def stateless(command: Callable[[PolicyInput], Float[Array, "3"]], name: str = "
         >>> engine = mf.make_engine("native", policy=press)
     """
     return Policy(lambda start, key: (), lambda state, seen: ((), command(seen)), name)
-
-
-def spiral(config: SpiralConfig) -> Policy:
-    """Create the spiral search around the estimate, Algorithm 4 of the paper; see ``spiral_command``."""
-
-    def command(seen: PolicyInput) -> Float[Array, "3"]:
-        return spiral_command(seen.step, seen.horizon, _relative(seen), seen.key, config)
-
-    return stateless(command)
-
-
-def random(config: RandomConfig) -> Policy:
-    """Create the policy of random sweeps around the estimate; see ``random_command``."""
-
-    def command(seen: PolicyInput) -> Float[Array, "3"]:
-        return random_command(seen.step, _relative(seen), seen.key, seen.attempt_key, config)
-
-    return stateless(command)
-
-
-def _relative(seen: PolicyInput) -> Float[Array, "2"]:
-    """Return the TCP position relative to the estimate, m."""
-    return seen.tip_pos_world[:2] - seen.start.estimate_world
-
-
-def spiral_command(
-    step: Int[Array, ""],
-    horizon: int,
-    tip_pos_estimate: Float[Array, "2"],
-    key: Key[Array, ""],
-    config: SpiralConfig,
-) -> Float[Array, "3"]:
-    """Compute the spiral command, Algorithm 4 of the paper: u = u_spiral + u_wiggle + p - x.
-
-    The estimate p is two-dimensional, so the vertical component is -δz + |wiggle_z| relative to the peg: a
-    constant push.
-
-    Args:
-        step: Index j of the action.
-        horizon: Number J of actions.
-        tip_pos_estimate: TCP position relative to the estimate, x - p, m.
-        key: Random key of this action's exploration noise.
-        config: Parameters r_max, n_rot, δz and σ.
-    """
-    progress = step / horizon
-    angle = 2 * jnp.pi * config.turns * progress
-    radius = config.radius_m * progress
-    ring = radius * jnp.array([jnp.cos(angle), jnp.sin(angle)])
-    return _pressed(ring - tip_pos_estimate, config.push_m) + _wiggle(key, config.wiggle_m)
-
-
-def random_command(
-    step: Int[Array, ""],
-    tip_pos_estimate: Float[Array, "2"],
-    key: Key[Array, ""],
-    attempt_key: Key[Array, ""],
-    config: RandomConfig,
-) -> Float[Array, "3"]:
-    """Compute the command of straight sweeps between random way-points, pressed on the socket, with noise.
-
-    The paper describes its random policy in one line. A pure random walk with steps of its σ hardly moves
-    against friction; sweeps cross the hole's edges from all sides and stay in contact.
-
-    Args:
-        step: Index j of the action.
-        tip_pos_estimate: TCP position relative to the estimate, x - p, m.
-        key: Random key of this action's exploration noise.
-        attempt_key: Random key of the way-points.
-        config: Reach, actions per sweep, push and exploration noise.
-    """
-    sweep, phase = jnp.divmod(step, config.actions_per_sweep)
-
-    def way_point(number):
-        # Offset by 2^20 to avoid the keys of the actions; the first sweep starts above the estimate.
-        draw = jax.random.uniform(jax.random.fold_in(attempt_key, 2**20 + number), (2,), minval=-1.0)
-        return jnp.where(number == 0, 0.0, config.reach_m * draw)
-
-    fraction = (phase + 1) / config.actions_per_sweep
-    goal = (1 - fraction) * way_point(sweep) + fraction * way_point(sweep + 1)
-    return _pressed(goal - tip_pos_estimate, config.push_m) + _wiggle(key, config.wiggle_m)
-
-
-def _pressed(planar: Float[Array, "2"], push_m: float) -> Float[Array, "3"]:
-    return jnp.concatenate([planar, jnp.array([-push_m])])
-
-
-def _wiggle(key: Key[Array, ""], sigma_m: float) -> Float[Array, "3"]:
-    noise = sigma_m * jax.random.normal(key, (3,))
-    return noise.at[2].set(jnp.abs(noise[2]))

@@ -81,9 +81,12 @@ def require_policy(policy: Policy) -> None:
         ends = _of(dtype=jnp.bool_) if policy.gives_up is None else jax.eval_shape(policy.gives_up, after)
     except Exception as error:  # the user's code may raise anything
         raise RequestError(f"--policy: {name} cannot be used: {_said(error)}") from None
-    if jnp.shape(command) != (3,) or not jnp.issubdtype(command.dtype, jnp.floating):
+    if jnp.shape(command) != (policy.width,) or not jnp.issubdtype(command.dtype, jnp.floating):
         found = f"{getattr(command, 'dtype', type(command).__name__)} {jnp.shape(command)}"
-        raise RequestError(f"--policy: the command of {name} is {found}: expected floats (3,), in m")
+        unit = "m and rad" if policy.turns else "m"
+        raise RequestError(
+            f"--policy: the command of {name} is {found}: expected floats ({policy.width},), in {unit}"
+        )
     if jnp.shape(ends) != () or ends.dtype != jnp.bool_:
         found = f"{getattr(ends, 'dtype', type(ends).__name__)} {jnp.shape(ends)}"
         raise RequestError(f"--policy: gives_up of {name} is {found}: expected one bool")

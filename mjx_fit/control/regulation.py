@@ -63,7 +63,7 @@ def regulated(policy: Policy, control: ControlConfig) -> Policy:
         zero = jnp.zeros(())
         return Losses(policy.init(start, key), zero, jnp.zeros(2), jnp.zeros(2), zero)
 
-    def act(losses: Losses, seen: PolicyInput) -> tuple[Losses, Float[Array, "3"]]:
+    def act(losses: Losses, seen: PolicyInput) -> tuple[Losses, Float[Array, "k"]]:
         state, command = policy.act(losses.state, seen)
         acted = seen.step > 0
         here = seen.tip_pos_world[:2]
@@ -75,7 +75,7 @@ def regulated(policy: Policy, control: ControlConfig) -> Policy:
         lateral = command[:2] + lag + jnp.where(acted, damping_lag * moves, 0)
         push = command[2] - force * FULL_PUSH_M / control.press_n
         after = Losses(state, force, lag, here + command[:2], push)
-        return after, jnp.concatenate([lateral, push[None]])
+        return after, jnp.concatenate([lateral, push[None], command[3:]])
 
     own = {
         name: None if function is None else _of_state(function)

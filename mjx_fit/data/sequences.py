@@ -20,6 +20,7 @@ from mjx_fit.filters.updates import initial_belief
 from mjx_fit.task.attempt_loop import Tried, Try, attempt_rounds, placed_as
 from mjx_fit.task.estimator import Update
 from mjx_fit.types import Array, Attempt, Belief, Felt, Rollout
+from mjx_fit.utils.errors import RequestError
 from mjx_fit.utils.randomness import root_key
 
 
@@ -105,8 +106,14 @@ class _Batch:
         return Try(attempts, self._going, self._belief, keys)
 
     def record(self, tried: Tried) -> Episode:
-        """Store the posteriors and return the episodes of the round."""
+        """Store the posteriors and return the episodes of the round.
+
+        Raises:
+            RequestError: The policy turns the TCP.
+        """
         done, policy = tried.rollouts, np.asarray(tried.asked.attempts.policy)
+        if done.felt.trace.turn_world is not None:
+            raise RequestError("--policy: a policy that turns the TCP cannot be used: data hold no turns yet")
         number = np.full_like(self.ids, self._number)
         done = replace(done, report=None)
         one = Episode(self.ids, self._sequences, number, policy, np.asarray(self._cov), done)

@@ -134,7 +134,7 @@ def as_judged(rollouts: Rollout, config: Config) -> Rollout:
     return replace(rollouts, felt=replace(rollouts.felt, trace=trace))
 
 
-def trace_row(tip: Tip, wrench_sensor: Float[Array, "*n 50 6"], action_world: Float[Array, "*n 3"]) -> Trace:
+def trace_row(tip: Tip, wrench_sensor: Float[Array, "*n 50 6"], command_world: Float[Array, "*n k"]) -> Trace:
     """Return the record of an action: wrenches, command, and the TCP state at its end."""
     return Trace(
         wrench_sensor=wrench_sensor,
@@ -142,7 +142,8 @@ def trace_row(tip: Tip, wrench_sensor: Float[Array, "*n 50 6"], action_world: Fl
         tip_quat_world=tip.quat_world,
         tip_linvel_world=tip.linvel_world,
         tip_angvel_world=tip.angvel_world,
-        action_world=action_world,
+        action_world=command_world[..., :3],
+        turn_world=command_world[..., 3:] if command_world.shape[-1] > 3 else None,
     )
 
 
@@ -191,7 +192,9 @@ def is_inserted(
     return deep & (x**2 + y**2 < BESIDE_M**2)
 
 
-def nothing_done(attempts: Attempt, actions: int, joints: int, config: Config) -> Rollout:
+def nothing_done(
+    attempts: Attempt, actions: int, joints: int, config: Config, *, turns: bool = False
+) -> Rollout:
     """Allocate rollouts of length 0, as writable NumPy arrays."""
     n = len(attempts.peg_type)
 
@@ -205,6 +208,7 @@ def nothing_done(attempts: Attempt, actions: int, joints: int, config: Config) -
         tip_linvel_world=zeros(actions, 3),
         tip_angvel_world=zeros(actions, 3),
         action_world=zeros(actions, 3),
+        turn_world=zeros(actions, 3) if turns else None,
     )
     felt = Felt(
         trace=trace,

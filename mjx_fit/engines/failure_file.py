@@ -35,7 +35,7 @@ _PHYSICS = {f"physics_{name}": ("f", ()) for name in QUANTITIES}
 """Arrays of worlds with physics of their own; any of them may be missing."""
 GOALS = tuple(field.name for field in fields(Goal))
 _GOALS = {f"goal_{name}": ("f", (3,)) for name in GOALS}
-"""Arrays of the controller's goal; older files lack them."""
+"""Arrays of the controller's goal; older files lack them. They have six components if the policy turns."""
 _OPTIONAL = _PHYSICS | _GOALS
 
 
@@ -84,7 +84,8 @@ def _require_form(name: str, packed: zipfile.ZipFile) -> None:
             np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
         )
         found_shape, _, dtype = reader(file)
-    if dtype.kind != kind or found_shape != shape or dtype.itemsize > (LARGEST if kind == "U" else 8):
+    shapes = (shape, (6,)) if name in _GOALS else (shape,)
+    if dtype.kind != kind or found_shape not in shapes or dtype.itemsize > (LARGEST if kind == "U" else 8):
         raise ValueError(f"{name}: {dtype} of shape {found_shape} is invalid: expected {kind} {shape}")
 
 

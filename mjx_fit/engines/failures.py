@@ -93,20 +93,22 @@ def report(
 
 
 def goals_before(rollouts: Rollout, config: Config) -> Goal:
-    """Reconstruct the controller's goals before the last actions of all attempts, NumPy arrays (n, 3)."""
+    """Reconstruct the controller's goals before the last actions of all attempts, NumPy arrays (n, k)."""
     felt = rollouts.felt
     start_world = start_of(felt, config.scene).pos_world
     earlier = np.maximum(np.asarray(felt.length) - 1, 0)
-    path = (start_world, felt.trace.tip_pos_world, felt.trace.action_world, earlier)
+    command, turn = felt.trace.action_world, felt.trace.turn_world
+    command = command if turn is None else np.concatenate([command, turn], -1)
+    path = (start_world, felt.trace.tip_pos_world, command, earlier)
     return jax.tree.map(np.asarray, _after_actions(*path, config.control, rollouts.truth.physics))
 
 
 @partial(jax.jit, static_argnames="control")
-def _after_actions(start_world, tip_pos_world, action_world, count, control, physics: Physics) -> Goal:
+def _after_actions(start_world, tip_pos_world, command_world, count, control, physics: Physics) -> Goal:
     def one(start, tips, actions, number, own: Physics) -> Goal:
         return goals.after_actions(start, tips, actions, number, control, own)
 
-    return jax.vmap(one)(start_world, tip_pos_world, action_world, count, physics)
+    return jax.vmap(one)(start_world, tip_pos_world, command_world, count, physics)
 
 
 def kept_in(folder: Path) -> int:

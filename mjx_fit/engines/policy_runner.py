@@ -35,7 +35,7 @@ class Memory:
         key: Key of the attempt.
         tare_sensor: Clean reading of the F/T sensor in free space, N and N·m.
         wrench_sensor: Clean wrenches of the previous action, N and N·m.
-        command_world: Command of the previous action, m.
+        command_world: Command of the previous action, m and rad.
         goal: Goal of the TCP at the end of the previous action, at first its position.
         physics: Quantities that the world has of its own, unknown to the policy.
     """
@@ -45,7 +45,7 @@ class Memory:
     key: Key[Array, ""]
     tare_sensor: Float[Array, "6"]
     wrench_sensor: Float[Array, "50 6"]
-    command_world: Float[Array, "3"]
+    command_world: Float[Array, "k"]
     goal: Goal
     physics: Physics
 
@@ -66,16 +66,16 @@ def begin(
         key=attempt.key,
         tare_sensor=tare_sensor,
         wrench_sensor=wrench,
-        command_world=jnp.zeros(3),
-        goal=goals.at_rest(tip_pos_world, config.control),
+        command_world=jnp.zeros(policy.width),
+        goal=goals.at_rest(tip_pos_world, config.control, turns=policy.turns),
         physics=attempt.physics,
     )
 
 
 def act(
     policy: Policy, config: Config, horizon: int, memory: Memory, tip: Tip, step: Int[Array, ""]
-) -> tuple[State, Float[Array, "3"]]:
-    """Compute the policy's new state and its command (m) for one action.
+) -> tuple[State, Float[Array, "k"]]:
+    """Compute the policy's new state and its command (m and rad) for one action.
 
     The arguments are those of ``seen``.
     """

@@ -92,6 +92,8 @@ class Trace:
         tip_linvel_world: Linear velocity of the TCP, m/s.
         tip_angvel_world: Angular velocity of the TCP, rad/s.
         action_world: Commanded displacement of the TCP, as output by the policy, m.
+        turn_world: Commanded orientation, the rotation vector from straight down about the world's axes, rad;
+            None: the policy commands displacements alone, straight down.
     """
 
     wrench_sensor: Float[Array, "*batch J 50 6"]
@@ -100,6 +102,7 @@ class Trace:
     tip_linvel_world: Float[Array, "*batch J 3"]
     tip_angvel_world: Float[Array, "*batch J 3"]
     action_world: Float[Array, "*batch J 3"]
+    turn_world: Float[Array, "*batch J 3"] | None = None
 
 
 @pytree

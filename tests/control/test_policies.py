@@ -5,7 +5,7 @@ import pytest
 
 from mjx_fit.config.schema import Config
 from mjx_fit.config.sections.world import DetectorConfig, RandomConfig, SpiralConfig
-from mjx_fit.control import policies
+from mjx_fit.control import open_loop, policies
 from mjx_fit.scene.detector import detect
 from mjx_fit.types import Attempt
 
@@ -23,7 +23,7 @@ def seen_at(attempt, step, tip):
 
 def command(attempt, step, tip):
     """The first command of the policy that the attempt names."""
-    policy = policies.shipped(Config())
+    policy = open_loop.shipped(Config())
     state = policy.init(policies.start_of(attempt), attempt.key)
     return policy.act(state, seen_at(attempt, step, tip))[1]
 
@@ -33,7 +33,7 @@ def test_spiral_is_algorithm_4(key):
     for j in (0, 13, 50, 99):
         angle, radius = 2 * np.pi * j * 2 / J, j * 0.015 / J
         want = [radius * np.cos(angle) + p[0] - x[0], radius * np.sin(angle) + p[1] - x[1], -0.004]
-        assert policies.spiral_command(jnp.asarray(j), J, jnp.asarray(x - p), key, QUIET) == pytest.approx(
+        assert open_loop.spiral_command(jnp.asarray(j), J, jnp.asarray(x - p), key, QUIET) == pytest.approx(
             want, abs=1e-7
         )
 
@@ -41,7 +41,7 @@ def test_spiral_is_algorithm_4(key):
 def test_wiggle_has_sigma_and_lifts_only(key):
     keys = jax.random.split(key, 4000)
     zero = jnp.zeros(2)
-    actions = jax.vmap(lambda k: policies.spiral_command(jnp.asarray(0), 100, zero, k, SpiralConfig()))(keys)
+    actions = jax.vmap(lambda k: open_loop.spiral_command(jnp.asarray(0), 100, zero, k, SpiralConfig()))(keys)
     assert np.std(actions[:, :2], 0) == pytest.approx([0.00125] * 2, rel=0.05)
     lift = actions[:, 2] + 0.004
     assert lift.min() >= 0
@@ -53,7 +53,7 @@ def test_random_policy_covers_its_reach_and_keeps_pressing(key):
     steps = jnp.arange(200)
 
     def goals(attempt_key):
-        return jax.vmap(lambda j: policies.random_command(j, jnp.zeros(2), key, attempt_key, config))(steps)
+        return jax.vmap(lambda j: open_loop.random_command(j, jnp.zeros(2), key, attempt_key, config))(steps)
 
     actions = np.asarray(jax.vmap(goals)(jax.random.split(key, 64)))
     assert np.abs(actions[..., :2]).max() <= config.reach_m
@@ -106,8 +106,8 @@ def test_a_policy_goes_by_the_estimate_and_never_by_the_hole(key):
     own = jax.random.fold_in(key, step)
     relative = jnp.asarray(here[:2] - estimate)
     for policy, want in (
-        (policies.SPIRAL, policies.spiral_command(step, 100, relative, own, config.spiral)),
-        (policies.RANDOM, policies.random_command(step, relative, own, key, config.random)),
+        (policies.SPIRAL, open_loop.spiral_command(step, 100, relative, own, config.spiral)),
+        (policies.RANDOM, open_loop.random_command(step, relative, own, key, config.random)),
     ):
         got = act(estimate, here, policy)
         np.testing.assert_allclose(got, want, atol=1e-7)
@@ -119,7 +119,9 @@ def test_a_policy_goes_by_the_estimate_and_never_by_the_hole(key):
 def test_sweeps_are_straight_lines_from_the_estimate_that_turn_at_their_last_action(key):
     config = RandomConfig(wiggle_m=0.0, actions_per_sweep=6)
     goals = np.asarray(
-        jax.vmap(lambda j: policies.random_command(j, jnp.zeros(2), key, key, config))(jnp.arange(24))[:, :2],
+        jax.vmap(lambda j: open_loop.random_command(j, jnp.zeros(2), key, key, config))(jnp.arange(24))[
+            :, :2
+        ],
         float,
     )
     from_estimate = np.vstack([np.zeros(2), goals])  # before the first action
@@ -136,7 +138,7 @@ def test_way_points_and_wiggles_are_independent(key):
     of_step = jax.vmap(jax.random.fold_in, (None, 0))
 
     def draws(attempt_key):
-        goal = jax.vmap(lambda j: policies.random_command(j, jnp.zeros(2), key, attempt_key, config)[:2])(
+        goal = jax.vmap(lambda j: open_loop.random_command(j, jnp.zeros(2), key, attempt_key, config)[:2])(
             steps
         )
         wiggle = jax.vmap(lambda own: jax.random.normal(own, (3,)))(of_step(attempt_key, jnp.arange(7)))

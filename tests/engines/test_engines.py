@@ -11,7 +11,7 @@ import pytest
 
 from mjx_fit.config.files import read_config
 from mjx_fit.config.worlds import world_file
-from mjx_fit.control import policies
+from mjx_fit.control import open_loop, policies
 from mjx_fit.control.policies import SPIRAL
 from mjx_fit.data import collect, hdf5, reader
 from mjx_fit.data.plan import Plan
@@ -60,7 +60,7 @@ def _breakable() -> policies.Policy:
     The poison is in the batch, not in the program: another program may round differently everywhere. So whole
     batches run in it too, and most of this file needs one compilation of MJX, a minute on a CPU.
     """
-    real = policies.shipped(CONFIG)
+    real = open_loop.shipped(CONFIG)
 
     def init(start, key):
         own = real.init(dataclasses.replace(start, policy=start.policy % MARK), key)

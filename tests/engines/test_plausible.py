@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from synthetic import make_episodes
 
 from mjx_fit.config.schema import Config
-from mjx_fit.control import policies
+from mjx_fit.control import open_loop, policies
 from mjx_fit.data import collect, reader
 from mjx_fit.data.episode import happened
 from mjx_fit.data.plan import Plan
@@ -36,7 +36,7 @@ def pushing(push):
     """An engine in which attempts of one policy are pushed by so much (m) in each action instead."""
 
     pushed = policies.stateless(lambda seen: jnp.asarray(push, jnp.float32))
-    engine = NativeEngine(CONFIG, 1, policies.by_name(policies.spiral(CONFIG.spiral), pushed))
+    engine = NativeEngine(CONFIG, 1, policies.by_name(open_loop.spiral(CONFIG.spiral), pushed))
     engine.policy_name = None  # its data are stored as those of the library's own policies
     return engine
 

@@ -16,6 +16,7 @@ from mjx_fit.config.schema import Config
 from mjx_fit.control import operational_space, policies
 from mjx_fit.control.goals import Goal, after, commanded, goal_during
 from mjx_fit.control.kinematics import chain_of
+from mjx_fit.control.open_loop import shipped
 from mjx_fit.control.policies import Policy
 from mjx_fit.control.regulation import regulated
 from mjx_fit.engines import attempt_rules, policy_runner
@@ -68,7 +69,7 @@ class MjxEngine:
         self._models = Models.of(self.scene)
         self._chain = chain_of(self.scene.models[0], self.scene.robot)
         self.config = config
-        self._world = World(config, self.scene, regulated(policy or policies.shipped(config), config.control))
+        self._world = World(config, self.scene, regulated(policy or shipped(config), config.control))
         self._policies = len(policies.NAMES) if policy is None else ANY_POLICY
         self.policy_name = None if policy is None else policy.name
         self._threads = threads if jax.default_backend() == "cpu" else 1
@@ -209,7 +210,7 @@ class World:
         return Rollout(felt, truth, report, sensed)
 
     def drive(
-        self, model: WorldModel, data: mjx.Data, goal: Goal, next_world: Float[Array, "3"], physics: Physics
+        self, model: WorldModel, data: mjx.Data, goal: Goal, next_world: Float[Array, "k"], physics: Physics
     ) -> tuple[mjx.Data, Goal, Float[Array, "50 6"]]:
         """Drive the TCP to the next commanded goal for one action: 50 steps of control and physics.
 

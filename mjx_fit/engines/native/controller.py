@@ -50,12 +50,13 @@ class Brain:
 
     Attributes:
         config: The configuration.
+        policy: The policy.
         layout: Layout of the controller's inputs in a row.
         start: Function of attempts (rows,): joint angles at the start (rows, joints), rad.
         begin: Function of attempts and F/T sensor readings in free space (rows, 6): the policy's memory.
         act: Function of that memory, packed inputs, index of the action and horizon: the policy's state, its
-            command and the resulting goal of the TCP, (rows, 3) each, m; what it reports, and whether it
-            gives up.
+            command and the resulting goal of the TCP, (rows, k) each, m and rad; what it reports, and whether
+            it gives up.
         seen: Function of the memory, packed inputs, index of each row's action and horizon: what the
             policy sees.
         act_at: The same as ``act``, with an index of the action for each row.
@@ -69,7 +70,7 @@ class Brain:
 
     def __init__(self, scene: Scene, config: Config, policy: Policy):
         self.config, self.layout = config, Layout(scene)
-        self._policy, self._robot = policy, scene.robot
+        self.policy, self._robot = policy, scene.robot
         chain = chain_of(scene.models[0], scene.robot)
         self.start = jax.jit(partial(attempt_rules.start_qpos, chain, config=config))
         self.begin = jax.jit(jax.vmap(partial(policy_runner.begin, policy, config)))
@@ -87,7 +88,7 @@ class Brain:
 
         def told(attempt: Attempt) -> Any:
             start = policies.start_of(attempt)
-            return policy_runner.reported(self._policy, self._policy.init(start, attempt.key))
+            return policy_runner.reported(self.policy, self.policy.init(start, attempt.key))
 
         shapes = jax.eval_shape(jax.vmap(told), attempts)
         return jax.tree.map(
@@ -95,7 +96,7 @@ class Brain:
         )
 
     def _torque(
-        self, packed: Float[Array, "rows k"], goal_pos_world: Float[Array, "rows 3"], physics: Physics
+        self, packed: Float[Array, "rows k"], goal_world: Float[Array, "rows k"], physics: Physics
     ) -> Float[Array, "rows joints"]:
         def chunk(part):
             rows, goal, own = part
@@ -105,18 +106,18 @@ class Brain:
         def chunks(x):
             return x.reshape(-1, CHUNK, *x.shape[1:])
 
-        parts = jax.tree.map(chunks, (packed, goal_pos_world, physics))
+        parts = jax.tree.map(chunks, (packed, goal_world, physics))
         return jax.lax.map(chunk, parts).reshape(len(packed), -1)
 
     def _act(self, memory: Memory, packed: Float[Array, "k"], step, horizon: int):
         tip = self._tip(packed, memory.physics)
-        state, command = policy_runner.act(self._policy, self.config, horizon, memory, tip, step)
-        told, ends = policy_runner.reported(self._policy, state), policy_runner.gives_up(self._policy, state)
+        state, command = policy_runner.act(self.policy, self.config, horizon, memory, tip, step)
+        told, ends = policy_runner.reported(self.policy, state), policy_runner.gives_up(self.policy, state)
         return state, command, commanded(tip.pos_world, command, self.config.control), told, ends
 
     def _seen(self, memory: Memory, packed: Float[Array, "k"], step, horizon: int) -> PolicyInput:
         tip = self._tip(packed, memory.physics)
-        return policy_runner.seen(self._policy.reads, self.config, horizon, memory, tip, step)
+        return policy_runner.seen(self.policy.reads, self.config, horizon, memory, tip, step)
 
     def _end(
         self, memory: Memory, packed: Float[Array, "k"], setting: Setting, step

@@ -17,7 +17,7 @@ def driven(
     brain: Brain,
     block: Block,
     memory: Memory,
-    wanted_world: Float[np.ndarray, "rows 3"],
+    wanted_world: Float[np.ndarray, "rows k"],
     on_step: Callable[[], None] | None = None,
 ) -> Goal:
     """Drive the TCPs to the next commanded goals and return the goals at the end of the action.
@@ -26,7 +26,7 @@ def driven(
         brain: Control.
         block: Simulations, which hold the wrenches of the action afterwards.
         memory: Goals at the end of the previous action, and the physics of the worlds.
-        wanted_world: Commanded goals, m.
+        wanted_world: Commanded goals, m and rad.
         on_step: Callback after every step.
     """
     goal, physics = jax.tree.map(np.asarray, (memory.goal, memory.physics))

@@ -17,6 +17,7 @@ from mujoco.batch import Batch
 from mjx_fit.config.schema import Config
 from mjx_fit.control import policies
 from mjx_fit.control.goals import Goal, at_rest
+from mjx_fit.control.open_loop import shipped
 from mjx_fit.control.policies import Policy
 from mjx_fit.control.regulation import regulated
 from mjx_fit.engines import attempt_rules
@@ -67,7 +68,7 @@ class NativeEngine:
         self._threads, self._on_step = threads, on_step
         self._policies = len(policies.NAMES) if policy is None else ANY_POLICY
         self.policy_name = None if policy is None else policy.name
-        self._brain = Brain(self.scene, config, regulated(policy or policies.shipped(config), config.control))
+        self._brain = Brain(self.scene, config, regulated(policy or shipped(config), config.control))
         self._models = Models(self.scene)
 
     def run(
@@ -134,7 +135,8 @@ class NativeEngine:
         return batch_at_rest(self._models, attempts, setting, np.concatenate(starts), self._threads)
 
     def _nothing_done(self, attempts: Attempt, actions: int) -> Rollout:
-        done = attempt_rules.nothing_done(attempts, actions, len(self.scene.robot.joints), self.config)
+        joints, turns = len(self.scene.robot.joints), self._brain.policy.turns
+        done = attempt_rules.nothing_done(attempts, actions, joints, self.config, turns=turns)
         return replace(done, report=self._brain.no_report(attempts, actions))
 
     def _part(self, attempts: Attempt, ids: Int[np.ndarray, "m"], done: Rollout) -> "_Part":
@@ -188,7 +190,7 @@ class _Part:
         self.block.move(qpos, qvel)
         if goal is None:
             tip = self.brain.tip(self.block.packed(), self.memory.physics)
-            goal = at_rest(tip.pos_world, self.brain.config.control)
+            goal = at_rest(tip.pos_world, self.brain.config.control, turns=self.brain.policy.turns)
         else:
             goal = padded(goal, np.arange(len(qpos)))
         self.memory = replace(self.memory, goal=goal)
