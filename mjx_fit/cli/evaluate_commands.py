@@ -127,7 +127,7 @@ def _with_methods(parser: argparse.ArgumentParser, methods: str) -> None:
 def _with_trials(parser: argparse.ArgumentParser, count: int, what: str) -> None:
     parser.add_argument("--out", type=path, required=True, metavar="FILE.json")
     parser.add_argument("--trials", type=int, default=count, metavar="N", help=f"{what} (default {count})")
-    with_policy(parser, "spiral, raster, seek", None)
+    with_policy(parser, "spiral, raster, tilt, seek", None)
     simulating(parser)
     configurable(parser)
 
@@ -171,7 +171,7 @@ def _evaluate(experiment: "Callable[[Request], Result]", args: argparse.Namespac
     config, policy = policy_of(args, config_of(args))
     if policy is None and args.policy not in (None, "spiral"):
         raise RequestError(
-            f"--policy: {shown(args.policy)} is invalid: choose spiral, raster, seek or FILE.py:NAME"
+            f"--policy: {shown(args.policy)} is invalid: choose spiral, raster, tilt, seek or FILE.py:NAME"
         )
     engine = make_engine(args.engine, config, policy)
     request = Request(config, args.out, engine, args.trials, args.seed)

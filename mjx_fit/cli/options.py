@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from mjx_fit.control.policies import Policy
 
 RUN = "folder of a training run, as-2026-11 or gentle (default: the weights that ship with the package)"
-RASTER, SEEK, SEEK_RUN = "raster", "seek", "gentle"
-"""Names of the policies ``control.search.raster_search`` and ``task.seek``, and of the weights and the preset
-that the latter uses by default."""
+RASTER, TILT, SEEK, SEEK_RUN = "raster", "tilt", "seek", "gentle"
+"""Names of the policies ``control.search.raster_search``, ``control.leaning`` and ``task.seek``, and of the
+weights and the preset that the latter uses by default."""
 _POLICY_FILE = "FILE.py:NAME, a mjx_fit.Policy or a function of PolicyInput"
 
 
@@ -150,6 +150,7 @@ def policy_of(args: argparse.Namespace, config: Config) -> "tuple[Config, Policy
         RequestError: The file holds no such policy, or the sensor cannot read an attempt in progress.
     """
     from mjx_fit.config.schema import require_room
+    from mjx_fit.control.leaning import lean_search
     from mjx_fit.control.policy_file import is_policy_file, load_policy
     from mjx_fit.control.search import raster_search
     from mjx_fit.task.seek import seek_with
@@ -160,4 +161,6 @@ def policy_of(args: argparse.Namespace, config: Config) -> "tuple[Config, Policy
     if args.policy == RASTER:
         require_room(config, "seek.raster_m", config.seek.raster_m)
         return config, raster_search(config.seek)
+    if args.policy == TILT:
+        return config, lean_search(config.seek)
     return config, load_policy(args.policy) if args.policy and is_policy_file(args.policy) else None

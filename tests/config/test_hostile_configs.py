@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 
 import hostile
+import jax
 import numpy as np
 import pytest
 from fakes import FakeEngine
@@ -133,7 +134,7 @@ def assert_it_runs(sets: tuple[str, ...]) -> None:
     done = NativeEngine(asked, threads=1).run(attempts, 2, horizon=max(2, asked.task.attempt_actions))
     assert done.truth.valid.all()
     for leaf in (
-        *vars(done.felt.trace).values(),
+        *jax.tree.leaves(done.felt.trace),
         done.truth.end_qpos,
         done.truth.end_qvel,
         done.felt.tare_sensor,

@@ -159,7 +159,7 @@ def test_results_say_whose_they_are_and_are_not_replayed(file, tmp_path, capsys)
     )
     assert "a result does not hold it" in capsys.readouterr().err
     assert main(["evaluate", "attempt", "--out", str(tmp_path / "b.json"), "--policy", "random"]) == 2
-    assert "'random' is invalid: choose spiral, raster, seek or FILE.py:NAME" in capsys.readouterr().err
+    assert "'random' is invalid: choose spiral, raster, tilt, seek or FILE.py:NAME" in capsys.readouterr().err
 
 
 def test_python_needs_a_name_to_store_a_policy(tmp_path):

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from mjx_fit.config.sections.seek import SeekConfig
 from mjx_fit.control import search
+from mjx_fit.control.leaning import lean_search
 
 CONFIG = SeekConfig()
 PATH = np.linspace(0, 0.4, 40_001)
@@ -168,3 +169,25 @@ def test_the_raster_policy_slides_to_the_corner_of_its_square_and_sweeps_it():
     corner = np.linalg.norm(np.array(way) + CONFIG.raster_m, axis=1)
     assert corner.min() < 1e-6
     assert way[-1][0] > CONFIG.raster_m / 2  # along the first line
+
+
+def test_a_leaning_peg_leads_with_its_low_edge_until_it_drops():
+    """The leading edge of the lower face, at 1 cm along the motion, is lower than the centre."""
+    policy = lean_search(CONFIG)
+    state, here = policy.init(seen().start, jax.random.key(0)), np.zeros(2)
+    for _ in range(40):
+        state, command = policy.act(state, seen(place=(*here, 0.045)))
+        here = here + np.asarray(command)[:2]
+    along, turn = np.asarray(state.along_world), np.asarray(command[3:])
+    assert np.linalg.norm(along) > 0.5
+    edge = np.cross(turn, 0.01 * np.append(along, 0) / np.linalg.norm(along))
+    assert edge[2] < -0.01 * 0.5 * CONFIG.lean_rad
+    assert abs(edge[:2]).max() < 1e-6
+    _, command = policy.act(state, seen(place=(*here, 0.045 - 2 * search.DROP_M)))
+    np.testing.assert_array_equal(command[3:], 0)
+
+
+def test_a_peg_that_has_not_touched_does_not_lean():
+    policy = lean_search(CONFIG)
+    _, command = policy.act(policy.init(seen().start, jax.random.key(0)), seen(contact=False))
+    np.testing.assert_array_equal(command[3:], 0)

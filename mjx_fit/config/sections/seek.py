@@ -24,6 +24,8 @@ class SeekConfig:
         sink_s: Time to push the peg in.
         raster_m: Half width of the square of raster. This policy sweeps it with the same pitch, speeds and
             pushes, without a belief.
+        lean_rad: Angle of policy tilt. Its peg leans by it in the direction of its motion until it drops;
+            pitch, speeds and pushes are those of seek, without a belief.
         approach_push_m: Vertical command before contact. It sets the speed of the touch-down.
         push_m: Command in contact, downwards.
         deep_push_m: Vertical command after a drop. The peg has found an edge and is going in.
@@ -39,6 +41,7 @@ class SeekConfig:
     feel_s: Annotated[float, Field(ge=0.1, le=100)] = 2.0
     sink_s: Annotated[float, Field(ge=0, le=100)] = 1.0
     raster_m: Annotated[float, Field(ge=0.0005, le=0.1)] = 0.01
+    lean_rad: Annotated[float, Field(ge=0, le=0.2)] = 0.05
     approach_push_m: Push = 0.0025
     push_m: Push = 0.004
     deep_push_m: Push = 0.006
