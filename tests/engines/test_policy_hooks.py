@@ -52,7 +52,7 @@ def test_a_policy_reads_its_last_action_as_the_trace_is_read_later(engine, exact
     )
 
 
-@pytest.mark.parametrize("engine", ["native", "mjx"])
+@pytest.mark.parametrize("engine", ["native", pytest.param("mjx", marks=pytest.mark.slow)])
 def test_an_attempt_ends_when_its_policy_gives_up(engine, exact):
     attempts = draw_attempts(jax.random.key(1), N, config=exact)
     done = make_engine(engine, exact, QUITTER).run(attempts, ACTIONS)

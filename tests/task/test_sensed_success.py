@@ -28,7 +28,7 @@ SENSED = replace(Config(), task=replace(Config().task, success="sensed"))
         ("native", {}),
         ("native", {"position_noise_m": 0.003}),
         ("native", {"height_offset_m": 0.005}),
-        ("mjx", {}),
+        pytest.param("mjx", {}, marks=pytest.mark.slow),
         ("mjx", {"position_noise_m": 0.003}),
     ],
 )
