@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 
 from mjx_fit.config.schema import Config
 from mjx_fit.config.sections.scene import SceneConfig
-from mjx_fit.control import policies
+from mjx_fit.control import open_loop, policies
 from mjx_fit.data.schedule import draw_attempts
 from mjx_fit.engines.native.engine import NativeEngine
 from mjx_fit.evaluation.statistics import wilson
@@ -54,12 +54,12 @@ def jumps(seen):
 
 def sweeps(actions: int, reach_m: float) -> policies.Policy:
     """Make the library's random policy: straight sweeps between waypoints."""
-    return policies.random(replace(Config().random, actions_per_sweep=actions, reach_m=reach_m))
+    return open_loop.random(replace(Config().random, actions_per_sweep=actions, reach_m=reach_m))
 
 
 def spirals() -> policies.Policy:
     """Make a policy that repeats the spiral of an attempt, as at test time."""
-    one, length = policies.spiral(Config().spiral), Config().task.attempt_actions
+    one, length = open_loop.spiral(Config().spiral), Config().task.attempt_actions
 
     def act(state, seen):
         return one.act(state, replace(seen, step=seen.step % length, horizon=length))

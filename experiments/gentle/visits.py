@@ -46,10 +46,12 @@ def visits(world: str, seed: int, repeats: int) -> Rollout:
     config = preset("gentle", world)
     config, policy = seek_with(load_trained_sensor(resources.run_folder("gentle")), config)
     drawn = draw_holes(config, np.arange(DRAWS), 1, seed)
-    which = drawn.peg_type, drawn.hole_type, drawn.hole_pos_world, drawn.estimate_world, drawn.physics
-    *which, physics = jax.tree.map(lambda leaf: np.repeat(np.asarray(leaf), repeats, 0), which)
+    places = drawn.hole_pos_world, drawn.estimate_world
+    both = (drawn.peg_type, drawn.hole_type), places, drawn.physics
+    repeated = jax.tree.map(lambda leaf: np.repeat(np.asarray(leaf), repeats, 0), both)
+    (peg, kind), (at, estimate), physics = repeated
     keys = jax.random.split(jax.random.key(seed), DRAWS * repeats)
-    return make_engine("native", config, policy).run(spirals_at(*which, keys, physics))
+    return make_engine("native", config, policy).run(spirals_at(peg, kind, at, estimate, keys, physics))
 
 
 def chained(

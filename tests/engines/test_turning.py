@@ -48,6 +48,7 @@ def test_the_tcp_turns_in_free_space_as_commanded():
         np.testing.assert_allclose(rotation_of(quat), TURN, atol=3e-3)
         assert place[2] > 0.05
     np.testing.assert_allclose(trace.tip_pos_world[:, -1, :2], attempts.estimate_world, atol=5e-4)
+    assert trace.turn_world is not None
     np.testing.assert_allclose(trace.turn_world, np.broadcast_to(TURN, (3, 25, 3)), atol=1e-6)
     assert trace.action_world.shape == (3, 25, 3)
     assert done.truth.valid.all()
