@@ -59,6 +59,20 @@ def require_valid(config: "Config") -> None:
             )
 
 
+def require_clear_start(config: "Config") -> None:
+    """Check that no peg begins an attempt in its socket.
+
+    Raises:
+        RequestError: Sockets may be so high, or pegs so low in the hand, that the start height is too small.
+    """
+    reach = value_range(config, "socket_z_m")[1] + value_range(config, "grasp_z_m")[1]
+    if config.scene.start_height_m <= reach:
+        raise RequestError(
+            f"config: scene.start_height_m: {config.scene.start_height_m:g} is invalid: expected more than "
+            f"{reach:g}, by which the highest socket and the lowest peg of placement approach each other"
+        )
+
+
 def extremes(config: "Config") -> Iterator["Config"]:
     """Yield the configuration, and those at the extremes of the quantities that rules combine."""
     yield config

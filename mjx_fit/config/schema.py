@@ -105,6 +105,7 @@ def config_from_tree(tree: dict[str, Any]) -> Config:
             f"config: {shown(tree)} is invalid: expected sections of names and values"
         ) from None
     randomized.require_valid(config)
+    randomized.require_clear_start(config)
     for corner in randomized.extremes(config):
         cross_section_rules.require_steady(
             corner.scene, corner.control, corner.spiral, corner.random, corner.task

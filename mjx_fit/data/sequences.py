@@ -23,6 +23,8 @@ from mjx_fit.types import Array, Attempt, Belief, Felt, Rollout
 from mjx_fit.utils.errors import RequestError
 from mjx_fit.utils.randomness import root_key
 
+NO_TURNS = "--policy: a policy that turns the TCP cannot be used: data hold no turns yet"
+
 
 class Sequences:
     """Simulates batches of sequences.
@@ -113,7 +115,7 @@ class _Batch:
         """
         done, policy = tried.rollouts, np.asarray(tried.asked.attempts.policy)
         if done.felt.trace.turn_world is not None:
-            raise RequestError("--policy: a policy that turns the TCP cannot be used: data hold no turns yet")
+            raise RequestError(NO_TURNS)
         number = np.full_like(self.ids, self._number)
         done = replace(done, report=None)
         one = Episode(self.ids, self._sequences, number, policy, np.asarray(self._cov), done)

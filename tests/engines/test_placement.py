@@ -149,9 +149,9 @@ def test_an_upright_world_costs_nothing():
 @pytest.mark.parametrize("key", [*SOCKET, *GRASP])
 def test_a_constant_pose_is_that_of_worlds_that_draw_it(key):
     constant = setting_of(
-        np.ones((2, 2), np.float32), Physics(), read_config(None, [f"placement.{key}=0.004"])
+        np.ones((2, 2), np.float32), Physics(), read_config(None, [f"placement.{key}=0.001"])
     )
-    drawn = setting_of(np.ones((2, 2), np.float32), Physics(**{key: np.full(2, 0.004, np.float32)}), CONFIG)
+    drawn = setting_of(np.ones((2, 2), np.float32), Physics(**{key: np.full(2, 0.001, np.float32)}), CONFIG)
     for one, other in zip(jax.tree.leaves(constant), jax.tree.leaves(drawn), strict=True):
         np.testing.assert_allclose(one, other, atol=1e-7)
 

@@ -9,6 +9,7 @@ import pytest
 from jaxlie import SO3
 
 from mjx_fit.api import draw_attempts
+from mjx_fit.cli.main import main
 from mjx_fit.config.files import read_config
 from mjx_fit.control import goals
 from mjx_fit.control.kinematics import STRAIGHT_DOWN, turned_down
@@ -92,6 +93,12 @@ def test_a_command_of_another_width_is_refused(turns, width):
     policy = Policy(lambda start, key: (), lambda state, seen: (state, jnp.zeros(width)), "odd", turns=turns)
     with pytest.raises(RequestError, match=rf"the command of odd is float32 \({width},\): expected floats"):
         require_policy(policy)
+
+
+def test_collecting_with_a_policy_that_turns_is_refused_before_it_begins(tmp_path, capsys):
+    assert main(["collect", "--policy", "tilt", "--out", str(tmp_path / "data")]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+    assert not (tmp_path / "data").exists()
 
 
 def test_data_do_not_lose_turns_silently(tmp_path):
