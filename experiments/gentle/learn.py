@@ -15,7 +15,9 @@ from pathlib import Path
 
 from mjx_fit.report import script
 
-GENTLE = ("--config", "configs/gentle.yaml")
+Task = tuple[object, ...]
+"""Options that define parts, task and policy."""
+GENTLE: Task = ("--config", "configs/gentle.yaml")
 WORLDS = ("paper", "forge")
 AS_SAID = ("filter.position_temperature=1", "task.revisit_from=belief")
 """Settings of the data: the factor of R in the preset was chosen for the finished sensor, and second attempts
@@ -37,18 +39,18 @@ def main(out: Path) -> None:
     train(out / "run", [*early, *third, *collect(out, 5, 2500, *astray)], 14)
 
 
-def collect(out: Path, number: int, episodes: int, *policy: object) -> list[Path]:
+def collect(out: Path, number: int, episodes: int, *policy: object, task: Task = GENTLE) -> list[Path]:
     """Collect attempts in each world, two at each hole, and return the data sets."""
     sets = [out / f"round{number}_{world}" for world in WORLDS]
     drawn = "--episodes", episodes, "--sequence", 2, "--seed", 31 + number, "--set", *AS_SAID
     for world, data in zip(WORLDS, sets, strict=True):
-        script.command("collect", "--out", data, "--world", world, *GENTLE, *drawn, *policy)
+        script.command("collect", "--out", data, "--world", world, *task, *drawn, *policy)
     return sets
 
 
-def train(run: Path, sets: list[Path], epochs: int, *options: object) -> None:
+def train(run: Path, sets: list[Path], epochs: int, *options: object, task: Task = GENTLE) -> None:
     """Train a sensor that reads attempts in progress."""
-    config = "--world", "forge", *GENTLE, "--config", Path(__file__).parent / "sensor.yaml"
+    config = "--world", "forge", *task, "--config", Path(__file__).parent / "sensor.yaml"
     script.command("train", "--data", *sets, "--out", run, *config, "--epochs", epochs, *options)
 
 

@@ -26,8 +26,6 @@ Path = Callable[[Float[Array, ""], float], Float[Array, "2"]]
 """Point of a search after a length of its path, m, given the pitch, m; relative to the centre, m."""
 FOLLOW_M = 0.004
 """Largest lag of the TCP behind its goal with which the search goes on, m."""
-DROP_M = 0.0012
-"""Depth below the first contact at which the peg has dropped into something, m."""
 REST_MPS = 0.003
 """Speed below which a peg in contact rests on something, m/s: noise alone may look like contact."""
 SINK_MPS = 0.002
@@ -91,7 +89,7 @@ def step(
 ) -> tuple[Search, Float[Array, "3"]]:
     """Advance the search by one action along its path, by default the spiral, and return its command, m.
 
-    A peg that has dropped by ``DROP_M`` is at the hole: it is pushed more, rests while it sinks, and searches
+    A peg that has dropped by ``drop_m`` is at the hole: it is pushed more, rests while it sinks, and searches
     on a spiral about where it is if it does not. The goal waits for a TCP that is further behind than
     ``FOLLOW_M``, but not on a way back to it.
     """
@@ -99,7 +97,7 @@ def step(
     rests = seen.contact & (jnp.abs(seen.tip_linvel_world[2]) < REST_MPS)
     touch = jnp.where(search.touched, search.touch_m, height)
     touched = search.touched | rests
-    dropped = touched & (height < touch - DROP_M)
+    dropped = touched & (height < touch - config.drop_m)
     at_hole = replace(about(search, here), goal_world=here)
     search = jax.tree.map(partial(jnp.where, dropped & ~search.dropped), at_hole, search)
     search = replace(search, touch_m=touch, touched=touched, dropped=dropped)

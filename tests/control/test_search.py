@@ -108,7 +108,7 @@ def test_a_slide_to_another_centre_is_no_faster_than_allowed_and_precedes_its_sp
 def test_a_peg_that_drops_is_pushed_more_where_it_is_and_searched_with_there_once_it_stops():
     state, _ = search.step(search.begin(jnp.zeros(2)), seen(), CONFIG)
     hole = (0.003, 0.001)
-    deep = 0.045 - search.DROP_M - 0.0005
+    deep = 0.045 - CONFIG.drop_m - 0.0005
     sinking, command = search.step(state, seen((*hole, deep), sinks_mps=0.01), CONFIG)
     np.testing.assert_allclose(command, [0, 0, -CONFIG.deep_push_m], atol=1e-6)
     stuck, command = search.step(sinking, seen((*hole, deep)), CONFIG)
@@ -136,7 +136,7 @@ def test_a_raster_that_has_found_the_hole_searches_there():
     state, _ = search.step(search.begin(jnp.zeros(2)), seen(), CONFIG)
     hole = (0.003, 0.001)
     for _ in range(8):
-        state, command = policy.act(state, seen((*hole, 0.045 - search.DROP_M - 0.0005)))
+        state, command = policy.act(state, seen((*hole, 0.045 - CONFIG.drop_m - 0.0005)))
         assert np.linalg.norm(command[:2]) < 0.003
     assert float(state.path_m) > 0
 
@@ -183,7 +183,7 @@ def test_a_leaning_peg_leads_with_its_low_edge_until_it_drops():
     edge = np.cross(turn, 0.01 * np.append(along, 0) / np.linalg.norm(along))
     assert edge[2] < -0.01 * 0.5 * CONFIG.lean_rad
     assert abs(edge[:2]).max() < 1e-6
-    _, command = policy.act(state, seen(place=(*here, 0.045 - 2 * search.DROP_M)))
+    _, command = policy.act(state, seen(place=(*here, 0.045 - 2 * CONFIG.drop_m)))
     np.testing.assert_array_equal(command[3:], 0)
 
 

@@ -22,6 +22,8 @@ class SeekConfig:
         change_s: Time that a new centre costs. The rule adds it for slowing down and starting anew.
         feel_s: Longest search that is expected. Contact then tells where the hole is, for any belief.
         sink_s: Time to push the peg in.
+        drop_m: Depth that tells the hole. A TCP this far below its first contact has dropped into something;
+            the goal then waits there. It lies above the noise of heights, and above what an edge yields.
         raster_m: Half width of the square of raster. This policy sweeps it with the same pitch, speeds and
             pushes, without a belief.
         lean_rad: Angle of policy tilt. Its peg leans by it in the direction of its motion until it drops;
@@ -40,6 +42,7 @@ class SeekConfig:
     change_s: Annotated[float, Field(ge=0, le=10)] = 0.2
     feel_s: Annotated[float, Field(ge=0.1, le=100)] = 2.0
     sink_s: Annotated[float, Field(ge=0, le=100)] = 1.0
+    drop_m: Annotated[float, Field(ge=0.00005, le=0.01)] = 0.0012
     raster_m: Annotated[float, Field(ge=0.0005, le=0.1)] = 0.01
     lean_rad: Annotated[float, Field(ge=0, le=0.2)] = 0.05
     approach_push_m: Push = 0.0025
