@@ -19,7 +19,7 @@ Task = tuple[object, ...]
 """Options that define parts, task and policy."""
 GENTLE: Task = ("--config", "configs/gentle.yaml")
 WORLDS = ("paper", "forge")
-AS_SAID = ("filter.position_temperature=1", "task.revisit_from=belief")
+AS_SAID = ("--set", "filter.position_temperature=1", "--set", "task.revisit_from=belief")
 """Settings of the data: the factor of R in the preset was chosen for the finished sensor, and second attempts
 at a hole start from the belief, which is farther off than a detection."""
 
@@ -42,7 +42,7 @@ def main(out: Path) -> None:
 def collect(out: Path, number: int, episodes: int, *policy: object, task: Task = GENTLE) -> list[Path]:
     """Collect attempts in each world, two at each hole, and return the data sets."""
     sets = [out / f"round{number}_{world}" for world in WORLDS]
-    drawn = "--episodes", episodes, "--sequence", 2, "--seed", 31 + number, "--set", *AS_SAID
+    drawn = "--episodes", episodes, "--sequence", 2, "--seed", 31 + number, *AS_SAID
     for world, data in zip(WORLDS, sets, strict=True):
         script.command("collect", "--out", data, "--world", world, *task, *drawn, *policy)
     return sets
