@@ -104,9 +104,7 @@ class PathEngine(FakeEngine):
 def halving(beliefs, felt, keys):
     """Halves the error, and knows it."""
     error = place_of(felt) - beliefs.pos_mean_world
-    return dataclasses.replace(
-        beliefs, pos_mean_world=beliefs.pos_mean_world + error / 2, pos_cov=beliefs.pos_cov / 4
-    )
+    return dataclasses.replace(beliefs, mean_world=beliefs.mean_world + error / 2, cov=beliefs.cov / 4)
 
 
 def make_holes(seed: int = 0) -> single_hole.Holes:

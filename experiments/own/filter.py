@@ -25,7 +25,7 @@ def particle_filter(config: mf.Config, sensor):
         w = jax.nn.softmax(jnp.log1p(-gone_in) + likelihood)
         mean = w @ x
         cov = jnp.einsum("n,ni,nj->ij", w, x - mean, x - mean) + 1e-9 * jnp.eye(2)
-        return replace(belief, pos_mean_world=mean, pos_cov=cov)
+        return replace(belief, mean_world=mean, cov=cov)
 
     @jax.jit
     def update(beliefs, felt, keys):

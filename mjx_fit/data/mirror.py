@@ -39,8 +39,8 @@ def mirror_belief(belief: Belief) -> Belief:
     sign = _VECTOR[:2]
     return replace(
         belief,
-        pos_mean_world=mirror_place(belief.pos_mean_world),
-        pos_cov=belief.pos_cov * sign[:, None] * sign,
+        mean_world=mirror_place(belief.mean_world),
+        cov=belief.cov * sign[:, None] * sign,
     )
 
 

@@ -101,7 +101,7 @@ class _Batch:
         if self._belief is None or not self._learns:
             std, n_types = self._config.detector.prior_std_m, self._config.scene.n_types
             drawn = initial_belief(attempts.estimate_world, std, n_types)
-            self._belief = replace(drawn, pos_cov=jnp.asarray(self._cov))
+            self._belief = replace(drawn, cov=jnp.asarray(self._cov))
             self._detected = self._belief if self._detected is None else self._detected
         goes_on = self._learns and self._number + 1 < self._plan.sequence
         keys = self._noise_keys(jnp.asarray(self.ids)) if goes_on else None

@@ -11,7 +11,12 @@ _SUM_TOLERANCE = 1e-3
 
 
 def require_beliefs(
-    beliefs: Belief, n: int, n_types: int, active: Bool[np.ndarray, "n"] | None = None
+    beliefs: Belief,
+    n: int,
+    n_types: int,
+    active: Bool[np.ndarray, "n"] | None = None,
+    *,
+    n_coordinates: int = 2,
 ) -> None:
     """Check that n beliefs over n_types shapes are valid.
 
@@ -22,26 +27,30 @@ def require_beliefs(
         n: Number of beliefs.
         n_types: Number of shapes.
         active: Rows to check; None: all.
+        n_coordinates: Number D of coordinates.
 
     Raises:
         RequestError: A belief is invalid; the message names the field and the row.
     """
-    for name, shape in (("pos_mean_world", (2,)), ("pos_cov", (2, 2)), ("type_logp", (n_types,))):
+    d = n_coordinates
+    for name, shape in (("mean_world", (d,)), ("cov", (d, d)), ("type_logp", (n_types,))):
         leaf = getattr(beliefs, name)
         if np.shape(leaf) != (n, *shape) or not jnp.issubdtype(leaf.dtype, jnp.floating):
             found = f"{leaf.dtype} {np.shape(leaf)}"
             raise RequestError(f"belief: {name}: {found} is invalid: expected floats {(n, *shape)}")
     mean, cov, logp = (
-        np.asarray(leaf, np.float64) for leaf in (beliefs.pos_mean_world, beliefs.pos_cov, beliefs.type_logp)
+        np.asarray(leaf, np.float64) for leaf in (beliefs.mean_world, beliefs.cov, beliefs.type_logp)
     )
     with np.errstate(all="ignore"):
-        a, b, c, d = cov[:, 0, 0], cov[:, 0, 1], cov[:, 1, 0], cov[:, 1, 1]
-        symmetric = abs(b - c) <= 1e-3 * np.sqrt(a * d)
-        is_covariance = np.isfinite(cov).all((1, 2)) & (a > 0) & (d > 0) & (a * d - b * c > 0) & symmetric
+        spread = np.sqrt(np.einsum("nii->ni", cov))
+        correlation = cov / (spread[:, :, None] * spread[:, None, :])
+        symmetric = (abs(correlation - np.swapaxes(correlation, 1, 2)) <= 1e-3).all((1, 2))
+        known = np.where(np.isfinite(correlation).all((1, 2), keepdims=True), correlation, -np.eye(d))
+        is_covariance = symmetric & (np.linalg.eigvalsh(known).min(1) > 0)
         adds_up = abs(np.exp(logp).sum(1) - 1) <= _SUM_TOLERANCE
     for name, leaf, good, allowed in (
-        ("pos_mean_world", mean, np.isfinite(mean).all(1), "expected finite"),
-        ("pos_cov", cov, is_covariance, "expected finite, symmetric and positive definite"),
+        ("mean_world", mean, np.isfinite(mean).all(1), "expected finite"),
+        ("cov", cov, is_covariance, "expected finite, symmetric and positive definite"),
         ("type_logp", logp, adds_up, "expected exponentials that sum to 1"),
     ):
         wrong = ~good if active is None else ~good & active

@@ -1,13 +1,15 @@
-"""Kalman filter for the position of a static hole: Algorithm 2 of the paper.
+"""Kalman filter for the place of a static hole: Algorithm 2 of the paper, for any number D of coordinates.
 
 All functions are pure and accept any number of leading batch axes. A covariance that is not positive definite
 gives NaN for its own batch entry only.
 """
 
-import math
+from collections.abc import Sequence
+from functools import cache
 
 import jax.numpy as jnp
 from jaxtyping import Float
+from scipy.special import chdtri
 
 from mjx_fit.types import Array
 from mjx_fit.utils.linalg import cholesky_factor, cholesky_solve, solve_lower
@@ -18,26 +20,28 @@ _MOST_SHARE = 0.999
 
 
 def update(
-    mean: Float[Array, "*batch 2"],
-    cov: Float[Array, "*batch 2 2"],
-    innovation: Float[Array, "*batch 2"],
-    noise_cov: Float[Array, "*#batch 2 2"],
-) -> tuple[Float[Array, "*batch 2"], Float[Array, "*batch 2 2"]]:
-    """Condition N(μ, Σ) on a direct observation o of the state (H = I), given as the innovation o - μ.
+    mean: Float[Array, "*batch D"],
+    cov: Float[Array, "*batch D D"],
+    innovation: Float[Array, "*batch k"],
+    noise_cov: Float[Array, "*#batch k k"],
+    model: Float[Array, "*#batch k D"] | None = None,
+) -> tuple[Float[Array, "*batch D"], Float[Array, "*batch D D"]]:
+    """Condition N(μ, Σ) on an observation o = H x + v, v ~ N(0, R), given as the innovation o - H μ.
 
-    K = Σ (Σ + R)⁻¹,  μ' = μ + K (o - μ),  Σ' = (I - K) Σ (I - K)ᵀ + K R Kᵀ
+    K = Σ Hᵀ (H Σ Hᵀ + R)⁻¹,  μ' = μ + K (o - H μ),  Σ' = (I - K H) Σ (I - K H)ᵀ + K R Kᵀ
 
-    The covariance update is the Joseph form of Algorithm 2's (I - K) Σ: mathematically equal, but a sum of
+    The covariance update is the Joseph form of Algorithm 2's (I - K H) Σ: mathematically equal, but a sum of
     two positive semi-definite matrices, so rounding to float32 cannot make it indefinite.
 
     Args:
-        mean: Prior mean μ, m.
-        cov: Prior covariance Σ, m², positive definite.
-        innovation: Innovation o - μ, m.
-        noise_cov: Observation noise covariance R, m², positive semi-definite and finite.
+        mean: Prior mean μ, m and rad.
+        cov: Prior covariance Σ, positive definite.
+        innovation: Innovation o - H μ.
+        noise_cov: Observation noise covariance R, positive semi-definite and finite.
+        model: Observation model H; None: the observation is direct, H = I, as in the paper.
 
     Returns:
-        Posterior mean μ' (m) and covariance Σ' (m²), exactly symmetric.
+        Posterior mean μ' and covariance Σ', exactly symmetric.
 
     Example:
         >>> import jax.numpy as jnp, mjx_fit as mf
@@ -46,46 +50,50 @@ def update(
         >>> [round(float(x), 4) for x in mean]
         [0.005, 0.0]
     """
-    cov, noise_cov = jnp.broadcast_arrays(cov, noise_cov)
-    root = cholesky_factor(_axes_first(_symmetric(cov + noise_cov)))
-    # Both Σ and Σ + R are symmetric, so the solution X of (Σ + R) X = Σ is Kᵀ.
-    gain = _transpose(jnp.moveaxis(cholesky_solve(root, _axes_first(cov)), (0, 1), (-2, -1)))
-    residual = jnp.eye(mean.shape[-1], dtype=mean.dtype) - gain
+    seen = cov if model is None else _product(model, cov)
+    seen_cov = cov if model is None else _product(seen, _transpose(model))
+    seen_cov, noise_cov = jnp.broadcast_arrays(seen_cov, noise_cov)
+    root = cholesky_factor(_axes_first(_symmetric(seen_cov + noise_cov)))
+    # Both Σ and H Σ Hᵀ + R are symmetric, so the solution X of (H Σ Hᵀ + R) X = H Σ is Kᵀ.
+    seen = jnp.broadcast_to(seen, (*seen_cov.shape[:-2], *seen.shape[-2:]))
+    gain = _transpose(jnp.moveaxis(cholesky_solve(root, _axes_first(seen)), (0, 1), (-2, -1)))
+    used = gain if model is None else _product(gain, model)
+    residual = jnp.eye(mean.shape[-1], dtype=mean.dtype) - used
     new_mean = mean + (gain * innovation[..., None, :]).sum(-1)
     return new_mean, _symmetric(_sandwich(residual, cov) + _sandwich(gain, noise_cov))
 
 
 def gated(
-    cov: Float[Array, "*batch 2 2"],
-    innovation: Float[Array, "*batch 2"],
-    noise_cov: Float[Array, "*#batch 2 2"],
+    cov: Float[Array, "*batch D D"],
+    innovation: Float[Array, "*batch D"],
+    noise_cov: Float[Array, "*#batch D D"],
     gate: float,
-) -> tuple[Float[Array, "*batch 2 2"], Float[Array, "*batch 2 2"]]:
+) -> tuple[Float[Array, "*batch D D"], Float[Array, "*batch D D"]]:
     """Widen Σ and R so that a reading is inside the gate: s Σ and s R, s = max(1, νᵀ (Σ + R)⁻¹ ν / γ).
 
     An improbable reading says that Σ or R is too small, but not which. Scaling both keeps the gain, so the
     mean moves as before, and the posterior covariance grows by s: the belief becomes less certain. γ is the
-    quantile -2 ln(1 - gate) of the squared distance in two dimensions.
+    quantile of χ² with D degrees of freedom, the law of the squared distance: -2 ln(1 - gate) for two.
 
     Args:
-        cov: Prior covariance Σ, m².
-        innovation: Innovation ν = o - μ, m.
-        noise_cov: Observation noise covariance R, m².
+        cov: Prior covariance Σ.
+        innovation: Innovation ν = o - μ.
+        noise_cov: Observation noise covariance R.
         gate: Probability of an acceptable reading, above 0 and below 1.
     """
     cov, noise_cov = jnp.broadcast_arrays(cov, noise_cov)
     root = cholesky_factor(_axes_first(_symmetric(cov + noise_cov)))
     squared = jnp.square(solve_lower(root, jnp.moveaxis(innovation, -1, 0))).sum(0)
-    scale = jnp.maximum(1.0, squared / (-2 * math.log1p(-gate)))[..., None, None]
+    scale = jnp.maximum(1.0, squared / _chi2_quantile(gate, innovation.shape[-1]))[..., None, None]
     return scale * cov, scale * noise_cov
 
 
 def correlated(
-    cov: Float[Array, "*batch 2 2"],
-    noise_cov: Float[Array, "*#batch 2 2"],
-    prior_std_m: float,
+    cov: Float[Array, "*batch D D"],
+    noise_cov: Float[Array, "*#batch D D"],
+    prior_std: float | Sequence[float],
     correlation: float,
-) -> Float[Array, "*batch 2 2"]:
+) -> Float[Array, "*batch D D"]:
     """Widen R of a reading whose error is correlated with those of earlier readings at the same hole.
 
     k readings with covariance R and correlation ρ have the information of k / (1 + (k - 1) ρ) independent
@@ -96,21 +104,22 @@ def correlated(
     and R is divided by this number. It is 1 for the first reading and tends to 0 as g tends to 1 / ρ.
 
     Args:
-        cov: Prior covariance Σ, m².
-        noise_cov: Observation noise covariance R, m².
-        prior_std_m: Standard deviation of Σ₀, the belief before any reading, per axis, m.
+        cov: Prior covariance Σ.
+        noise_cov: Observation noise covariance R.
+        prior_std: Standard deviation of Σ₀, the belief before any reading; one, or one for each coordinate.
         correlation: Correlation ρ of the errors, from 0 to below 1.
     """
     cov, noise_cov = jnp.broadcast_arrays(cov, noise_cov)
     precision = cholesky_solve(cholesky_factor(_axes_first(cov)), _axes_first(noise_cov))
-    along = [precision[i, i] - noise_cov[..., i, i] / prior_std_m**2 for i in range(cov.shape[-1])]
+    stds = prior_std if isinstance(prior_std, Sequence) else [prior_std] * cov.shape[-1]
+    along = [precision[i, i] - noise_cov[..., i, i] / std**2 for i, std in enumerate(stds)]
     count = jnp.clip(sum(along) / len(along), 0, _MOST_SHARE / correlation)
     adds = (1 - count * correlation) ** 2 / (1 - count * correlation**2)
     return noise_cov / adds[..., None, None]
 
 
 def gaussian_nll_terms(
-    target: Float[Array, "*batch 2"], mean: Float[Array, "*batch 2"], cov: Float[Array, "*batch 2 2"]
+    target: Float[Array, "*batch D"], mean: Float[Array, "*batch D"], cov: Float[Array, "*batch D D"]
 ) -> tuple[Float[Array, "*batch"], Float[Array, "*batch"]]:
     """Compute ½ ln|Σ| and ½ (p - μ)ᵀ Σ⁻¹ (p - μ), the first two terms of the paper's loss.
 
@@ -124,23 +133,30 @@ def gaussian_nll_terms(
 
 
 def gaussian_nll(
-    target: Float[Array, "*batch 2"], mean: Float[Array, "*batch 2"], cov: Float[Array, "*batch 2 2"]
+    target: Float[Array, "*batch D"], mean: Float[Array, "*batch D"], cov: Float[Array, "*batch D D"]
 ) -> Float[Array, "*batch"]:
     """Compute the negative log-likelihood in nats, per cm², without ln 2π: sum of ``gaussian_nll_terms``."""
     half_logdet, half_mahalanobis = gaussian_nll_terms(target, mean, cov)
     return half_logdet + half_mahalanobis
 
 
-def scale_tril(cov: Float[Array, "*batch 2 2"]) -> Float[Array, "*batch 2 2"]:
-    """Compute the lower triangular L with L Lᵀ = Σ, m; it maps standard normal samples to N(0, Σ)."""
-    xx, xy, yy = cov[..., 0, 0], cov[..., 0, 1], cov[..., 1, 1]
-    first = jnp.sqrt(xx)
-    below = xy / first
-    rows = [jnp.stack([first, jnp.zeros_like(first)], -1), jnp.stack([below, jnp.sqrt(yy - below**2)], -1)]
+def scale_tril(cov: Float[Array, "*batch D D"]) -> Float[Array, "*batch D D"]:
+    """Compute the lower triangular L with L Lᵀ = Σ; it maps standard normal samples to N(0, Σ)."""
+    root = cholesky_factor(_axes_first(cov))
+    zero = jnp.zeros_like(cov[..., 0, 0])
+    rows = []
+    for i, (below, inverse) in enumerate(zip(root.lower, root.inverse_diagonal, strict=True)):
+        row = [*below, 1 / inverse, *[zero] * (cov.shape[-1] - 1 - i)]
+        rows.append(jnp.stack(row, -1))
     return jnp.stack(rows, axis=-2)
 
 
-def _transpose(matrix: Float[Array, "*batch n n"]) -> Float[Array, "*batch n n"]:
+@cache
+def _chi2_quantile(probability: float, degrees: int) -> float:
+    return float(chdtri(degrees, 1 - probability))
+
+
+def _transpose(matrix: Float[Array, "*batch n k"]) -> Float[Array, "*batch k n"]:
     return jnp.swapaxes(matrix, -1, -2)
 
 
@@ -153,12 +169,12 @@ def _axes_first(matrix: Float[Array, "*batch n n"]) -> Float[Array, "n n *batch"
     return jnp.moveaxis(matrix, (-2, -1), (0, 1))
 
 
-def _product(a: Float[Array, "*batch n n"], b: Float[Array, "*batch n n"]) -> Float[Array, "*batch n n"]:
+def _product(a: Float[Array, "*batch n k"], b: Float[Array, "*batch k m"]) -> Float[Array, "*batch n m"]:
     """Compute A B as explicit sums: TF32 matrix products (ten bits) are too coarse for the Joseph form."""
     return (a[..., :, :, None] * b[..., None, :, :]).sum(-2)
 
 
 def _sandwich(
-    left: Float[Array, "*batch n n"], middle: Float[Array, "*batch n n"]
+    left: Float[Array, "*batch n k"], middle: Float[Array, "*batch k k"]
 ) -> Float[Array, "*batch n n"]:
     return _product(_product(left, middle), _transpose(left))

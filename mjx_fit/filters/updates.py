@@ -28,8 +28,8 @@ def initial_belief(estimate: Float[Array, "*batch 2"], prior_std_m: float, n_typ
     """
     batch, dtype = estimate.shape[:-1], estimate.dtype
     return Belief(
-        pos_mean_world=estimate,
-        pos_cov=jnp.broadcast_to(prior_std_m**2 * jnp.eye(2, dtype=dtype), (*batch, 2, 2)),
+        mean_world=estimate,
+        cov=jnp.broadcast_to(prior_std_m**2 * jnp.eye(2, dtype=dtype), (*batch, 2, 2)),
         type_logp=jnp.full((*batch, n_types), -jnp.log(n_types), dtype),
     )
 
@@ -51,13 +51,13 @@ def update_position(
         safeguards: Correlation of readings and the gate; by default, neither.
         prior_std_m: Standard deviation of the belief before any reading, per axis, m; for the correlation.
     """
-    innovation, prior_cov, noise_cov = observation.innovation, belief.pos_cov, observation.pos_noise_cov
+    innovation, prior_cov, noise_cov = observation.innovation, belief.cov, observation.pos_noise_cov
     if safeguards.correlation:
         noise_cov = kalman.correlated(prior_cov, noise_cov, prior_std_m, safeguards.correlation)
     if safeguards.gate:
         prior_cov, noise_cov = kalman.gated(prior_cov, innovation, noise_cov, safeguards.gate)
-    mean, cov = kalman.update(belief.pos_mean_world, prior_cov, innovation, noise_cov)
-    return replace(belief, pos_mean_world=mean, pos_cov=cov)
+    mean, cov = kalman.update(belief.mean_world, prior_cov, innovation, noise_cov)
+    return replace(belief, mean_world=mean, cov=cov)
 
 
 def update_type(

@@ -87,8 +87,8 @@ def placed_as(beliefs: Belief, others: Belief, where: Bool[np.ndarray, "*batch"]
     """Return beliefs with the positions of others where asked, for any batch axes."""
     return replace(
         beliefs,
-        pos_mean_world=np.where(where[..., None], others.pos_mean_world, beliefs.pos_mean_world),
-        pos_cov=np.where(where[..., None, None], others.pos_cov, beliefs.pos_cov),
+        mean_world=np.where(where[..., None], others.mean_world, beliefs.mean_world),
+        cov=np.where(where[..., None, None], others.cov, beliefs.cov),
     )
 
 

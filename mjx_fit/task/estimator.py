@@ -67,8 +67,8 @@ def filter_update(
         observation = nnx.merge(graph, state)(readings(felt, keys, config))
         learnt = posterior(beliefs, observation, felt.peg_type, alpha, config, inserted=inserted)
         return Belief(
-            pos_mean_world=where_rows(learns_position, learnt.pos_mean_world, beliefs.pos_mean_world),
-            pos_cov=where_rows(learns_position, learnt.pos_cov, beliefs.pos_cov),
+            mean_world=where_rows(learns_position, learnt.mean_world, beliefs.mean_world),
+            cov=where_rows(learns_position, learnt.cov, beliefs.cov),
             type_logp=where_rows(learns_type, learnt.type_logp, updated.type_logp),
         )
 
@@ -128,7 +128,7 @@ def frame_update(config: Config, sensor: ContactSensor) -> Update:
         seen = nnx.merge(graph, state)(readings(felt, keys, config))
         _require_same_types(seen, config)
         mean = felt.estimate_world + seen.innovation
-        return replace(beliefs, pos_mean_world=mean, pos_cov=seen.pos_noise_cov)
+        return replace(beliefs, mean_world=mean, cov=seen.pos_noise_cov)
 
     def update(beliefs: Belief, felt: Felt, keys: Key[Array, "n"]) -> Belief:
         require_update(beliefs, felt, keys, config.scene.n_types)
@@ -148,11 +148,11 @@ def after_failures(update: Update, beliefs: Belief, rollouts: Rollout, keys: Key
     failed = np.asarray(rollouts.truth.valid & ~rollouts.taken)
     if isinstance(rollouts.report, Belief):
         learnt = _last(rollouts)
-        refuted = np.asarray(rollouts.felt.length) == rollouts.report.pos_cov.shape[1]
+        refuted = np.asarray(rollouts.felt.length) == rollouts.report.cov.shape[1]
         place = failed & ~refuted
         return Belief(
-            pos_mean_world=where_rows(place, learnt.pos_mean_world, beliefs.pos_mean_world),
-            pos_cov=where_rows(place, learnt.pos_cov, beliefs.pos_cov),
+            mean_world=where_rows(place, learnt.mean_world, beliefs.mean_world),
+            cov=where_rows(place, learnt.cov, beliefs.cov),
             type_logp=where_rows(failed, learnt.type_logp, beliefs.type_logp),
         )
     length = np.where(failed, rollouts.felt.length, 0).astype(np.int32)

@@ -10,6 +10,8 @@ from mjx_fit.utils import bounded_json, files
 from mjx_fit.utils.errors import RequestError
 
 FORMAT = 1
+STORED = ("pos_mean_world", "pos_cov", "type_logp")
+"""Fields that are attributes of ``Belief``."""
 
 
 @dataclass(frozen=True)

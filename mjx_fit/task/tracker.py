@@ -26,7 +26,7 @@ from mjx_fit.task.assembly_snapshot import KEPT_FROM
 from mjx_fit.task.estimator import Update, filter_update
 from mjx_fit.task.estimator_input import require_places
 from mjx_fit.task.logged_attempt import AtHole, attempt_of, padded, require_own
-from mjx_fit.task.saved_beliefs import FORMAT, SavedBeliefs, read_beliefs, write_beliefs
+from mjx_fit.task.saved_beliefs import FORMAT, STORED, SavedBeliefs, read_beliefs, write_beliefs
 from mjx_fit.types import Belief, Felt
 from mjx_fit.utils import numerics
 from mjx_fit.utils.errors import RequestError, shown
@@ -193,7 +193,7 @@ class BeliefTracker:
                 peg=None if self._peg is None else names[self._peg],
                 filled=self.filled.tolist(),
                 tries=self.tries.tolist(),
-                **{name: np.asarray(leaf, float).tolist() for name, leaf in vars(self.belief).items()},
+                **{name: np.asarray(getattr(self.belief, name), float).tolist() for name in STORED},
             ),
         )
 

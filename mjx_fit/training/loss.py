@@ -97,7 +97,7 @@ def sequence_loss(observation: Observation, sample: Sample, config: Config) -> L
     def update(belief: Belief, attempt: tuple[Observation, Sample]) -> tuple[Belief, Loss]:
         seen, sample = attempt
         # h_pos is relative to the start of the attempt, which may differ from the filter's current mean.
-        offset = sample.prior.pos_mean_world - belief.pos_mean_world
+        offset = sample.prior.mean_world - belief.mean_world
         seen = replace(seen, innovation=seen.innovation + offset)
         return _after_update(belief, seen, sample, success_probability(config, belief.pos_cov))
 
@@ -112,8 +112,8 @@ def frame_by_frame_loss(observation: Observation, sample: Sample) -> Loss:
     prior = sample.prior
     seen = replace(
         prior,
-        pos_mean_world=prior.pos_mean_world + observation.innovation,
-        pos_cov=observation.pos_noise_cov,
+        mean_world=prior.mean_world + observation.innovation,
+        cov=observation.pos_noise_cov,
     )
     zero = jnp.zeros(seen.pos_mean_world.shape[:-1])
     return _loss(seen, prior, sample.hole_pos_world, [zero] * 2, zero, zero)

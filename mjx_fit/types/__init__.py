@@ -20,7 +20,7 @@ from mjx_fit.utils.pytrees import pytree
 
 @pytree
 class Belief:
-    """Belief about the position and the type of one hole.
+    """Belief about the place and the type of one hole: a Gaussian over D coordinates, x and y first.
 
     Example:
         >>> import numpy as np, mjx_fit as mf
@@ -29,14 +29,24 @@ class Belief:
         [0.5, 0.25, 0.25]
 
     Attributes:
-        pos_mean_world: Mean μ of the hole's position, m.
-        pos_cov: Covariance Σ of the hole's position, m².
+        mean_world: Mean μ of the coordinates, m and rad.
+        cov: Covariance Σ of the coordinates, m² and rad².
         type_logp: Log probability ln ξ of each shape; its exponentials sum to one.
     """
 
-    pos_mean_world: Float[Array, "*batch 2"]
-    pos_cov: Float[Array, "*batch 2 2"]
+    mean_world: Float[Array, "*batch D"]
+    cov: Float[Array, "*batch D D"]
     type_logp: Float[Array, "*batch C"]
+
+    @property
+    def pos_mean_world(self) -> Float[Array, "*batch 2"]:
+        """Mean position x and y of the hole, m."""
+        return self.mean_world[..., :2]
+
+    @property
+    def pos_cov(self) -> Float[Array, "*batch 2 2"]:
+        """Covariance of the position x and y, m²."""
+        return self.cov[..., :2, :2]
 
     @property
     def type_probability(self) -> Float[Array, "*batch C"]:

@@ -163,9 +163,7 @@ def test_later_attempts_start_from_what_a_sensor_believes(native, tmp_path):
     def update(beliefs, felt, keys):
         seen.append(jax.random.key_data(keys))
         error = engine.truth.hole_pos_world - beliefs.pos_mean_world
-        return replace(
-            beliefs, pos_mean_world=beliefs.pos_mean_world + error / 2, pos_cov=beliefs.pos_cov / 4
-        )
+        return replace(beliefs, mean_world=beliefs.mean_world + error / 2, cov=beliefs.cov / 4)
 
     plan: dict[str, Any] = {"episodes": 12, "sequence": 3, "policy": "spiral", "sensor": "halving"}
     data = reader.load(collect(tmp_path / "own", update=update, **plan))
@@ -294,7 +292,7 @@ def test_later_attempts_start_where_revisits_do(revisit_from, tmp_path):
     """An estimator that moves each belief by 1 cm: later attempts follow it, or begin where the first did."""
 
     def moved(beliefs, felt, keys):
-        return replace(beliefs, pos_mean_world=beliefs.pos_mean_world + 0.01)
+        return replace(beliefs, mean_world=beliefs.mean_world + 0.01)
 
     engine, config = FakeEngine(), read_config(None, [f"task.revisit_from={revisit_from}"])
     plan = Plan(episodes=9, actions=2, policy="spiral", seed=0, batch=9, sequence=3)

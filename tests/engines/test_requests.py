@@ -65,11 +65,11 @@ REFUSED = {
     },
     r"hole_pos_world: float32 \(4, 3\)": lambda a: {"hole_pos_world": np.full((N, 3), 0.5, np.float32)},
     "peg_type: list is invalid: expected a NumPy or JAX array": lambda a: {"peg_type": [0] * N},
-    r"belief: pos_cov: float32 \(4, 3, 3\) is invalid: expected floats \(4, 2, 2\)": lambda a: {
-        "belief": dataclasses.replace(believed(a), pos_cov=jnp.zeros((N, 3, 3)))
+    r"belief: cov: float32 \(4, 3, 3\) is invalid: expected floats \(4, 2, 2\)": lambda a: {
+        "belief": dataclasses.replace(believed(a), cov=jnp.zeros((N, 3, 3)))
     },
-    "belief: pos_cov of row 1: .* expected finite, symmetric and positive definite": lambda a: {
-        "belief": dataclasses.replace(believed(a), pos_cov=at(believed(a).pos_cov, -1e-4 * np.eye(2)))
+    "belief: cov of row 1: .* expected finite, symmetric and positive definite": lambda a: {
+        "belief": dataclasses.replace(believed(a), cov=at(believed(a).cov, -1e-4 * np.eye(2)))
     },
     "belief: type_logp of row 1: .* expected exponentials that sum to 1": lambda a: {
         "belief": dataclasses.replace(believed(a), type_logp=at(believed(a).type_logp, np.nan))
@@ -216,17 +216,15 @@ UNREADABLE = {
     "peg_type: 3 is invalid": lambda d: dataclasses.replace(d, peg_type=at(d.peg_type, 3)),
 }
 NO_BELIEF = {
-    r"pos_mean_world of row 1: \[nan, ": lambda b: dataclasses.replace(
-        b, pos_mean_world=poisoned(b.pos_mean_world, place=(1, 0))
+    r"mean_world of row 1: \[nan, ": lambda b: dataclasses.replace(
+        b, mean_world=poisoned(b.mean_world, place=(1, 0))
     ),
-    "pos_cov of row 1: .* expected finite, symmetric and positive definite": lambda b: dataclasses.replace(
-        b, pos_cov=at(b.pos_cov, [[1e-4, 2e-4], [2e-4, 1e-4]])
+    "cov of row 1: .* expected finite, symmetric and positive definite": lambda b: dataclasses.replace(
+        b, cov=at(b.cov, [[1e-4, 2e-4], [2e-4, 1e-4]])
     ),
-    "pos_cov of row 1: .*-0.0001": lambda b: dataclasses.replace(b, pos_cov=at(b.pos_cov, -1e-4 * np.eye(2))),
-    r"pos_cov of row 1: \[inf": lambda b: dataclasses.replace(b, pos_cov=at(b.pos_cov, np.inf)),
-    "pos_cov of row 1: .*5e-05": lambda b: dataclasses.replace(
-        b, pos_cov=at(b.pos_cov, [[1e-4, 5e-5], [0, 1e-4]])
-    ),
+    "cov of row 1: .*-0.0001": lambda b: dataclasses.replace(b, cov=at(b.cov, -1e-4 * np.eye(2))),
+    r"cov of row 1: \[inf": lambda b: dataclasses.replace(b, cov=at(b.cov, np.inf)),
+    "cov of row 1: .*5e-05": lambda b: dataclasses.replace(b, cov=at(b.cov, [[1e-4, 5e-5], [0, 1e-4]])),
     "type_logp of row 1: .* expected exponentials that sum to 1": lambda b: dataclasses.replace(
         b, type_logp=at(b.type_logp, 0.0)
     ),

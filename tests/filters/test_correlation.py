@@ -53,7 +53,7 @@ def test_without_correlation_nothing_changes():
 
 
 def test_a_belief_that_knows_more_than_correlated_readings_can_tell_stays_finite():
-    sure = replace(initial_belief(jnp.zeros(2), STD_M, 3), pos_cov=1e-9 * jnp.eye(2))
+    sure = replace(initial_belief(jnp.zeros(2), STD_M, 3), cov=1e-9 * jnp.eye(2))
     after = update_position(sure, reading((0.001, 0.0)), replace(NONE, correlation=0.5), STD_M)
     assert np.isfinite(after.pos_cov).all()
     np.testing.assert_allclose(after.pos_cov, sure.pos_cov, rtol=1e-2, atol=1e-15)

@@ -49,8 +49,21 @@ def observed(innovation) -> Observation:
     return Observation(jnp.asarray(innovation), jnp.asarray(NOISE), zero, jnp.zeros((3, 2)))
 
 
+@given(st.integers(1, 6), st.integers(0, 2**32 - 1))
+def test_the_limit_is_that_of_the_number_of_coordinates(d, seed):
+    rng = np.random.default_rng(seed)
+    a, b = rng.normal(size=(2, d, d))
+    cov, noise = a @ a.T + np.eye(d), b @ b.T + np.eye(d)
+    innovation = 30 * rng.normal(size=d)
+    gated = kalman.gated(jnp.asarray(cov), jnp.asarray(innovation), jnp.asarray(noise), GATE)
+    wide, noisy = map(np.asarray, gated)
+    scale = max(1, distance(innovation, cov + noise) / chi2.ppf(GATE, d))
+    np.testing.assert_allclose(wide, scale * cov, rtol=1e-3)
+    np.testing.assert_allclose(noisy, scale * noise, rtol=1e-3)
+
+
 def test_an_improbable_reading_widens_the_belief():
-    belief = replace(initial_belief(jnp.zeros(2), 0.01, 3), pos_cov=jnp.asarray(1e-2 * SIGMA))
+    belief = replace(initial_belief(jnp.zeros(2), 0.01, 3), cov=jnp.asarray(1e-2 * SIGMA))
     reading = observed([0.05, 0.0])
     plain, cautious = (update_position(belief, reading, replace(NONE, gate=gate)) for gate in (0.0, GATE))
     np.testing.assert_allclose(plain.pos_mean_world, cautious.pos_mean_world, rtol=1e-4)
@@ -61,7 +74,7 @@ def test_an_improbable_reading_widens_the_belief():
 
 
 def test_a_probable_reading_is_kalmans():
-    belief = replace(initial_belief(jnp.zeros(2), 0.01, 3), pos_cov=jnp.asarray(SIGMA))
+    belief = replace(initial_belief(jnp.zeros(2), 0.01, 3), cov=jnp.asarray(SIGMA))
     reading = observed([0.005, 0.002])
     plain, gated = (update_position(belief, reading, replace(NONE, gate=gate)) for gate in (0.0, GATE))
     np.testing.assert_allclose(plain.pos_cov, gated.pos_cov, rtol=1e-5)

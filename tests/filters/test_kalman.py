@@ -1,4 +1,4 @@
-"""The Kalman filter against the joint Gaussian, conditioned by hand in float64."""
+"""The Kalman filter against the joint Gaussian, conditioned by hand in float64, in up to six dimensions."""
 
 import jax
 import jax.numpy as jnp
@@ -10,18 +10,19 @@ from hypothesis import strategies as st
 from mjx_fit.filters import kalman
 
 
-def spd(rng: np.random.Generator, scale: float, *batch: int) -> np.ndarray:
+def spd(rng: np.random.Generator, scale: float, *batch: int, d: int = 2) -> np.ndarray:
     """Random symmetric positive definite matrices with a condition number of up to about 100."""
-    a = rng.normal(size=(*batch, 2, 2))
-    return scale * (a @ np.swapaxes(a, -1, -2) + 0.05 * np.eye(2))
+    a = rng.normal(size=(*batch, d, d))
+    return scale * (a @ np.swapaxes(a, -1, -2) + 0.05 * np.eye(d))
 
 
 def condition_joint(mean, cov, observation, noise_cov):
     """N(x | o) from the joint Gaussian of (x, o = x + noise), through its dense precision matrix."""
     joint = np.block([[cov, cov], [cov, cov + noise_cov]])
     precision = np.linalg.inv(joint)
-    posterior_cov = np.linalg.inv(precision[:2, :2])
-    return mean - posterior_cov @ precision[:2, 2:] @ (observation - mean), posterior_cov
+    d = len(mean)
+    posterior_cov = np.linalg.inv(precision[:d, :d])
+    return mean - posterior_cov @ precision[:d, d:] @ (observation - mean), posterior_cov
 
 
 def f32(*arrays):
@@ -29,15 +30,34 @@ def f32(*arrays):
 
 
 @settings(max_examples=60, deadline=None)
-@given(seed=st.integers(0, 2**32 - 1), log_prior=st.floats(-7, -3), log_noise=st.floats(-7, -3))
-def test_update_is_the_conditional_of_the_joint_gaussian(seed, log_prior, log_noise):
+@given(
+    d=st.integers(1, 6),
+    seed=st.integers(0, 2**32 - 1),
+    log_prior=st.floats(-7, -3),
+    log_noise=st.floats(-7, -3),
+)
+def test_update_is_the_conditional_of_the_joint_gaussian(d, seed, log_prior, log_noise):
     rng = np.random.default_rng(seed)
-    cov, noise_cov = spd(rng, 10**log_prior), spd(rng, 10**log_noise)
-    mean, observation = rng.uniform(-1, 1, 2), rng.uniform(-1, 1, 2)
+    cov, noise_cov = spd(rng, 10**log_prior, d=d), spd(rng, 10**log_noise, d=d)
+    mean, observation = rng.uniform(-1, 1, d), rng.uniform(-1, 1, d)
     got_mean, got_cov = kalman.update(*f32(mean, cov, observation - mean, noise_cov))
     want_mean, want_cov = condition_joint(mean, cov, observation, noise_cov)
     np.testing.assert_allclose(got_mean, want_mean, atol=1e-4)
     np.testing.assert_allclose(got_cov, want_cov, atol=3e-4 * np.abs(want_cov).max())
+
+
+@settings(max_examples=60, deadline=None)
+@given(d=st.integers(1, 8), k=st.integers(1, 4), seed=st.integers(0, 2**32 - 1))
+def test_an_observation_of_combinations_conditions_the_joint_gaussian(d, k, seed):
+    rng = np.random.default_rng(seed)
+    mean, cov, noise_cov = rng.normal(size=d), spd(rng, 1.0, d=d), spd(rng, 1.0, d=k)
+    model, observation = rng.normal(size=(k, d)), rng.normal(size=k)
+    with jax.enable_x64(True):
+        given = (mean, cov, observation - model @ mean, noise_cov, model)
+        got_mean, got_cov = kalman.update(*map(jnp.asarray, given))
+    seen = np.linalg.inv(model @ cov @ model.T + noise_cov)
+    np.testing.assert_allclose(got_mean, mean + cov @ model.T @ seen @ given[2], rtol=1e-8, atol=1e-9)
+    np.testing.assert_allclose(got_cov, cov - cov @ model.T @ seen @ model @ cov, rtol=1e-8, atol=1e-9)
 
 
 @settings(max_examples=60, deadline=None)
@@ -123,9 +143,9 @@ def test_likelihood_is_the_density_per_square_centimetre():
     assert logdet == pytest.approx(0.5 * np.log(np.linalg.det(1e4 * cov)), rel=1e-4, abs=1e-5)
 
 
-@given(seed=st.integers(0, 2**32 - 1), log_scale=st.floats(-9, 0))
-def test_scale_tril_is_lapacks_cholesky_factor(seed, log_scale):
-    cov = spd(np.random.default_rng(seed), 10**log_scale, 4)
+@given(d=st.integers(1, 6), seed=st.integers(0, 2**32 - 1), log_scale=st.floats(-9, 0))
+def test_scale_tril_is_lapacks_cholesky_factor(d, seed, log_scale):
+    cov = spd(np.random.default_rng(seed), 10**log_scale, 4, d=d)
     with jax.enable_x64(True):
         got = kalman.scale_tril(jnp.asarray(cov))
     np.testing.assert_allclose(got, np.linalg.cholesky(cov), rtol=1e-9, atol=1e-12 * cov.max())

@@ -125,7 +125,7 @@ def test_learning_the_position_ends_failures_at_the_right_hole():
     """A perfect sensor by decree: after one failure the position is known, so no peg needs a human."""
 
     def update(beliefs, felt, keys):
-        known = dataclasses.replace(beliefs, pos_mean_world=place_of(felt))
+        known = dataclasses.replace(beliefs, mean_world=place_of(felt))
         updated = estimator.filter_update(CONFIG, None)(known, felt, keys)
         return jax.tree.map(np.asarray, updated)
 
@@ -315,7 +315,7 @@ def test_failing_with_a_good_estimate_says_more_about_the_type():
     config = dataclasses.replace(CONFIG, task=dataclasses.replace(CONFIG.task, outcome_model="covariance"))
     update = estimator.filter_update(config, None)
     beliefs = initial_belief(jnp.zeros((2, 2)), 0.01, 3)
-    beliefs = dataclasses.replace(beliefs, pos_cov=beliefs.pos_cov * jnp.array([1.0, 0.01])[:, None, None])
+    beliefs = dataclasses.replace(beliefs, cov=beliefs.cov * jnp.array([1.0, 0.01])[:, None, None])
     zero, away = jnp.zeros(2, int), jnp.full((2, 2), 0.01)
     keys = jax.random.split(jax.random.key(0), 2)
     attempts = Attempt(zero, zero, away, jnp.zeros((2, 2)), zero, keys)
@@ -409,7 +409,7 @@ def test_a_peg_that_comes_back_to_a_hole_starts_where_the_configuration_says(rev
     def update(beliefs, felt, keys):
         moved = beliefs.pos_mean_world + np.array([0.03, 0], np.float32)
         logp = np.log(np.array([0.5, 0.3, 0.2], np.float32))
-        return dataclasses.replace(beliefs, pos_mean_world=moved, type_logp=np.tile(logp, (6, 1)))
+        return dataclasses.replace(beliefs, mean_world=moved, type_logp=np.tile(logp, (6, 1)))
 
     for tried in attempt_rounds(table.next_try, FakeEngine(), update, 2):
         hole, peg = table.choice.hole, np.minimum(table.pegs_done, 3)

@@ -35,7 +35,7 @@ def test_a_round_is_asked_for_simulated_learned_from_and_taken_before_the_next()
     def update(beliefs, felt, keys):
         assert keys is KEYS
         told.append("learned")
-        return replace(beliefs, pos_mean_world=beliefs.pos_mean_world + 1)
+        return replace(beliefs, mean_world=beliefs.pos_mean_world + 1)
 
     for tried in attempt_rounds(next_try, engine, update, 2):
         told.append("taken")

@@ -29,7 +29,7 @@ SENSED = replace(Config(), task=replace(Config().task, success="sensed"))
         ("native", {"position_noise_m": 0.003}),
         ("native", {"height_offset_m": 0.005}),
         pytest.param("mjx", {}, marks=pytest.mark.slow),
-        ("mjx", {"position_noise_m": 0.003}),
+        pytest.param("mjx", {"position_noise_m": 0.003}, marks=pytest.mark.slow),
     ],
 )
 def test_the_attempt_ends_with_the_first_measured_depth_and_the_truth_is_that_of_its_end(engine, errors):

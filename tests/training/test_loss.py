@@ -39,8 +39,8 @@ def make_problem(seed: int = 0) -> tuple[Observation, Sample]:
     empty = jnp.zeros((B, 0))
     reading = Reading(*[empty] * 9, peg_type=jnp.arange(B) % 3)
     prior = Belief(
-        pos_mean_world=jnp.asarray(rng.uniform(-0.3, 0.3, (B, 2))),
-        pos_cov=spd(1e-4),
+        mean_world=jnp.asarray(rng.uniform(-0.3, 0.3, (B, 2))),
+        cov=spd(1e-4),
         type_logp=jnp.log(jnp.asarray(rng.dirichlet([1, 1, 1], B))),
     )
     sample = Sample(
@@ -153,7 +153,7 @@ def test_a_chain_is_one_big_gaussian_and_one_product_of_likelihoods():
         sample,
         hole_pos_world=jnp.broadcast_to(hole, (B, 3, 2)),
         hole_type=jnp.broadcast_to(sample.hole_type[:, :1], (B, 3)),
-        prior=replace(sample.prior, pos_mean_world=starts),
+        prior=replace(sample.prior, mean_world=starts),
         inserted=inserted,
         judged=jnp.ones((B, 3), bool),
     )

@@ -198,7 +198,7 @@ def test_the_puppet_holds_its_tip_where_the_moment_says(played):
 def test_the_marks_are_the_regions_of_90_percent(played):
     puppet, moment = Puppet(played), moments(played, 4, 1.0)[0]
     cov = np.array([[4e-5, 1.2e-5], [1.2e-5, 1e-5]])
-    belief = dataclasses.replace(moment.belief, pos_cov=np.tile(cov, (3, 1, 1)))
+    belief = dataclasses.replace(moment.belief, cov=np.tile(cov, (3, 1, 1)))
     discs = puppet.marks(dataclasses.replace(moment, belief=belief))[::2]
     assert len(discs) == 3
     for disc in discs:
