@@ -4,7 +4,7 @@ Contact tells where hole i is relative to the peg. With s_i the place of the hol
 the peg in the hand, both in the coordinates of ``mjx_fit.filters.chart`` and seen with the tool straight
 down, a reading is o = s_i - g + v, v ~ N(0, R). The blocks of the covariance hold what the readings of one
 peg share: what is felt at one hole corrects the others through g. A grasp without covariance makes holes
-independent.
+independent. For rotations the model holds to first order.
 """
 
 from collections.abc import Sequence

@@ -117,6 +117,15 @@ def test_a_peg_that_drops_is_pushed_more_where_it_is_and_searched_with_there_onc
     assert np.linalg.norm(command[:2]) < 0.003
 
 
+@pytest.mark.parametrize("drop_m", [0.00025, 0.0012, 0.003])
+def test_a_drop_begins_at_its_depth(drop_m):
+    config = replace(CONFIG, drop_m=drop_m)
+    state, _ = search.step(search.begin(jnp.zeros(2)), seen(), config)
+    for deeper, dropped in ((0.9, False), (1.1, True)):
+        after, _ = search.step(state, seen((0.0, 0.0, 0.045 - deeper * drop_m)), config)
+        assert bool(after.dropped) == dropped
+
+
 def test_the_goal_of_a_held_peg_comes_back_when_the_search_is_begun_anew_where_it_is():
     state, _ = search.step(search.begin(jnp.zeros(2)), seen(), CONFIG)
     held = replace(state, goal_world=jnp.array([0.005, 0.0]))
