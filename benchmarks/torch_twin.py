@@ -16,7 +16,8 @@ from torch import Tensor, nn
 from mjx_fit.config.sections.learning import SensorConfig
 from mjx_fit.data.windows import Sample
 from mjx_fit.sensors import contact_sensor
-from mjx_fit.sensors.contact_sensor import METRES_PER_CM, ROW_FEATURES
+from mjx_fit.sensors.contact_sensor import METRES_PER_CM
+from mjx_fit.sensors.features import ROW_FEATURES
 from mjx_fit.sensors.heads import H_INIT_LOGIT, MIN_STD_CM
 from mjx_fit.utils.rates import SUBSTEPS
 
@@ -191,7 +192,7 @@ def inputs_of(
     }
     truth = {
         "prior_cov": _tensor(sample.prior.pos_cov) / METRES_PER_CM**2,
-        "offset": _tensor(sample.hole_pos_world - sample.prior.pos_mean_world) / METRES_PER_CM,
+        "offset": _tensor(sample.place_world - sample.prior.mean_world) / METRES_PER_CM,
         "type_logp": _tensor(sample.prior.type_logp),
         "hole_type": _tensor(sample.hole_type).long(),
         "judged": _tensor(sample.judged),

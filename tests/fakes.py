@@ -50,6 +50,7 @@ class FakeEngine:
 
     name = "fake"
     policy_name = None
+    turns = False
 
     def __init__(self):
         self.seen, self.starts = [], []
@@ -58,7 +59,7 @@ class FakeEngine:
         n = len(attempts.peg_type)
         active = np.ones(n, bool) if active is None else active
         start = np.asarray(attempts.estimate_world)
-        error = np.linalg.norm(start - np.asarray(attempts.hole_pos_world), axis=1)
+        error = np.linalg.norm(start[:, :2] - np.asarray(attempts.hole_pos_world), axis=1)
         match = np.asarray(attempts.peg_type) == np.asarray(attempts.hole_type)
         self.seen.append((jax.tree.map(np.asarray, jax.random.key_data(attempts.key)), active))
         self.starts.append(start)
@@ -83,7 +84,8 @@ class Peeking:
     """An engine that keeps the truth of its latest batch, for a sensor by decree."""
 
     def __init__(self, engine):
-        self.name, self.policy_name, self._engine = engine.name, engine.policy_name, engine
+        self.name, self.policy_name, self.turns = engine.name, engine.policy_name, engine.turns
+        self._engine = engine
 
     def run(self, attempts, actions=None, active=None, horizon=None):
         done = self._engine.run(attempts, actions, active, horizon)

@@ -118,7 +118,14 @@ def _split(rng: random.Random, pairs: list[tuple[str, str, str]]) -> Request:
     return [text.encode("utf-8", "surrogatepass") for text in texts], sets
 
 
-_LISTS = {"shapes", "success_probability", "error_knots_m", "success_by_error", "conv_channels"}
+_LISTS = {
+    "coordinates",
+    "shapes",
+    "success_probability",
+    "error_knots_m",
+    "success_by_error",
+    "conv_channels",
+}
 ALPHABET = "sceneabtrk.._==:{}[]&*!|>'\"0123456789-+ \t\n\x00é٣\ud800"
 _SHAPES = "[{{name: a, rectangles: [{}]}}, {{name: b, rectangles: [{}]}}, {{name: c, rectangles: [{}]}}]"
 _GOOD = "[-0.01, -0.01, 0.01, 0.01]"

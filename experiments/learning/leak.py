@@ -132,10 +132,7 @@ def _errors(sensor, data: Episode, config: Config) -> Float[np.ndarray, " n"]:
     seen = held_out.observe(sensor, data, ids, shared.ACTIONS, config, seed=0)
     after = held_out.posterior(seen, data, ids, config, with_prior=True)
     return np.array(
-        [
-            row["error_cm"]
-            for row in held_out.rows("full", shared.ACTIONS, after, data, ids, config.scene.names)
-        ]
+        [row["error_cm"] for row in held_out.rows("full", shared.ACTIONS, after, data, ids, config)]
     )
 
 

@@ -6,7 +6,7 @@ from dataclasses import fields, replace
 from mjx_fit.cli.options import SEEK, add_command, config_of, configurable, policy_of, simulating, with_policy
 from mjx_fit.cli.output import show
 from mjx_fit.cli.path_argument import path, run_path
-from mjx_fit.utils.errors import RequestError, WorkError
+from mjx_fit.utils.errors import WorkError
 
 # Each command imports its own dependencies, so that `mjx-fit --help` answers immediately.
 
@@ -72,15 +72,16 @@ def collect(args: argparse.Namespace) -> None:
     """Run ``collect``."""
     from mjx_fit.data.collect import collect, invalid_in
     from mjx_fit.data.plan import Plan, check
-    from mjx_fit.data.sequences import NO_TURNS
     from mjx_fit.engines.select import make_engine
     from mjx_fit.task.estimator import filter_update
     from mjx_fit.training.sensor_loader import load_trained_sensor
 
     config, policy = policy_of(args, config_of(args))
-    if policy is not None and policy.turns:
-        raise RequestError(NO_TURNS)
-    asked = {field.name: getattr(args, field.name) for field in fields(Plan) if field.name != "sensor"}
+    asked = {
+        field.name: getattr(args, field.name)
+        for field in fields(Plan)
+        if field.name not in ("sensor", "turns")
+    }
     if args.actions is None:
         asked["actions"] = config.task.attempt_actions
     if policy is not None:

@@ -141,7 +141,8 @@ def _allowed(annotation: Any) -> str:
         if items[-1] is not Ellipsis:
             return f"{len(items)} x {_allowed(items[0])}"
         counts = [str(limits[end]) for end in ("min_length", "max_length") if end in limits]
-        return " x ".join(["-".join(counts) or "n", _allowed(items[0])])
+        of = "names" if get_origin(items[0]) is Literal else f"x {_allowed(items[0])}"
+        return f"{'-'.join(counts) or 'n'} {of}"
     if dataclasses.is_dataclass(plain):
         return getattr(plain, "__name__", str(plain)).lower()
     times = f", by {limits['multiple_of']}" if "multiple_of" in limits else ""

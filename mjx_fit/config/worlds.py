@@ -7,7 +7,7 @@ from mjx_fit.config.schema import Config
 from mjx_fit.utils import resources
 from mjx_fit.utils.errors import RequestError, shown
 
-WORLDS = ("home", "as-2026-11", "paper", "forge", "wide")
+WORLDS = ("home", "as-2026-11", "paper", "forge", "wide", "bench")
 """Names of the presets; the first is the default of every key."""
 
 

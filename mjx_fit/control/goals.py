@@ -37,10 +37,22 @@ class Goal:
     smooth_world: Float[Array, "*n k"]
 
 
-def at_rest(tip_pos_world: Float[Array, "*n 3"], control: ControlConfig, *, turns: bool = False) -> Goal:
-    """Return the goal of a TCP that stays where it is, straight down, and does not push."""
+def at_rest(
+    tip_pos_world: Float[Array, "*n 3"],
+    control: ControlConfig,
+    turn_world: Float[Array, "*n 3"] | None = None,
+) -> Goal:
+    """Return the goal of a TCP that stays where it is and does not push.
+
+    Args:
+        tip_pos_world: Position of the TCP, m.
+        control: As in ``goal_during``.
+        turn_world: Its orientation, the rotation vector from straight down, rad; None: straight down, and the
+            policy commands no orientations.
+    """
     still = 0 * tip_pos_world
-    here = commanded(tip_pos_world, jnp.concatenate([still, still], -1) if turns else still, control)
+    command = still if turn_world is None else jnp.concatenate([still, turn_world], -1)
+    here = commanded(tip_pos_world, command, control)
     return Goal(here, here, here)
 
 
@@ -61,9 +73,8 @@ def after(goal: Goal, next_world: Float[Array, "*n k"]) -> Goal:
 
 
 def after_actions(
-    start_world: Float[Array, "3"],
-    tip_pos_world: Float[Array, "n 3"],
-    command_world: Float[Array, "n k"],
+    begin: Goal,
+    wanted_world: Float[Array, "n k"],
     count: Int[Array, ""],
     control: ControlConfig,
     physics: Physics = AS_CONFIGURED,
@@ -71,14 +82,12 @@ def after_actions(
     """Reconstruct the goal after the first ``count`` of n recorded actions of one attempt.
 
     Args:
-        start_world: Position of the TCP before the first action, m.
-        tip_pos_world: Positions of the TCP at the end of each action, m.
-        command_world: Commands, m and rad.
+        begin: Goal before the first action.
+        wanted_world: Goals that the actions commanded (``commanded``), m and rad.
         count: Number of actions; the other rows are ignored.
         control: As in ``goal_during``.
         physics: As in ``goal_during``.
     """
-    before_world = jnp.concatenate([start_world[None], tip_pos_world])[:-1]
 
     def action(goal: Goal, row: tuple[Array, Array]) -> tuple[Goal, None]:
         number, next_world = row
@@ -89,9 +98,7 @@ def after_actions(
         done = after(jax.lax.fori_loop(0, SUBSTEPS, step, goal), next_world)
         return jax.tree.map(partial(jnp.where, number < count), done, goal), None
 
-    rows = jnp.arange(len(command_world)), commanded(before_world, command_world, control)
-    begin = at_rest(start_world, control, turns=command_world.shape[-1] > len(start_world))
-    return jax.lax.scan(action, begin, rows)[0]
+    return jax.lax.scan(action, begin, (jnp.arange(len(wanted_world)), wanted_world))[0]
 
 
 def goal_during(

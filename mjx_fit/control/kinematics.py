@@ -113,7 +113,10 @@ def posture_towards(tip_pos_world: Float[Array, "3 *b"], robot: Robot = PANDA) -
 
 
 def inverse(
-    chain: Chain, tip_pos_world: Float[Array, "3"], tilt_world: Float[Array, "3"] | float = 0.0
+    chain: Chain,
+    tip_pos_world: Float[Array, "3"],
+    tilt_world: Float[Array, "3"] | float = 0.0,
+    turn_world: Float[Array, "3"] | None = None,
 ) -> Float[Array, "joints"]:
     """Compute joint angles (rad) that place the TCP at a point, straight down, sides along the world axes.
 
@@ -124,12 +127,14 @@ def inverse(
     Args:
         chain: The arm.
         tip_pos_world: Position of the TCP, m.
-        tilt_world: Small rotation vector from straight down, rad.
+        tilt_world: Small rotation vector from there, rad.
+        turn_world: Rotation vector from straight down, of any size, rad; None: straight down.
     """
+    wanted = STRAIGHT_DOWN if turn_world is None else turned_down(turn_world)
 
     def step(qpos, _):
         position, frame, jac = forward(chain, qpos)
-        turn = rotation_error(frame, STRAIGHT_DOWN) + tilt_world
+        turn = rotation_error(frame, wanted) + tilt_world
         error = jnp.concatenate([tip_pos_world - position, turn])
         return qpos + jac.T @ cholesky_solve(cholesky_factor(jac @ jac.T, _DAMPING), error), None
 

@@ -29,7 +29,8 @@ class PolicyStart:
 
     Attributes:
         peg_type: Index of the peg's shape.
-        estimate_world: Estimate p of the hole's centre, above which the attempt starts, m.
+        estimate_world: Estimate p of the hole's centre, above which the attempt starts, m. A policy sees the
+            world in the frame of the estimate (``mjx_fit.control.framed``), in which the socket is upright.
         policy: The attempt's index into ``NAMES``, for policies that switch on it.
         belief: As in ``Attempt``.
         elsewhere_per_s: As in ``Attempt``.
@@ -135,27 +136,34 @@ def start_of(attempt: Attempt) -> PolicyStart:
 
 
 def by_name(*members: Policy) -> Policy:
-    """Combine policies into one that acts as the member with index ``PolicyStart.policy``."""
+    """Combine policies into one that acts as the member with index ``PolicyStart.policy``.
+
+    If one of them turns the TCP, the others hold it straight down.
+    """
+    turns = any(member.turns for member in members)
 
     def init(start: PolicyStart, key: Key[Array, ""]) -> State:
         return tuple(member.init(start, key) for member in members)
 
-    def act(state: State, seen: PolicyInput) -> tuple[State, Float[Array, "3"]]:
+    def act(state: State, seen: PolicyInput) -> tuple[State, Float[Array, "k"]]:
         acted = [member.act(own, seen) for member, own in zip(members, state, strict=True)]
-        command = acted[-1][1]
+        commands = [jnp.pad(command, (0, 6 - len(command))) if turns else command for _, command in acted]
+        command = commands[-1]
         for i in reversed(range(len(members) - 1)):
-            command = jnp.where(seen.start.policy == i, acted[i][1], command)
+            command = jnp.where(seen.start.policy == i, commands[i], command)
         return tuple(own for own, _ in acted), command
 
-    return Policy(init, act)
+    return Policy(init, act, turns=turns)
 
 
-def stateless(command: Callable[[PolicyInput], Float[Array, "3"]], name: str = "") -> Policy:
-    """Create a stateless policy from a function of its input.
+def stateless(
+    command: Callable[[PolicyInput], Float[Array, "k"]], name: str = "", *, turns: bool = False
+) -> Policy:
+    """Create a stateless policy from a function of its input; ``turns`` as in ``Policy``.
 
     Example:
         >>> import jax.numpy as jnp, mjx_fit as mf
         >>> press = mf.stateless_policy(lambda seen: jnp.array([0.0, 0.0, -0.004]))
         >>> engine = mf.make_engine("native", policy=press)
     """
-    return Policy(lambda start, key: (), lambda state, seen: ((), command(seen)), name)
+    return Policy(lambda start, key: (), lambda state, seen: ((), command(seen)), name, turns=turns)

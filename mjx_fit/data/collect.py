@@ -1,6 +1,7 @@
 """Collect rollouts into a data set."""
 
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +42,7 @@ def collect(config: Config, out: Path, plan: Plan, engine: Engine, update: Updat
         RequestError: A value is invalid, or the folder holds other files or is in use.
     """
     check(plan)
+    plan = replace(plan, turns=engine.turns)
     if plan.policy in ("random", "mixed"):
         require_room(config, "random.reach_m", config.random.reach_m)
         for corner in randomized.extremes(config):

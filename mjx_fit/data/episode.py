@@ -18,7 +18,7 @@ class Episode:
         sequence: Id of the sequence.
         number: Index of the attempt in the sequence, from 0.
         policy: Index into ``mjx_fit.control.policies.NAMES``.
-        estimate_cov: Covariance of ``rollout.felt.estimate_world`` before the attempt, m².
+        estimate_cov: Covariance of ``rollout.felt.estimate_world`` before the attempt, m² and rad².
         rollout: Simulated attempt, of length 0 if the sequence had already ended.
     """
 
@@ -26,7 +26,7 @@ class Episode:
     sequence: Int[Array, "*batch"]
     number: Int[Array, "*batch"]
     policy: Int[Array, "*batch"]
-    estimate_cov: Float[Array, "*batch 2 2"]
+    estimate_cov: Float[Array, "*batch D D"]
     rollout: Rollout
 
 

@@ -18,8 +18,8 @@ from mjx_fit.data.manifest import Manifest, read_complete_manifest
 from mjx_fit.data.reader import load, read_shards
 from mjx_fit.data.schedule import stored_policies
 from mjx_fit.data.split import split_sequences
-from mjx_fit.scene.parts import start_tip_m
 from mjx_fit.sensors.force_torque import in_contact
+from mjx_fit.sensors.pose import start_of
 from mjx_fit.types import Rollout
 from mjx_fit.utils import files, locks
 from mjx_fit.utils.errors import RequestError
@@ -74,10 +74,13 @@ def export(folder: Path, out: Path) -> None:
 def _write_npz(folder: Path, manifest: Manifest, path: Path) -> None:
     data = load(folder)
     keep, config = happened(data), config_from_stored(manifest.request["config"])
+    turns = manifest.request.get("turns", False)
     arrays: dict[str, Any] = {
         name.replace("/", "_"): value[keep] for name, value in flat(data, config).items()
     }
-    about = {name.replace("/", "_"): field._asdict() for name, field in fields_of(config).items()}
+    about = {
+        name.replace("/", "_"): field._asdict() for name, field in fields_of(config, turns=turns).items()
+    }
     about |= {"shapes": list(manifest.shapes), "request": manifest.request, "versions": manifest.versions}
     with path.open("wb") as file:  # savez would append .npz to a temporary file name
         np.savez_compressed(file, about=np.array(json.dumps(about)), **arrays)
@@ -87,9 +90,9 @@ def _write_robomimic(folder: Path, manifest: Manifest, path: Path) -> None:
     """Write one group ``data/demo_<episode>`` per episode and the masks ``mask/train`` and ``mask/valid``.
 
     Row t of ``obs`` precedes action t and row t of ``next_obs`` follows it; each contains the wrenches
-    (50, 6) of the preceding action. Before the first action the robot is at rest above the estimate, pointing
-    straight down. The masks are the default train/validation split of ``mjx-fit train``: all demonstrations
-    of a sequence share one mask.
+    (50, 6) of the preceding action. Actions have six components if they turn the TCP. Before the first action
+    the robot is at rest above the estimate, pointing along its axis. The masks are the default
+    train/validation split of ``mjx-fit train``: all demonstrations of a sequence share one mask.
     """
     config = config_from_stored(manifest.request["config"])
     total, buffer = 0, io.BytesIO()
@@ -125,7 +128,7 @@ def _sides(sequences: Int[np.ndarray, "n"], fraction: float) -> dict[str, Int[np
 
 
 def _add_demonstration(root: h5py.Group, episode: Episode, policy: str, config: Config) -> int:
-    names, start = config.scene.names, start_tip_m(config.scene)
+    names = config.scene.names
     rollout = episode.rollout
     n = int(rollout.felt.length)
     demo = root.create_group(f"demo_{int(episode.episode)}")
@@ -139,10 +142,12 @@ def _add_demonstration(root: h5py.Group, episode: Episode, policy: str, config: 
     demo.attrs["sequence"], demo.attrs["number"] = int(episode.sequence), int(episode.number)
     demo.attrs["estimate_cov"] = episode.estimate_cov
     ended = np.arange(n) == n - 1
-    demo["actions"] = rollout.felt.trace.action_world[:n]
+    trace = rollout.felt.trace
+    commands = [trace.action_world] if trace.turn_world is None else [trace.action_world, trace.turn_world]
+    demo["actions"] = np.concatenate(commands, -1)[:n]
     demo["rewards"] = (ended & rollout.succeeded).astype(np.float32)
     demo["dones"] = ended.astype(np.int64)
-    first = _at_rest(rollout, start)
+    first = _at_rest(rollout, config)
     clean = rollout.felt.trace.wrench_sensor - rollout.felt.tare_sensor
     state = vars(rollout.felt.trace) | {"contact": in_contact(clean, config.wrist)}
     for name in _STATE:
@@ -157,10 +162,11 @@ def _add_demonstration(root: h5py.Group, episode: Episode, policy: str, config: 
     return n
 
 
-def _at_rest(rollout: Rollout, start_m: float) -> dict[str, np.ndarray]:
+def _at_rest(rollout: Rollout, config: Config) -> dict[str, np.ndarray]:
+    start = start_of(rollout.felt, config)
     return {
-        "tip_pos_world": np.append(rollout.felt.estimate_world, start_m),
-        "tip_quat_world": np.array([0.0, 1.0, 0.0, 0.0]),
+        "tip_pos_world": np.asarray(start.pos_world),
+        "tip_quat_world": np.asarray(start.quat_world),
         "tip_linvel_world": np.zeros(3),
         "tip_angvel_world": np.zeros(3),
         "wrench_sensor": np.tile(rollout.felt.tare_sensor, (SUBSTEPS, 1)),

@@ -85,17 +85,42 @@ FIELDS = {
     "valid": Field("1", "-", "n", "false where the simulation turned non-finite"),
 }
 
+_TURNS = {
+    "trace/turn_world": Field(
+        "rad",
+        "world",
+        "n J 3",
+        "desired orientation at the end of the action: rotation vector from straight down",
+    )
+}
+
 PHYSICS = "physics/"
 """Group of the quantities that each world drew for itself; only those with a distribution are stored."""
 
 
-def fields_of(config: Config) -> dict[str, Field]:
-    """Return the fields of a data set: those of every data set, and the physics that its worlds drew."""
+def fields_of(config: Config, *, turns: bool) -> dict[str, Field]:
+    """Return the fields of a data set: those of every data set, and the physics that its worlds drew.
+
+    Args:
+        config: The configuration; ``filter.coordinates`` gives estimates their axes.
+        turns: Whether commands turn the TCP, as ``turns`` of the request tells.
+    """
+    fields, d = dict(FIELDS), len(config.filter.coordinates)
+    if turns:
+        fields |= _TURNS
+    if d > 2:
+        named = f"as filter.coordinates: {', '.join(config.filter.coordinates)}"
+        for name, shape, unit in (
+            ("estimate_world", f"n {d}", "m, rad"),
+            ("estimate_cov", f"n {d} {d}", "m², rad²"),
+        ):
+            meaning = f"{FIELDS[name].meaning}, {named}"
+            fields[name] = FIELDS[name]._replace(shape=shape, unit=unit, meaning=meaning)
     own = {
         f"{PHYSICS}{name}": Field(QUANTITIES[name].unit, "-", "n", f"drawn from randomize.{name}")
         for name in distributions(config.randomize)
     }
-    return FIELDS | own
+    return fields | own
 
 
 _HDF5 = ("v108", "v110")
@@ -132,7 +157,7 @@ def encode(episodes: Episode, request: dict[str, Any]) -> bytes:
         file.attrs["policies"] = list(stored_policies(request["policy"]))
         file.attrs["frames"], file.attrs["action_s"] = FRAMES, ACTION_S
         file.attrs["request"] = json.dumps(request)
-        for name, field in fields_of(config).items():
+        for name, field in fields_of(config, turns=request.get("turns", False)).items():
             value = values[name]
             # One chunk per episode of a trace: a single episode can be read without unpacking others.
             chunks = (1, *value.shape[1:]) if name.startswith("trace/") else value.shape
@@ -161,7 +186,7 @@ def decode(content: bytes, shard: Shard, request: dict[str, Any]) -> Episode:
         ValueError: The content is not that of the shard.
     """
     config = config_from_stored(request["config"])
-    scene, shapes = config.scene, _shapes(shard.episodes, request["steps"], config)
+    scene, shapes = config.scene, _shapes(shard.episodes, request)
     try:
         with h5py.File(io.BytesIO(content), "r") as file:
             hdf5_check_layout.require(file, shapes, len(content))
@@ -180,16 +205,23 @@ def decode(content: bytes, shard: Shard, request: dict[str, Any]) -> Episode:
 
 def flat(episodes: Episode, config: Config) -> dict[str, np.ndarray]:
     """Return the fields by their names in a file."""
-    contact = touched(episodes.rollout.felt, config.wrist)
-    return {name: contact if name == CONTACT else _get(episodes, name) for name in fields_of(config)}
+    contact, turns = touched(episodes.rollout.felt, config.wrist), _turns(episodes)
+    return {
+        name: contact if name == CONTACT else _get(episodes, name) for name in fields_of(config, turns=turns)
+    }
 
 
-def _shapes(n: int, actions: int, config: Config) -> dict[str, hdf5_check_layout.Shape]:
+def _turns(episodes: Episode) -> bool:
+    return episodes.rollout.felt.trace.turn_world is not None
+
+
+def _shapes(n: int, request: dict[str, Any]) -> dict[str, hdf5_check_layout.Shape]:
     """Return the shape of each field for n episodes."""
-    axes = {"n": n, "J": actions, "joints": len(ROBOTS[config.scene.robot].joints)}
+    config = config_from_stored(request["config"])
+    axes = {"n": n, "J": request["steps"], "joints": len(ROBOTS[config.scene.robot].joints)}
     return {
         name: tuple(axes[axis] if axis in axes else int(axis) for axis in field.shape.split())
-        for name, field in fields_of(config).items()
+        for name, field in fields_of(config, turns=request.get("turns", False)).items()
     }
 
 

@@ -14,9 +14,10 @@ from mjx_fit.utils import bounded_json, files
 from mjx_fit.utils.errors import RequestError
 
 MANIFEST_NAME = "manifest.json"
-FORMAT = 3
-"""Version of the files that are written; 3 adds the physics of randomised worlds."""
-READABLE = (2, 3)
+FORMAT = 4
+"""Version of the files that are written: 3 adds the physics of randomised worlds, 4 turns of the TCP and
+estimates of more than x and y."""
+READABLE = (2, 3, 4)
 
 
 class FormatError(ValueError):

@@ -49,6 +49,7 @@ class _Request(TypedDict):
     batch: Annotated[int, Field(ge=1, le=MAX_BATCH)]
     sequence: Annotated[int, Field(ge=1, le=MAX_SEQUENCE)]
     sensor: NotRequired[_Words]
+    turns: NotRequired[Literal[True]]
     engine: Literal["mjx", "native"]
     config: dict[str, dict[str, Any]]
 

@@ -6,11 +6,14 @@ the signs of x and z in axial vectors (torques, angular velocities). The x axis 
 arm stands on one side of the table.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
 
+from mjx_fit.config.sections.filter import PLANAR
+from mjx_fit.filters.chart import AXIS
 from mjx_fit.types import Array, Belief, Reading
 
 _VECTOR = np.array([1.0, -1.0, 1.0])
@@ -34,16 +37,25 @@ def mirror_reading(reading: Reading) -> Reading:
     )
 
 
-def mirror_belief(belief: Belief) -> Belief:
+def mirror_belief(belief: Belief, coordinates: Sequence[str] = PLANAR) -> Belief:
     """Mirror a belief about a hole."""
-    sign = _VECTOR[:2]
+    sign = _signs(coordinates)
     return replace(
         belief,
-        mean_world=mirror_place(belief.mean_world),
+        mean_world=mirror_place(belief.mean_world, coordinates),
         cov=belief.cov * sign[:, None] * sign,
     )
 
 
-def mirror_place(place_world: Float[Array, "*batch 2"]) -> Float[Array, "*batch 2"]:
-    """Mirror a position on the table, m."""
-    return place_world * _VECTOR[:2]
+def mirror_place(
+    place_world: Float[Array, "*batch D"], coordinates: Sequence[str] = PLANAR
+) -> Float[Array, "*batch D"]:
+    """Mirror a place, by default a position on the table, m and rad."""
+    return place_world * _signs(coordinates)
+
+
+def _signs(coordinates: Sequence[str]) -> Float[np.ndarray, "D"]:
+    """Return the signs by which coordinates change: rotation vectors are axial."""
+    vector = dict(zip("xyz", _VECTOR, strict=True))
+    axial = {name: _AXIAL[axis] for name, axis in AXIS.items()}
+    return np.array([(vector | axial)[name] for name in coordinates])

@@ -43,6 +43,7 @@ class Plan:
         num_shards: Number of parts.
         sensor: Fingerprint of the sensor whose posteriors the later attempts start from; empty: sampled
             estimates.
+        turns: Whether commands turn the TCP. ``collect`` asks the engine.
     """
 
     episodes: int = 3000
@@ -55,6 +56,7 @@ class Plan:
     shard_index: int = 0
     num_shards: int = 1
     sensor: str = ""
+    turns: bool = False
 
     @property
     def sequences(self) -> int:
@@ -75,7 +77,7 @@ class Plan:
         options = [
             f"--{field.name.replace('_', '-')} {getattr(self, field.name)}"
             for field in fields(self)
-            if field.name != "sensor"
+            if field.name not in ("sensor", "turns")
         ]
         if self.sensor:
             options.append(f"--run RUN, the one whose sensor is {self.sensor},")
@@ -92,6 +94,7 @@ class Plan:
             STORED_ACTIONS: self.actions,
             **{name: getattr(self, name) for name in ("policy", "seed", "batch", "sequence")},
             **({"sensor": self.sensor} if self.sensor else {}),
+            **({"turns": True} if self.turns else {}),
             "engine": resolve(self.engine),
             "config": config_to_tree(
                 replace(

@@ -215,7 +215,10 @@ def describe(folder: Path) -> dict[str, Any]:
         "shards": len(manifest.shards),
         "bytes": sum(shard.bytes for shard in manifest.shards),
         "devices": sorted({shard.device for shard in manifest.shards}),
-        "units": {name: field.unit for name, field in hdf5.fields_of(config).items()},
+        "units": {
+            name: field.unit
+            for name, field in hdf5.fields_of(config, turns=request.get("turns", False)).items()
+        },
     }
 
 

@@ -10,9 +10,12 @@ from jaxtyping import Float, Int, Key
 
 from mjx_fit.config.schema import Config
 from mjx_fit.config.sections.randomize import RandomizeConfig
-from mjx_fit.config.sections.world import DetectorConfig, SequenceConfig
+from mjx_fit.config.sections.world import DetectorConfig
 from mjx_fit.control import policies
+from mjx_fit.filters import chart
+from mjx_fit.filters.updates import detected_belief, prior_stds
 from mjx_fit.scene.detector import detect
+from mjx_fit.scene.placement import place_for_tool
 from mjx_fit.scene.randomization import draw_physics
 from mjx_fit.scene.robot import ROBOTS, Robot
 from mjx_fit.types import Array, Attempt, pytree
@@ -72,15 +75,15 @@ def draw_attempts(root: Key[Array, ""], sequences: Int[Array, "n"], policy: str,
     """Draw the first attempt of each sequence, from the detector's estimate."""
     places = draw_places(root, sequences, config)
     which = _pair_and_policy(sequences, policy, 0, config)
-    return _attempts(which, places, places.estimate_world, places.key)
+    return _attempts(which, places, detected_belief(places.estimate_world, config).mean_world, places.key)
 
 
 def draw_later_attempts(
     root: Key[Array, ""], sequences: Int[Array, "n"], policy: str, number: int, config: Config
-) -> tuple[Attempt, Float[Array, "n 2 2"]]:
-    """Draw attempt ``number`` (1 or more) of each sequence, and the covariance of its estimate (m²)."""
+) -> tuple[Attempt, Float[Array, "n D D"]]:
+    """Draw attempt ``number`` (1 or more) of each sequence, and the covariance of its estimate (m², rad²)."""
     places = draw_places(root, sequences, config)
-    estimate, cov, key = _updated(places.later_key, places.hole_pos_world, number, config.sequence)
+    estimate, cov, key = _updated(places, number, config)
     which = _pair_and_policy(sequences, policy, number, config)
     return _attempts(which, places, estimate, key), cov
 
@@ -135,20 +138,35 @@ def _places(
 
 @partial(jax.jit, static_argnames="config")
 def _updated(
-    keys: Key[Array, "n"], hole_pos_world: Float[Array, "n 2"], number: int, config: SequenceConfig
-) -> tuple[Float[Array, "n 2"], Float[Array, "n 2 2"], Key[Array, "n"]]:
-    """Draw estimates that resemble a filter's after some attempts: N(truth, Σ), Σ with random orientation."""
+    places: Places, number: int, config: Config
+) -> tuple[Float[Array, "n D"], Float[Array, "n D D"], Key[Array, "n"]]:
+    """Draw estimates that resemble a filter's after some attempts: N(truth, Σ), Σ with random orientation.
 
-    def draw(key, hole_pos):
+    Height and rotations err independently of x and y, by as much in their units (``chart.units``), but not by
+    more than before any attempt.
+    """
+    between, coordinates = config.sequence, config.filter.coordinates
+    low, high = jnp.log(between.min_std_m), jnp.log(between.max_std_m)
+    scale = np.array(chart.units(coordinates)[2:], np.float32) / chart.units(("x",))[0]
+    most = np.array(prior_stds(config)[2:], np.float32)
+
+    def draw(key, place):
         size, turn, error, wiggle = jax.random.split(jax.random.fold_in(key, number), 4)
-        low, high = jnp.log(config.min_std_m), jnp.log(config.max_std_m)
         std = jnp.exp(jax.random.uniform(size, (2,), minval=low, maxval=high))
         angle = jax.random.uniform(turn, maxval=jnp.pi)
         axes = jnp.array([[jnp.cos(angle), -jnp.sin(angle)], [jnp.sin(angle), jnp.cos(angle)]])
-        estimate = hole_pos + axes @ (std * jax.random.normal(error, (2,)))
-        return estimate, (axes * std**2) @ axes.T, wiggle
+        step, cov = axes @ (std * jax.random.normal(error, (2,))), (axes * std**2) @ axes.T
+        if not scale.size:
+            return place + step, cov, wiggle
+        also, rest = (jax.random.fold_in(one, 1) for one in (size, error))
+        more = jnp.exp(jax.random.uniform(also, scale.shape, minval=low, maxval=high))
+        more = jnp.minimum(more * scale, most)
+        step = jnp.concatenate([step, more * jax.random.normal(rest, scale.shape)])
+        cov = jax.scipy.linalg.block_diag(cov, jnp.diag(more**2))
+        return chart.moved(place, step, coordinates), cov, wiggle
 
-    return jax.vmap(draw)(keys, hole_pos_world)
+    true = place_for_tool(places.hole_pos_world, places.physics, config)
+    return jax.vmap(draw)(places.later_key, true)
 
 
 def _pair_and_policy(sequences, policy: str, number: int, config: Config) -> tuple[np.ndarray, ...]:

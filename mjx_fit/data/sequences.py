@@ -16,14 +16,11 @@ from mjx_fit.data.plan import Plan
 from mjx_fit.data.schedule import draw_attempts, draw_later_attempts
 from mjx_fit.engines.failures import report
 from mjx_fit.engines.interface import Engine
-from mjx_fit.filters.updates import initial_belief
+from mjx_fit.filters.updates import detected_belief
 from mjx_fit.task.attempt_loop import Tried, Try, attempt_rounds, placed_as
 from mjx_fit.task.estimator import Update
 from mjx_fit.types import Array, Attempt, Belief, Felt, Rollout
-from mjx_fit.utils.errors import RequestError
 from mjx_fit.utils.randomness import root_key
-
-NO_TURNS = "--policy: a policy that turns the TCP cannot be used: data hold no turns yet"
 
 
 class Sequences:
@@ -99,23 +96,16 @@ class _Batch:
             return None
         attempts, self._cov = self._attempts()
         if self._belief is None or not self._learns:
-            std, n_types = self._config.detector.prior_std_m, self._config.scene.n_types
-            drawn = initial_belief(attempts.estimate_world, std, n_types)
-            self._belief = replace(drawn, cov=jnp.asarray(self._cov))
+            drawn = detected_belief(attempts.estimate_world[:, :2], self._config)
+            self._belief = replace(drawn, mean_world=attempts.estimate_world, cov=jnp.asarray(self._cov))
             self._detected = self._belief if self._detected is None else self._detected
         goes_on = self._learns and self._number + 1 < self._plan.sequence
         keys = self._noise_keys(jnp.asarray(self.ids)) if goes_on else None
         return Try(attempts, self._going, self._belief, keys)
 
     def record(self, tried: Tried) -> Episode:
-        """Store the posteriors and return the episodes of the round.
-
-        Raises:
-            RequestError: The policy turns the TCP.
-        """
+        """Store the posteriors and return the episodes of the round."""
         done, policy = tried.rollouts, np.asarray(tried.asked.attempts.policy)
-        if done.felt.trace.turn_world is not None:
-            raise RequestError(NO_TURNS)
         number = np.full_like(self.ids, self._number)
         done = replace(done, report=None)
         one = Episode(self.ids, self._sequences, number, policy, np.asarray(self._cov), done)
@@ -125,16 +115,15 @@ class _Batch:
             self._belief = placed_as(self._belief, self._detected, np.ones(len(self.ids), bool))
         return jax.tree.map(lambda leaf: leaf[: self._wanted.sum()], one)
 
-    def _attempts(self) -> tuple[Attempt, Float[Array, "n 2 2"]]:
+    def _attempts(self) -> tuple[Attempt, Float[Array, "n D D"]]:
         ids, policy, belief = jnp.asarray(self._sequences), self._plan.policy, self._belief
         if self._number:
             drawn, cov = draw_later_attempts(self._root, ids, policy, self._number, self._config)
             if not self._learns or belief is None:
                 return drawn, cov
-            return replace(drawn, estimate_world=belief.pos_mean_world), belief.pos_cov
-        cov = self._config.detector.prior_std_m**2 * np.eye(2, dtype=np.float32)
+            return replace(drawn, estimate_world=belief.mean_world), belief.cov
         attempts = draw_attempts(self._root, ids, policy, self._config)
-        return attempts, np.broadcast_to(cov, (len(ids), 2, 2))
+        return attempts, detected_belief(attempts.estimate_world[:, :2], self._config).cov
 
 
 class _EachPolicy:
@@ -145,7 +134,8 @@ class _EachPolicy:
     """
 
     def __init__(self, engine: Engine, config: Config, batch: _Batch, dumps: Path):
-        self.name, self.policy_name, self._engine = engine.name, engine.policy_name, engine
+        self.name, self.policy_name, self.turns = engine.name, engine.policy_name, engine.turns
+        self._engine = engine
         self._config, self._batch, self._dumps = config, batch, dumps
         self.broken = 0
 

@@ -16,6 +16,7 @@ from mjx_fit.config.schema import Config
 from mjx_fit.data.episode import Episode, happened
 from mjx_fit.data.mirror import mirror_belief, mirror_place, mirror_reading
 from mjx_fit.filters.outcome_model import enters_others
+from mjx_fit.scene.placement import place_for_tool
 from mjx_fit.sensors.reading import Window, read_window
 from mjx_fit.types import Array, Belief, Reading, pytree
 
@@ -31,7 +32,7 @@ class Sample:
         reading: Input of the sensors.
         prior: The belief before the attempt: μ0, Σ0, ξ0.
         hole_type: True type of the hole.
-        hole_pos_world: True position of the hole, m.
+        place_world: True place of the hole, in the believed coordinates, m and rad (``place_for_tool``).
         inserted: Whether the window contains the insertion of the peg.
         judged: False where that peg fits its own holes alone. Such a window carries no information about
             P(o_match | type, peg, outcome), and the histogram filter already uses the outcome. A peg that
@@ -41,7 +42,7 @@ class Sample:
     reading: Reading
     prior: Belief
     hole_type: Int[Array, "*batch"]
-    hole_pos_world: Float[Array, "*batch 2"]
+    place_world: Float[Array, "*batch D"]
     inserted: Bool[Array, "*batch"]
     judged: Bool[Array, "*batch"]
 
@@ -114,7 +115,7 @@ def windows_of(
     def choose(there, here):
         return jnp.where(mirrored.reshape(*mirrored.shape, *[1] * (here.ndim - mirrored.ndim)), there, here)
 
-    return jax.tree.map(choose, _mirror(sample), sample)
+    return jax.tree.map(choose, _mirror(sample, config.filter.coordinates), sample)
 
 
 def _sample_one(episode: Episode, key: Key[Array, ""], config: Config) -> tuple[Sample, Bool[Array, ""]]:
@@ -136,20 +137,20 @@ def _sample_one(episode: Episode, key: Key[Array, ""], config: Config) -> tuple[
         ),
         prior=_prior(episode, prior_key, config.scene.n_types),
         hole_type=rollout.truth.hole_type,
-        hole_pos_world=rollout.truth.hole_pos_world,
+        place_world=place_for_tool(rollout.truth.hole_pos_world, rollout.truth.physics, config),
         inserted=inserted,
         judged=~(inserted & settled),
     )
     return sample, jax.random.bernoulli(side_key)
 
 
-def _mirror(sample: Sample) -> Sample:
+def _mirror(sample: Sample, coordinates: tuple[str, ...]) -> Sample:
     """Return the sample of the mirrored world."""
     return replace(
         sample,
         reading=mirror_reading(sample.reading),
-        prior=mirror_belief(sample.prior),
-        hole_pos_world=mirror_place(sample.hole_pos_world),
+        prior=mirror_belief(sample.prior, coordinates),
+        place_world=mirror_place(sample.place_world, coordinates),
     )
 
 

@@ -18,9 +18,9 @@ from mjx_fit.control import operational_space
 from mjx_fit.control.kinematics import Chain, inverse
 from mjx_fit.control.operational_space import ArmState
 from mjx_fit.engines import plausible
-from mjx_fit.scene.parts import plate_top_m, start_tip_m
+from mjx_fit.scene.parts import plate_top_m
 from mjx_fit.scene.placement import Setting, as_if_upright, setting_of
-from mjx_fit.sensors.pose import turned
+from mjx_fit.sensors.pose import start_pose, turned
 from mjx_fit.types import Array, Attempt, Felt, Rollout, Trace, Truth, pytree
 from mjx_fit.types.physics import Physics
 from mjx_fit.utils.arrays import is_off
@@ -80,12 +80,12 @@ class Verdict:
 def start_qpos(chain: Chain, attempts: Attempt, config: Config) -> Float[Array, "n joints"]:
     """Compute the start posture of attempts, joint angles in rad.
 
-    The TCP is above the estimate, straight down but for the tilt of the tool, of which the robot is unaware.
+    The TCP is above the estimate, on its axis and turned as it is, but for the tilt of the tool, of which the
+    robot is unaware.
     """
-    height = jnp.full_like(attempts.estimate_world[:, :1], start_tip_m(config.scene))
-    place = jnp.concatenate([attempts.estimate_world, height], 1)
+    place, turn = start_pose(attempts.estimate_world, config)
     tilt = jnp.broadcast_to(tilt_world(attempts.physics, config), place.shape)
-    return jax.vmap(inverse, (None, 0, 0))(chain, place, tilt)
+    return jax.vmap(inverse, (None, 0, 0, None if turn is None else 0))(chain, place, tilt, turn)
 
 
 def tilt_world(physics: Physics, config: Config) -> Float[Array, "*n 3"]:

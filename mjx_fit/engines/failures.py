@@ -26,7 +26,7 @@ from mjx_fit.engines.failure_file import GOALS
 from mjx_fit.engines.interface import Engine
 from mjx_fit.engines.native.engine import NativeEngine
 from mjx_fit.engines.plausible import reason
-from mjx_fit.sensors.pose import start_of
+from mjx_fit.sensors.pose import rotation_from_down, start_of
 from mjx_fit.types import Attempt, Rollout
 from mjx_fit.types.physics import Physics, drawn
 from mjx_fit.utils import files
@@ -95,20 +95,24 @@ def report(
 def goals_before(rollouts: Rollout, config: Config) -> Goal:
     """Reconstruct the controller's goals before the last actions of all attempts, NumPy arrays (n, k)."""
     felt = rollouts.felt
-    start_world = start_of(felt, config.scene).pos_world
+    start = start_of(felt, config)
     earlier = np.maximum(np.asarray(felt.length) - 1, 0)
     command, turn = felt.trace.action_world, felt.trace.turn_world
     command = command if turn is None else np.concatenate([command, turn], -1)
-    path = (start_world, felt.trace.tip_pos_world, command, earlier)
-    return jax.tree.map(np.asarray, _after_actions(*path, config.control, rollouts.truth.physics))
+    turned = None if turn is None else rotation_from_down(start.quat_world)
+    begin = goals.at_rest(start.pos_world, config.control, turned)
+    tips = np.concatenate([np.asarray(start.pos_world)[:, None], felt.trace.tip_pos_world], 1)[:, :-1]
+    wanted = goals.commanded(tips, command, config.control)
+    done = _after_actions(begin, wanted, earlier, config.control, rollouts.truth.physics)
+    return jax.tree.map(np.asarray, done)
 
 
 @partial(jax.jit, static_argnames="control")
-def _after_actions(start_world, tip_pos_world, command_world, count, control, physics: Physics) -> Goal:
-    def one(start, tips, actions, number, own: Physics) -> Goal:
-        return goals.after_actions(start, tips, actions, number, control, own)
+def _after_actions(begin: Goal, wanted_world, count, control, physics: Physics) -> Goal:
+    def one(goal: Goal, wanted, number, own: Physics) -> Goal:
+        return goals.after_actions(goal, wanted, number, control, own)
 
-    return jax.vmap(one)(start_world, tip_pos_world, command_world, count, physics)
+    return jax.vmap(one)(begin, wanted_world, count, physics)
 
 
 def kept_in(folder: Path) -> int:
@@ -162,7 +166,7 @@ class Reporting:
     """
 
     def __init__(self, engine: Engine, config: Config, folder: Path):
-        self.name, self.policy_name = engine.name, engine.policy_name
+        self.name, self.policy_name, self.turns = engine.name, engine.policy_name, engine.turns
         self._engine, self._config, self._folder = engine, config, folder
         self._seen = 0
 

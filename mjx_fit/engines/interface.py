@@ -15,9 +15,11 @@ class Engine(Protocol):
     Attributes:
         name: Name of the engine, ``mjx`` or ``native``.
         policy_name: Name of its custom policy; None: it follows the policy that each attempt names.
+        turns: Whether commands have six components: displacement and orientation of the TCP.
     """
 
     name: str
+    turns: bool
 
     @property
     def policy_name(self) -> str | None: ...

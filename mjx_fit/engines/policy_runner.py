@@ -11,6 +11,7 @@ from mjx_fit.control import goals
 from mjx_fit.control.goals import Goal
 from mjx_fit.control.policies import Policy, PolicyInput, PolicyStart, State, start_of
 from mjx_fit.engines.attempt_rules import Tip, trace_row
+from mjx_fit.filters import frame
 from mjx_fit.scene.parts import plate_top_m
 from mjx_fit.scene.randomization import draw_errors, with_arrays
 from mjx_fit.sensors import distortion, force_torque
@@ -67,9 +68,17 @@ def begin(
         tare_sensor=tare_sensor,
         wrench_sensor=wrench,
         command_world=jnp.zeros(policy.width),
-        goal=goals.at_rest(tip_pos_world, config.control, turns=policy.turns),
+        goal=at_rest(policy, config, start, tip_pos_world),
         physics=attempt.physics,
     )
+
+
+def at_rest(policy: Policy, config: Config, start: PolicyStart, tip_pos_world: Float[Array, "*n 3"]) -> Goal:
+    """Return the goals of TCPs that rest at the start of their attempts, turned as the estimate is."""
+    if not policy.turns:
+        return goals.at_rest(tip_pos_world, config.control)
+    here = frame.frame_of(start.estimate_world, config.filter.coordinates)
+    return goals.at_rest(tip_pos_world, config.control, here.rotation_world.log())
 
 
 def act(
@@ -124,15 +133,19 @@ def measures_insertion(
 ) -> Bool[Array, ""] | None:
     """Return whether the robot measures an insertion after ``step`` actions; None: it relies on the truth.
 
-    It does if the TCP, as the policy sees it before its next action, is at least the insertion depth and the
-    margin below where the robot takes the top of the socket to be, which is off by an error that is constant
-    in an attempt.
+    It does if the TCP, as the policy sees it before its next action, in the frame of its estimate, is at
+    least the insertion depth and the margin below where the robot takes the top of the socket to be, which is
+    off by an error that is constant in an attempt.
     """
     if config.task.success == "truth":
         return None
     _, pose = draw_errors(_noise_keys(memory)[-1], config)
     error = pose.height_offset_m * jax.random.normal(jax.random.fold_in(memory.key, _HEIGHT))
-    below = plate_top_m(config.scene) + error - _measured(tip, memory, config, step).pos_world[2]
+    here, top_m = _measured(tip, memory, config, step).pos_world, plate_top_m(config.scene)
+    coordinates = config.filter.coordinates
+    if not frame.is_world(coordinates):
+        here = frame.frame_of(memory.start.estimate_world, coordinates).seen(here, top_m)
+    below = top_m + error - here[2]
     return below >= config.task.insertion_depth_m + config.task.sensed_margin_m
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from mjx_fit.config.randomized import allowed_range
+from mjx_fit.config.schema import Config
 from mjx_fit.config.sections.scene import SceneConfig
 from mjx_fit.control.policies import NAMES
 from mjx_fit.filters.belief_check import require_beliefs
@@ -27,6 +28,8 @@ MOST_ACTIONS = 10_000
 MOST_THREADS = 4096
 
 _KEYS = "threefry2x32"
+MOST_OFF = {"z": (0.05, "m"), "yaw": (1.2, "rad"), "roll": (0.5, "rad"), "pitch": (0.5, "rad")}
+"""Largest values of the other coordinates of an estimate: about twice those of a socket (``placement``)."""
 ANY_POLICY = 2**31
 """Bound of ``attempts.policy`` for a custom policy, which may interpret the value freely."""
 
@@ -36,7 +39,7 @@ def require_attempts(
     actions: int,
     horizon: int | None,
     active: Bool[np.ndarray, "n"] | None,
-    scene: SceneConfig,
+    config: Config,
     policies: int = len(NAMES),
 ) -> tuple[int, int, Bool[np.ndarray, "n"]]:
     """Check that an engine can run these attempts.
@@ -46,7 +49,7 @@ def require_attempts(
         actions: Maximum number of actions in one attempt.
         horizon: Number of actions that a policy plans for; None: ``actions``.
         active: Whether to run each attempt; None: all.
-        scene: Defines the shapes and the reach of the robot.
+        config: Defines the shapes, the reach of the robot, and the coordinates of estimates.
         policies: Number of policies that ``attempts.policy`` indexes.
 
     Returns:
@@ -62,15 +65,18 @@ def require_attempts(
     active = np.ones(n, bool) if active is None else np.asarray(active)
     if active.dtype != bool or active.shape != (n,):
         _refuse("active", f"{active.dtype} {active.shape}", f"expected bool ({n},), one for each attempt")
+    scene, d = config.scene, len(config.filter.coordinates)
     counts = {"peg_type": scene.n_types, "hole_type": scene.n_types, "policy": policies}
     for name, count in counts.items():
         _require_indices(name, _leaf(attempts, name, n, (), jnp.integer, "integers"), active, count)
     robot = ROBOTS[scene.robot]
-    places = {"hole_pos_world": robot.hole_reach_m, "estimate_world": robot.estimate_reach_m}
-    for name, reach in places.items():
-        _require_places(name, _leaf(attempts, name, n, (2,), jnp.floating, "floats"), active, reach)
+    places = {"hole_pos_world": (robot.hole_reach_m, 2), "estimate_world": (robot.estimate_reach_m, d)}
+    for name, (reach, width) in places.items():
+        leaf = _leaf(attempts, name, n, (width,), jnp.floating, "floats")
+        _require_places(name, leaf, active, reach)
+    _require_small(attempts.estimate_world, active, config.filter.coordinates)
     if attempts.belief is not None:
-        require_beliefs(attempts.belief, n, scene.n_types, active)
+        require_beliefs(attempts.belief, n, scene.n_types, active, d)
     if attempts.elsewhere_per_s is not None:
         _require_finite("elsewhere_per_s", attempts.elsewhere_per_s, (n,), active)
     _require_keys(attempts.key, n)
@@ -133,12 +139,26 @@ def _require_places(name: str, leaf: np.ndarray, active: np.ndarray, reach: tupl
         wrong = active & ~((reach[0] <= distance) & (distance <= reach[1]) & (leaf[:, 0] > 0))
     if wrong.any():
         row = int(wrong.argmax())
-        x, y = leaf[row].tolist()
+        x, y = leaf[row, :2].tolist()
         _refuse(
             f"attempts: {name} of row {row}",
             f"({x:.6g}, {y:.6g}) m",
             f"expected {reach[0]} to {reach[1]} m from the arm's base, with x positive",
         )
+
+
+def _require_small(estimate: Any, active: np.ndarray, coordinates: tuple[str, ...]) -> None:
+    """Check the height and the rotations of estimates: the robot reaches what a socket may have, and more."""
+    for i, coordinate in enumerate(coordinates[2:], 2):
+        value, (most, unit) = np.asarray(estimate)[:, i], MOST_OFF[coordinate]
+        wrong = active & ~(np.abs(value) <= most)
+        if wrong.any():
+            row = int(wrong.argmax())
+            _refuse(
+                f"attempts: estimate_world of row {row}: {coordinate}",
+                f"{value[row]:.6g} {unit}",
+                f"expected -{most} to {most}",
+            )
 
 
 def _require_finite(name: str, leaf: Any, shape: tuple[int, ...], active: np.ndarray) -> None:

@@ -87,7 +87,7 @@ def _trials_of(
             for count in counts:
                 seen = held_out.observe(one.network, episodes, ids, count, config, seed)
                 after = held_out.posterior(seen, episodes, ids, config, with_prior=name == "full")
-                trials += held_out.rows(name, count, after, episodes, ids, config.scene.names)
+                trials += held_out.rows(name, count, after, episodes, ids, config)
                 progress(len(trials) // len(ids), f"{name}, {count} actions")
     return trials
 
@@ -144,13 +144,16 @@ def _groups(trials: _Trials, names: tuple[str, ...]) -> dict[str, _Trials]:
 
 def _position_rows(method: str, name: str, group: _Trials) -> list[Row]:
     squared = np.array([trial["squared_mahalanobis"] for trial in group])
+    degrees = np.array([trial.get("degrees", 2) for trial in group])
     columns = {
         "position_error_cm": np.array([trial["error_cm"] for trial in group]),
         "position_nll": np.array([trial["nll"] for trial in group]),
-        "nees": squared / 2,
-        "coverage_50": scores.inside(squared, 0.5),
-        "coverage_90": scores.inside(squared, 0.9),
+        "nees": squared / degrees,
+        "coverage_50": scores.inside(squared, 0.5, degrees),
+        "coverage_90": scores.inside(squared, 0.9, degrees),
     }
+    if "turn_deg" in group[0]:
+        columns["turn_error_deg"] = np.array([trial["turn_deg"] for trial in group])
     return _means(method, name, group, columns)
 
 

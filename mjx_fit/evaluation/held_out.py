@@ -12,14 +12,17 @@ from jaxtyping import Float, Int, Key
 
 from mjx_fit.config.schema import Config
 from mjx_fit.data.episode import Episode, happened
+from mjx_fit.evaluation.place_scores import place_columns, score_places
 from mjx_fit.evaluation.result_file import rounded
-from mjx_fit.evaluation.scores import squared_mahalanobis
-from mjx_fit.filters.kalman import CM_PER_M, gaussian_nll
+from mjx_fit.filters import chart
+from mjx_fit.filters.frame import observation_in_world
 from mjx_fit.filters.outcome_model import success_probability
-from mjx_fit.filters.updates import update_position, update_type
+from mjx_fit.filters.updates import NONE, update_position, update_type
+from mjx_fit.scene.placement import place_for_tool
 from mjx_fit.sensors.contact_sensor import ContactSensor
 from mjx_fit.task.estimator import readings
-from mjx_fit.types import Array, Belief, Observation
+from mjx_fit.training.loss import place_terms
+from mjx_fit.types import Array, Belief, Observation, Rollout
 from mjx_fit.utils.errors import RequestError
 from mjx_fit.utils.randomness import root_key
 
@@ -110,16 +113,18 @@ def posterior(
     """
     rollout = jax.tree.map(lambda leaf: jnp.asarray(np.asarray(leaf)[ids]), data.rollout)
     estimate, cov = rollout.felt.estimate_world, jnp.asarray(np.asarray(data.estimate_cov)[ids])
-    n_types = config.scene.n_types
+    n_types, names = config.scene.n_types, config.filter.coordinates
+    observation = observation_in_world(jax.tree.map(jnp.asarray, observation), estimate, names)
     types = jnp.full((len(ids), n_types), -jnp.log(n_types))
     prior = Belief(estimate, cov, types)
     if with_prior:
-        belief = update_position(prior, observation)
-        alpha = success_probability(config, cov)
+        belief = update_position(prior, observation, replace(NONE, coordinates=names))
+        alpha = success_probability(config, prior.pos_cov)
         belief = update_type(belief, observation, rollout.felt.peg_type, alpha, hard=config.task.hard_match)
         belief = replace(belief, type_logp=_over_sequences(belief.type_logp, data, ids))
     else:
-        belief = Belief(estimate + observation.innovation, jnp.asarray(observation.pos_noise_cov), types)
+        mean = chart.moved(estimate, observation.innovation, names)
+        belief = Belief(mean, jnp.asarray(observation.pos_noise_cov), types)
     probability = jax.nn.softmax(observation.match_logits, axis=-1)[..., 1]
     return Posterior(jax.tree.map(np.asarray, belief), np.asarray(probability))
 
@@ -144,23 +149,19 @@ def rows(
     after: Posterior,
     data: Episode,
     ids: Int[np.ndarray, "n"],
-    names: tuple[str, ...],
+    config: Config,
 ) -> list[dict[str, Any]]:
-    """Return one row for each attempt, ready for a result file; ``names`` are the shapes'."""
-    rollout = data.rollout
-    truth, start = (
-        np.asarray(leaf, float)[ids] for leaf in (rollout.truth.hole_pos_world, rollout.felt.estimate_world)
-    )
-    belief = after.belief
-    error = truth - np.asarray(belief.pos_mean_world, float)
-    prior_error, after_error = (
-        rounded(CM_PER_M * np.linalg.norm(miss, axis=1)) for miss in (truth - start, error)
-    )
-    squared = rounded(squared_mahalanobis(error, np.asarray(belief.pos_cov, float)))
-    nll = gaussian_nll(truth, np.asarray(belief.pos_mean_world), np.asarray(belief.pos_cov))
-    nll, match = rounded(np.asarray(nll)), rounded(np.asarray(after.match_probability))
+    """Return one row for each attempt, ready for a result file."""
+    rollout: Rollout = jax.tree.map(lambda leaf: np.asarray(leaf)[ids], data.rollout)
+    belief, names = after.belief, config.scene.names
+    place = np.asarray(place_for_tool(rollout.truth.hole_pos_world, rollout.truth.physics, config))
+    means = np.stack([rollout.felt.estimate_world, np.asarray(belief.mean_world)], 1)
+    covs = np.stack([np.asarray(data.estimate_cov)[ids], np.asarray(belief.cov)], 1)
+    scores = score_places(means, covs, place, np.asarray(rollout.truth.hole_type), config)
+    nll = rounded(np.asarray(sum(place_terms(belief, jnp.asarray(place), config.filter.coordinates))))
+    match = rounded(np.asarray(after.match_probability))
     types = np.exp(np.asarray(belief.type_logp, float))
-    peg, hole = (np.asarray(leaf)[ids] for leaf in (rollout.felt.peg_type, rollout.truth.hole_type))
+    peg, hole = rollout.felt.peg_type, rollout.truth.hole_type
     return [
         {
             "trial": int(data.sequence[i]),
@@ -168,12 +169,17 @@ def rows(
             "attempt": int(data.number[i]) + 1,
             "actions": actions,
             "pair": [names[peg[k]], names[hole[k]]],
-            "prior_error_cm": prior_error[k],
-            "error_cm": after_error[k],
-            "squared_mahalanobis": squared[k],
+            **_before_and_after(place_columns(scores, k)),
             "nll": nll[k],
             "match_probability": match[k],
             "type_probability": rounded(types[k]),
         }
         for k, i in enumerate(ids)
     ]
+
+
+def _before_and_after(columns: dict[str, Any]) -> dict[str, Any]:
+    """Turn the columns of a trial with two beliefs into those of one update."""
+    after = {name: value[1] if isinstance(value, list) else value for name, value in columns.items()}
+    before = {f"prior_{name}": columns[name][0] for name in ("error_cm", "turn_deg") if name in columns}
+    return before | after

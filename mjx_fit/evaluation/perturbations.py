@@ -12,12 +12,11 @@ import numpy as np
 from jaxtyping import Float
 
 from mjx_fit.config.schema import Config, config_from_tree, config_to_tree
-from mjx_fit.config.sections.scene import SceneConfig
 from mjx_fit.sensors.pose import start_of, turned
 from mjx_fit.types import Felt
 from mjx_fit.utils.errors import RequestError, shown
 
-Change = Callable[[Felt, SceneConfig], Felt]
+Change = Callable[[Felt, Config], Felt]
 """Function that returns changed measurements of n attempts."""
 SAMPLES_HELD = 4
 """Samples of 500 Hz per sample of a wrench at 125 Hz."""
@@ -60,8 +59,8 @@ def _turned_by(axis: int, degrees: float) -> Change:
     rotation = np.zeros(3, np.float32)
     rotation[axis] = np.deg2rad(degrees)
 
-    def change(felt: Felt, scene: SceneConfig) -> Felt:
-        start = start_of(felt, scene)
+    def change(felt: Felt, config: Config) -> Felt:
+        start = start_of(felt, config)
         before, during = (
             np.asarray(turned(jnp.asarray(quat), jnp.asarray(rotation)))
             for quat in (start.quat_world, felt.trace.tip_quat_world)
@@ -76,8 +75,8 @@ def _raised_by(height_m: float) -> Change:
     """Shift all heights, as a wrong height of the table does."""
     offset = np.array([0, 0, height_m], np.float32)
 
-    def change(felt: Felt, scene: SceneConfig) -> Felt:
-        start = start_of(felt, scene)
+    def change(felt: Felt, config: Config) -> Felt:
+        start = start_of(felt, config)
         trace = replace(felt.trace, tip_pos_world=felt.trace.tip_pos_world + offset)
         return replace(
             felt, trace=trace, start=replace(start, pos_world=np.asarray(start.pos_world) + offset)
@@ -90,7 +89,7 @@ Wrench = Float[np.ndarray, "n J 50 6"]
 
 
 def _tared_wrench(change: Callable[[Wrench], Wrench]) -> Change:
-    def perturbed(felt: Felt, _: SceneConfig) -> Felt:
+    def perturbed(felt: Felt, _: Config) -> Felt:
         tare = np.asarray(felt.tare_sensor)[:, None, None]
         wrench = change(np.asarray(felt.trace.wrench_sensor) - tare) + tare
         return replace(felt, trace=replace(felt.trace, wrench_sensor=wrench.astype(np.float32)))

@@ -11,12 +11,12 @@ from mjx_fit.data.schedule import draw_places, mismatched_pairs
 from mjx_fit.evaluation import result_file, single_hole_runner
 from mjx_fit.evaluation.effort_summary import effort_columns, summarise_effort
 from mjx_fit.evaluation.parts import Rows
+from mjx_fit.evaluation.place_scores import place_columns, score_places
 from mjx_fit.evaluation.request import Request
 from mjx_fit.evaluation.results import Result, by_method
-from mjx_fit.evaluation.scores import inside, squared_mahalanobis
+from mjx_fit.evaluation.scores import inside
 from mjx_fit.evaluation.single_hole_runner import Ids, Outcomes, Study, holes_at
 from mjx_fit.evaluation.statistics import Row, bootstrap_mean
-from mjx_fit.filters.kalman import CM_PER_M
 from mjx_fit.task import single_hole
 from mjx_fit.task.methods import POSITION, chosen
 from mjx_fit.types import Array
@@ -46,14 +46,14 @@ def position(request: Request) -> Result:
         ATTEMPTS,
         kinds * trials,
         partial(draw_holes, trials=trials, root=root_key(request.seed, "position")),
-        partial(_rows, names=request.config.scene.names),
+        partial(_rows, config=request.config),
         summarise,
     )
     return single_hole_runner.run(study, request)
 
 
 def summarise(trials: Rows) -> list[Row]:
-    """Compute position error and coverage before the first attempt and after each.
+    """Compute errors and coverage before the first attempt and after each; rotations if they are believed.
 
     Groups: ``k`` after k attempts at mismatched holes, where every trial has all attempts; ``matched:k`` at
     matching holes, where the belief is constant after the insertion; ``left:k`` at matching holes with the
@@ -67,17 +67,21 @@ def summarise(trials: Rows) -> list[Row]:
         ids = np.array([trial["trial"] for trial in own])
         error = np.array([trial["error_cm"] for trial in own])
         squared = np.array([trial["squared_mahalanobis"] for trial in own])
+        turn = np.array([trial["turn_deg"] for trial in own]) if "turn_deg" in own[0] else None
+        degrees = np.array([trial.get("degrees", 2) for trial in own])
         matched = np.array([trial["pair"][0] == trial["pair"][1] for trial in own])
         inserted_at = np.array([trial["inserted_at"] or np.inf for trial in own])
         for k in range(error.shape[1]):
             left = inserted_at > k
             groups = {f"{k}": ~matched, f"matched:{k}": matched, f"left:{k}": matched & left}
             for group, keep in groups.items():
-                rows += _means(method, {"position_error_cm": error[:, k]}, group, ids, keep)
+                errors = {"position_error_cm": error[:, k]}
+                errors |= {} if turn is None else {"turn_error_deg": turn[:, k]}
+                rows += _means(method, errors, group, ids, keep)
             scores = {
-                "coverage_50": inside(squared[:, k], 0.5),
-                "coverage_90": inside(squared[:, k], 0.9),
-                "nees": squared[:, k] / 2,
+                "coverage_50": inside(squared[:, k], 0.5, degrees),
+                "coverage_90": inside(squared[:, k], 0.9, degrees),
+                "nees": squared[:, k] / degrees,
             }
             rows += _means(method, scores, f"{k}", ids, left) if method != "oracle" else []
         wrongly = np.array([trial.get("inserted_wrongly", False) for trial in own])
@@ -118,21 +122,16 @@ def draw_holes(config: Config, ids: Ids, trials: int, root: Key[Array, ""]) -> s
     return holes_at(peg, other, draw_places(root, jnp.asarray(ids), config))
 
 
-def _rows(ids: Ids, world: single_hole.Holes, outcomes: Outcomes, names: tuple[str, ...]) -> Rows:
-    rows, wrong = [], world.peg_type != world.hole_type
+def _rows(ids: Ids, world: single_hole.Holes, outcomes: Outcomes, config: Config) -> Rows:
+    rows, wrong, names = [], world.peg_type != world.hole_type, config.scene.names
     for method, done in outcomes.items():
-        error = world.hole_pos_world[:, None] - done.mean_world
-        distance = CM_PER_M * np.linalg.norm(error, axis=-1)
-        squared = squared_mahalanobis(error.reshape(-1, 2), done.cov.reshape(-1, 2, 2)).reshape(
-            error.shape[:2]
-        )
+        scores = score_places(done.mean_world, done.cov, done.place_world, world.hole_type, config)
         rows += [
             {
                 "trial": int(trial),
                 "method": method,
                 "pair": [names[world.peg_type[i]], names[world.hole_type[i]]],
-                "error_cm": result_file.rounded(distance[i]),
-                "squared_mahalanobis": result_file.rounded(squared[i]),
+                **place_columns(scores, i),
                 "inserted_at": int(done.inserted_at[i]) or None,
                 **effort_columns(done.effort, i, ATTEMPTS),
                 "move_seconds": round(float(done.move_seconds[i]), 4),

@@ -13,12 +13,12 @@ from mjx_fit.evaluation import parts, result_file
 from mjx_fit.evaluation.effort_summary import effort_columns, summarise_effort
 from mjx_fit.evaluation.parts import Rows
 from mjx_fit.evaluation.perturbations import Perturbation, chosen_perturbations
+from mjx_fit.evaluation.place_scores import place_columns, score_places
 from mjx_fit.evaluation.position import draw_holes
 from mjx_fit.evaluation.request import Request
 from mjx_fit.evaluation.results import Result
-from mjx_fit.evaluation.scores import auroc, inside, squared_mahalanobis
+from mjx_fit.evaluation.scores import auroc, inside
 from mjx_fit.evaluation.statistics import Row, bootstrap_mean, bootstrap_score, clustered_rate
-from mjx_fit.filters.kalman import CM_PER_M
 from mjx_fit.task import single_hole
 from mjx_fit.task.estimator import Update, filter_update
 from mjx_fit.task.methods import POSITION
@@ -119,7 +119,7 @@ def _trials(request: Request, config: Config, perturbation: Perturbation, part: 
     reporting = Reporting(engine, changed, broken)
     for _ in single_hole.rounds(table, reporting, update):
         pass
-    return _rows(part, world, table.outcomes()[METHOD], changed.scene.names)
+    return _rows(part, world, table.outcomes()[METHOD], changed)
 
 
 def _engine(request: Request, config: Config, perturbation: Perturbation) -> Engine:
@@ -135,23 +135,23 @@ def _update(config: Config, sensor: TrainedSensor, perturbation: Perturbation) -
         return learn
 
     def update(beliefs: Belief, felt: Felt, keys) -> Belief:
-        return learn(beliefs, change(felt, config.scene), keys)
+        return learn(beliefs, change(felt, config), keys)
 
     return update
 
 
-def _rows(part: _Part, world: single_hole.Holes, done: single_hole.Outcome, names: tuple[str, ...]) -> Rows:
-    error = world.hole_pos_world[:, None] - done.mean_world
-    squared = squared_mahalanobis(error.reshape(-1, 2), done.cov.reshape(-1, 2, 2)).reshape(error.shape[:2])
-    distance = CM_PER_M * np.linalg.norm(error, axis=-1)
+def _rows(part: _Part, world: single_hole.Holes, done: single_hole.Outcome, config: Config) -> Rows:
+    scores, names = (
+        score_places(done.mean_world, done.cov, done.place_world, world.hole_type, config),
+        config.scene.names,
+    )
     return [
         {
             "trial": int(trial),
             "method": METHOD,
             "perturbation": part.name,
             "pair": [names[world.peg_type[i]], names[world.hole_type[i]]],
-            "error_cm": result_file.rounded(distance[i]),
-            "squared_mahalanobis": result_file.rounded(squared[i]),
+            **place_columns(scores, i),
             "match_probability": result_file.rounded(done.match_probability[i]),
             "inserted_at": int(done.inserted_at[i]) or None,
             **effort_columns(done.effort, i, ATTEMPTS),
@@ -188,6 +188,8 @@ def summarise(trials: Rows) -> list[Row]:
         ids = np.array([trial["trial"] for trial in own])
         error = np.array([trial["error_cm"] for trial in own])
         squared = np.array([trial["squared_mahalanobis"] for trial in own])
+        turn = np.array([trial["turn_deg"] for trial in own]) if "turn_deg" in own[0] else None
+        degrees = np.array([trial.get("degrees", 2) for trial in own])
         chance = np.array([trial["match_probability"] for trial in own])
         matched = np.array([trial["pair"][0] == trial["pair"][1] for trial in own])
         inserted_at = np.array([trial["inserted_at"] or np.inf for trial in own])
@@ -201,11 +203,13 @@ def summarise(trials: Rows) -> list[Row]:
             group = f"{name}:{k}"
             columns |= {
                 f"position_error_mm {k}": (MM_PER_CM * error[:, k], group),
-                f"coverage_90 {k}": (inside(squared[:, k], 0.9), group),
-                f"nees {k}": (squared[:, k] / 2, group),
+                f"coverage_90 {k}": (inside(squared[:, k], 0.9, degrees), group),
+                f"nees {k}": (squared[:, k] / degrees, group),
             }
+            if turn is not None:
+                columns[f"turn_error_deg {k}"] = turn[:, k], group
         for metric, (values, group) in columns.items():
-            rate = bootstrap_mean if metric.startswith(("position", "nees")) else clustered_rate
+            rate = bootstrap_mean if metric.startswith(("position", "turn", "nees")) else clustered_rate
             interval = rate(values[kept], ids[kept].tolist())
             rows.append(Row.of(METHOD, metric.partition(" ")[0], group, interval, int(kept.sum())))
         rows += summarise_effort(METHOD, [trial for trial, keep in zip(own, kept, strict=True) if keep], name)

@@ -6,18 +6,23 @@ from scipy.stats import chi2, rankdata
 
 
 def squared_mahalanobis(
-    error: Float[np.ndarray, "n 2"], cov: Float[np.ndarray, "n 2 2"]
+    error: Float[np.ndarray, "n D"], cov: Float[np.ndarray, "n D D"]
 ) -> Float[np.ndarray, " n"]:
-    """Compute (p - μ)ᵀ Σ⁻¹ (p - μ) of each row: chi-squared with two degrees of freedom if Σ is calibrated.
+    """Compute (p - μ)ᵀ Σ⁻¹ (p - μ) of each row: chi-squared with D degrees of freedom if Σ is calibrated.
 
-    Half its mean is the normalised estimation error squared (NEES) per dimension, 1 if Σ is calibrated.
+    Its mean over D is the normalised estimation error squared (NEES) per dimension, 1 if Σ is calibrated.
     """
     return np.einsum("ni,ni->n", error, np.linalg.solve(cov.astype(float), error[..., None])[..., 0])
 
 
-def inside(squared: Float[np.ndarray, " n"], level: float) -> Bool[np.ndarray, " n"]:
-    """Return whether the truth is inside the ellipse of a level: within 1.386 for 50 %, 4.605 for 90 %."""
-    return squared <= chi2.ppf(level, 2)
+def inside(
+    squared: Float[np.ndarray, " n"], level: float, degrees: Int[np.ndarray, " n"] | int = 2
+) -> Bool[np.ndarray, " n"]:
+    """Return whether the truth is inside the ellipse of a level.
+
+    With two degrees of freedom it is within 1.386 for 50 %, and 4.605 for 90 %.
+    """
+    return squared <= chi2.ppf(level, degrees)
 
 
 def auroc(score: Float[np.ndarray, " n"], positive: Bool[np.ndarray, " n"]) -> float:

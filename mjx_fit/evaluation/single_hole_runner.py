@@ -18,7 +18,7 @@ from mjx_fit.evaluation.request import Request
 from mjx_fit.evaluation.results import Result
 from mjx_fit.evaluation.statistics import Row
 from mjx_fit.task import single_hole
-from mjx_fit.task.estimator import Update, filter_update, frame_update
+from mjx_fit.task.estimator import Update, filter_update, frame_update, position_update
 from mjx_fit.task.methods import HoleMethod
 from mjx_fit.training.checkpoint import FRAME_BY_FRAME
 from mjx_fit.training.sensor_loader import TrainedSensor
@@ -124,7 +124,7 @@ def _sensors(
     for method in methods:
         if not method.reads:
             continue
-        sensor = request.sensor if method.reads == "filter" else request.baseline
+        sensor = request.baseline if method.reads == "frame" else request.sensor
         if sensor is None and method.reads == "frame" and request.sensor:
             raise RequestError(
                 f"--run: the run lacks {FRAME_BY_FRAME}, which method {method.name!r} needs; remove it from "
@@ -134,7 +134,7 @@ def _sensors(
             raise RequestError(f"--run is required: method {method.name!r} needs a trained sensor")
         sensors[method.name] = sensor
         # Network and training of the baseline are the run's, except for what defines the baseline.
-        if method.reads == "filter":
+        if method.reads != "frame":
             config = sensor.adapt(config)
         differs = differs or sensor.differences(config)
     return sensors, config, differs
@@ -143,7 +143,7 @@ def _sensors(
 def _updates(
     methods: tuple[HoleMethod, ...], sensors: dict[str, TrainedSensor], config: Config
 ) -> dict[str, Update]:
-    kinds = {"filter": filter_update, "frame": frame_update}
+    kinds = {"filter": filter_update, "position": position_update, "frame": frame_update}
     return {
         method.name: kinds[method.reads](config, sensors[method.name].network)
         for method in methods

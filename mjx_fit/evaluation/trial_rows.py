@@ -119,9 +119,11 @@ class PositionTrial(_Effort):
     """One trial of the position experiment: consecutive attempts at one hole.
 
     ``error_cm`` and ``squared_mahalanobis`` score the belief before the first and after each attempt; they
-    are constant after the insertion. ``inserted_at`` is the attempt that inserted the peg, from 1, or null;
-    ``inserted_wrongly``, present only if true, marks an insertion into a mismatched hole. Time and force of
-    each attempt (``Effort``) are null without an attempt; ``move_seconds`` is the time of the moves between.
+    are constant after the insertion. ``turn_deg``, present if a rotation is believed, is the angle of its
+    error, and ``degrees`` the number of coordinates that count, 2 if it is absent. ``inserted_at`` is the
+    attempt that inserted the peg, from 1, or null; ``inserted_wrongly``, present only if true, marks an
+    insertion into a mismatched hole. Time and force of each attempt (``Effort``) are null without an attempt;
+    ``move_seconds`` is the time of the moves between.
     """
 
     __pydantic_config__ = STRICT  # pyright: ignore[reportGeneralTypeIssues]
@@ -130,7 +132,9 @@ class PositionTrial(_Effort):
     method: Name
     pair: Pair
     error_cm: Annotated[list[Size], Field(min_length=2, max_length=MAX_ATTEMPTS)]
+    turn_deg: NotRequired[list[Size]]
     squared_mahalanobis: list[Size]
+    degrees: NotRequired[Annotated[int, Field(ge=1, le=6)]]
     inserted_at: Count | None
     peak_force_n: list[Size | None]
     inserted_wrongly: NotRequired[bool]
@@ -149,7 +153,9 @@ class RobustnessTrial(_Effort):
     perturbation: Name
     pair: Pair
     error_cm: Annotated[list[Size], Field(min_length=2, max_length=MAX_ATTEMPTS)]
+    turn_deg: NotRequired[list[Size]]
     squared_mahalanobis: list[Size]
+    degrees: NotRequired[Annotated[int, Field(ge=1, le=6)]]
     match_probability: list[Probability]
     inserted_at: Count | None
     peak_force_n: NotRequired[list[Size | None]]
@@ -189,8 +195,11 @@ class CalibrationTrial(TypedDict):
     actions: Annotated[int, Field(ge=1, le=MAX_ACTIONS)]
     pair: Pair
     prior_error_cm: Size
+    prior_turn_deg: NotRequired[Size]
     error_cm: Size
+    turn_deg: NotRequired[Size]
     squared_mahalanobis: Size
+    degrees: NotRequired[Annotated[int, Field(ge=1, le=6)]]
     nll: Number
     match_probability: Probability
     type_probability: Annotated[list[Probability], Field(min_length=1, max_length=MOST_TYPES)]

@@ -11,7 +11,7 @@ _SUM_TOLERANCE = 1e-3
 
 
 def require_beliefs(
-    beliefs: Belief, n: int, n_types: int, active: Bool[np.ndarray, "n"] | None = None
+    beliefs: Belief, n: int, n_types: int, active: Bool[np.ndarray, "n"] | None = None, d: int = 2
 ) -> None:
     """Check that n beliefs over n_types shapes are valid.
 
@@ -22,11 +22,12 @@ def require_beliefs(
         n: Number of beliefs.
         n_types: Number of shapes.
         active: Rows to check; None: all.
+        d: Number of believed coordinates.
 
     Raises:
         RequestError: A belief is invalid; the message names the field and the row.
     """
-    for name, shape in (("mean_world", (2,)), ("cov", (2, 2)), ("type_logp", (n_types,))):
+    for name, shape in (("mean_world", (d,)), ("cov", (d, d)), ("type_logp", (n_types,))):
         leaf = getattr(beliefs, name)
         if np.shape(leaf) != (n, *shape) or not jnp.issubdtype(leaf.dtype, jnp.floating):
             found = f"{leaf.dtype} {np.shape(leaf)}"
@@ -38,7 +39,7 @@ def require_beliefs(
         spread = np.sqrt(np.einsum("nii->ni", cov))
         correlation = cov / (spread[:, :, None] * spread[:, None, :])
         symmetric = (abs(correlation - np.swapaxes(correlation, 1, 2)) <= 1e-3).all((1, 2))
-        known = np.where(np.isfinite(correlation).all((1, 2), keepdims=True), correlation, -np.eye(2))
+        known = np.where(np.isfinite(correlation).all((1, 2), keepdims=True), correlation, -np.eye(d))
         is_covariance = symmetric & (np.linalg.eigvalsh(known).min(1) > 0)
         adds_up = abs(np.exp(logp).sum(1) - 1) <= _SUM_TOLERANCE
     for name, leaf, good, allowed in (

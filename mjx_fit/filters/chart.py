@@ -1,9 +1,9 @@
 """Coordinates of the place of a socket, and their differences: a chart of R³ × SO(3).
 
-A place is a vector of the coordinates that are believed, in the order of ``COORDINATES``: position x and y,
-height z over the nominal one (m), and the rotation vector from upright about the world's axes (rad), whose
-components are called yaw, roll and pitch. Coordinates that are not believed are zero. Steps are tangent: with
-ω the rotation vector, a place moved by a step (s, θ) is
+A place is a vector of the coordinates that are believed, in the order of ``filter.coordinates``: position x
+and y, height z over the nominal one (m), and the rotation vector from upright about the world's axes (rad),
+whose components are called yaw, roll and pitch. Coordinates that are not believed are zero. Steps are
+tangent: with ω the rotation vector, a place moved by a step (s, θ) is
 
     x' = x + s,   ω' = log(exp(θ) exp(ω)).
 """
@@ -18,8 +18,8 @@ from jaxtyping import Float, Int
 
 from mjx_fit.types import Array
 
-COORDINATES = ("x", "y", "z", "yaw", "roll", "pitch")
-_AXIS = {"roll": 0, "pitch": 1, "yaw": 2}
+_UNIT_M, _UNIT_RAD = 0.01, 0.1
+AXIS = {"roll": 0, "pitch": 1, "yaw": 2}
 """Axis of the world of each rotation."""
 
 
@@ -72,9 +72,25 @@ def turned_basis(
     return basis.at[..., which[:, None], which].set(inner.reshape(*thetas.shape, len(which)))
 
 
+def carried(
+    cov: Float[Array, "*batch D D"], step_world: Float[Array, "*batch D"], coordinates: Sequence[str]
+) -> Float[Array, "*batch D D"]:
+    """Return covariances J Σ Jᵀ in the tangent space behind steps; see ``turned_basis``."""
+    if len(_rotations(coordinates)[0]) < 2:
+        return cov
+    basis = turned_basis(step_world, coordinates)
+    turned = jnp.einsum("...ia,...ab,...jb->...ij", basis, cov, basis, precision=jax.lax.Precision.HIGHEST)
+    return (turned + jnp.swapaxes(turned, -1, -2)) / 2
+
+
+def units(coordinates: Sequence[str]) -> tuple[float, ...]:
+    """Return the unit of each coordinate: 1 cm or 0.1 rad, so that lengths and angles are alike in size."""
+    return tuple(_UNIT_RAD if name in AXIS else _UNIT_M for name in coordinates)
+
+
 def _rotations(coordinates: Sequence[str]) -> tuple[Int[np.ndarray, "k"], Int[np.ndarray, "k"]]:
     """Return the places of the rotations among the coordinates, and their axes."""
-    found = [(place, _AXIS[name]) for place, name in enumerate(coordinates) if name in _AXIS]
+    found = [(place, AXIS[name]) for place, name in enumerate(coordinates) if name in AXIS]
     which, axes = np.array(found, int).reshape(-1, 2).T
     return which, axes
 

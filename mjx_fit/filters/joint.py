@@ -70,8 +70,48 @@ def observe(
     flat = joint.cov.reshape(*joint.cov.shape[:-4], m * d, m * d)
     start = jnp.zeros(flat.shape[:-1], flat.dtype)
     step, cov = kalman.update(start, flat, innovation, noise_cov, _model(hole, m, d))
-    step = step.reshape(joint.mean_world.shape)
-    basis = chart.turned_basis(step, coordinates)
+    return _moved(joint, step, cov, coordinates)
+
+
+def learnt_at(
+    joint: Joint,
+    hole: Int[Array, "*batch"],
+    mean_world: Float[Array, "*batch D"],
+    cov: Float[Array, "*batch D D"],
+    coordinates: Sequence[str],
+) -> Joint:
+    """Carry a new belief about the place of one hole relative to the peg to all parts.
+
+    What is new is known through r = s_i - g alone, so that with G = cov(x, r) cov(r)⁻¹ every part x moves by
+    G (r' - r), and Σ' = (I - G H) Σ (I - G H)ᵀ + G P' Gᵀ with P' the new covariance of r. After the update of
+    a Kalman filter this is ``observe``; it also holds for any other update of r.
+
+    Args:
+        joint: Prior.
+        hole: Index of the hole, from 0.
+        mean_world: New mean of ``relative_to_peg``, m and rad.
+        cov: Its new covariance, m² and rad².
+        coordinates: Names of the D coordinates.
+    """
+    m, d = joint.mean_world.shape[-2:]
+    before, _ = relative_to_peg(joint, hole, coordinates)
+    flat, model = joint.cov.reshape(*joint.cov.shape[:-4], m * d, m * d), _model(hole, m, d)
+    gain = kalman.gain_of(flat, model)
+    residual = jnp.eye(m * d, dtype=flat.dtype) - kalman.product(gain, model)
+    step = (gain * chart.step_between(before, mean_world, coordinates)[..., None, :]).sum(-1)
+    after = kalman.sandwich(residual, flat) + kalman.sandwich(gain, cov)
+    return _moved(joint, step, (after + jnp.swapaxes(after, -1, -2)) / 2, coordinates)
+
+
+def _moved(
+    joint: Joint,
+    step: Float[Array, "*batch mD"],
+    cov: Float[Array, "*batch mD mD"],
+    coordinates: Sequence[str],
+) -> Joint:
+    """Return the Gaussian with its means moved by tangent steps, and its covariance carried along."""
+    steps = step.reshape(joint.mean_world.shape)
+    basis = chart.turned_basis(steps, coordinates)
     carried = jnp.einsum(
         "...mab,...mbnc,...ndc->...mand",
         basis,
@@ -79,7 +119,7 @@ def observe(
         basis,
         precision=jax.lax.Precision.HIGHEST,
     )
-    return Joint(chart.moved(joint.mean_world, step, coordinates), carried)
+    return Joint(chart.moved(joint.mean_world, steps, coordinates), carried)
 
 
 def relative_to_peg(

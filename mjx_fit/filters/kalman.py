@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from functools import cache
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Float
 from scipy.special import chdtri
 
@@ -50,17 +51,24 @@ def update(
         >>> [round(float(x), 4) for x in mean]
         [0.005, 0.0]
     """
-    seen = cov if model is None else _product(model, cov)
-    seen_cov = cov if model is None else _product(seen, _transpose(model))
+    seen = cov if model is None else product(model, cov)
+    seen_cov = cov if model is None else product(seen, _transpose(model))
     seen_cov, noise_cov = jnp.broadcast_arrays(seen_cov, noise_cov)
     root = cholesky_factor(_axes_first(_symmetric(seen_cov + noise_cov)))
     # Both Σ and H Σ Hᵀ + R are symmetric, so the solution X of (H Σ Hᵀ + R) X = H Σ is Kᵀ.
     seen = jnp.broadcast_to(seen, (*seen_cov.shape[:-2], *seen.shape[-2:]))
     gain = _transpose(jnp.moveaxis(cholesky_solve(root, _axes_first(seen)), (0, 1), (-2, -1)))
-    used = gain if model is None else _product(gain, model)
+    used = gain if model is None else product(gain, model)
     residual = jnp.eye(mean.shape[-1], dtype=mean.dtype) - used
     new_mean = mean + (gain * innovation[..., None, :]).sum(-1)
-    return new_mean, _symmetric(_sandwich(residual, cov) + _sandwich(gain, noise_cov))
+    return new_mean, _symmetric(sandwich(residual, cov) + sandwich(gain, noise_cov))
+
+
+def gain_of(cov: Float[Array, "*batch D D"], model: Float[Array, "*batch k D"]) -> Float[Array, "*batch D k"]:
+    """Return cov(x, H x) cov(H x)⁻¹ = Σ Hᵀ (H Σ Hᵀ)⁻¹: by how much x moves with H x."""
+    seen = product(model, cov)
+    root = cholesky_factor(_axes_first(_symmetric(product(seen, _transpose(model)))))
+    return _transpose(jnp.moveaxis(cholesky_solve(root, _axes_first(seen)), (0, 1), (-2, -1)))
 
 
 def gated(
@@ -119,24 +127,35 @@ def correlated(
 
 
 def gaussian_nll_terms(
-    target: Float[Array, "*batch D"], mean: Float[Array, "*batch D"], cov: Float[Array, "*batch D D"]
+    target: Float[Array, "*batch D"],
+    mean: Float[Array, "*batch D"],
+    cov: Float[Array, "*batch D D"],
+    *,
+    units: Sequence[float] | float = 1 / CM_PER_M,
 ) -> tuple[Float[Array, "*batch"], Float[Array, "*batch"]]:
     """Compute ½ ln|Σ| and ½ (p - μ)ᵀ Σ⁻¹ (p - μ), the first two terms of the paper's loss.
 
-    Arguments are in m and m². The density is per cm² for readability: Σ = (1 cm)² I gives a determinant term
-    of 0 (in m it would be -9.21). The constant ln 2π is omitted, as in the paper.
+    Arguments are in m, rad and their squares. The density is per unit, 1 cm by default, for readability: Σ =
+    (1 cm)² I gives a determinant term of 0 (in m it would be -9.21). The constant ln 2π is omitted, as in the
+    paper.
     """
-    root = cholesky_factor(_axes_first(_symmetric(cov) * CM_PER_M**2))
-    whitened = solve_lower(root, jnp.moveaxis((target - mean) * CM_PER_M, -1, 0))
+    scale = 1 / np.broadcast_to(np.asarray(units, np.float64), mean.shape[-1:])
+    squared = (scale[:, None] * scale).astype(np.float32)
+    root = cholesky_factor(_axes_first(_symmetric(cov) * squared))
+    whitened = solve_lower(root, jnp.moveaxis((target - mean) * scale.astype(np.float32), -1, 0))
     half_logdet = -jnp.log(jnp.stack(root.inverse_diagonal)).sum(0)
     return half_logdet, 0.5 * jnp.square(whitened).sum(0)
 
 
 def gaussian_nll(
-    target: Float[Array, "*batch D"], mean: Float[Array, "*batch D"], cov: Float[Array, "*batch D D"]
+    target: Float[Array, "*batch D"],
+    mean: Float[Array, "*batch D"],
+    cov: Float[Array, "*batch D D"],
+    *,
+    units: Sequence[float] | float = 1 / CM_PER_M,
 ) -> Float[Array, "*batch"]:
-    """Compute the negative log-likelihood in nats, per cm², without ln 2π: sum of ``gaussian_nll_terms``."""
-    half_logdet, half_mahalanobis = gaussian_nll_terms(target, mean, cov)
+    """Compute the negative log-likelihood in nats, per unit, without ln 2π: sum of ``gaussian_nll_terms``."""
+    half_logdet, half_mahalanobis = gaussian_nll_terms(target, mean, cov, units=units)
     return half_logdet + half_mahalanobis
 
 
@@ -169,12 +188,13 @@ def _axes_first(matrix: Float[Array, "*batch n n"]) -> Float[Array, "n n *batch"
     return jnp.moveaxis(matrix, (-2, -1), (0, 1))
 
 
-def _product(a: Float[Array, "*batch n k"], b: Float[Array, "*batch k m"]) -> Float[Array, "*batch n m"]:
+def product(a: Float[Array, "*batch n k"], b: Float[Array, "*batch k m"]) -> Float[Array, "*batch n m"]:
     """Compute A B as explicit sums: TF32 matrix products (ten bits) are too coarse for the Joseph form."""
     return (a[..., :, :, None] * b[..., None, :, :]).sum(-2)
 
 
-def _sandwich(
+def sandwich(
     left: Float[Array, "*batch n k"], middle: Float[Array, "*batch k k"]
 ) -> Float[Array, "*batch n n"]:
-    return _product(_product(left, middle), _transpose(left))
+    """Compute A B Aᵀ."""
+    return product(product(left, middle), _transpose(left))

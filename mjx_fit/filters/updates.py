@@ -5,31 +5,55 @@ Position`` applies ``update_position`` with it and ``update_type`` without. ``Fa
 ``update_type`` without the observation.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from mjx_fit.config.schema import Config
 from mjx_fit.config.sections.filter import FilterConfig
-from mjx_fit.filters import histogram, kalman
+from mjx_fit.filters import chart, histogram, kalman
 from mjx_fit.types import Array, Belief, Observation
 
 NONE = FilterConfig(gate=0, correlation=0, match_temperature=1)
 """No safeguards, as in the paper."""
 
 
-def initial_belief(estimate: Float[Array, "*batch 2"], prior_std_m: float, n_types: int) -> Belief:
-    """Create the prior given the detector's estimate: N(estimate, σ² I) and ξ_c = 1/C.
+def detected_belief(estimate: Float[Array, "*batch 2"], config: Config) -> Belief:
+    """Create the prior given the detector's estimate of a position: upright, at the nominal height.
 
     Args:
         estimate: Estimate of the detector, m.
-        prior_std_m: Standard deviation σ per axis, m.
+        config: Defines the coordinates that are believed, and their standard deviations.
+    """
+    stds = prior_stds(config)
+    rest = jnp.zeros((*estimate.shape[:-1], len(stds) - estimate.shape[-1]), estimate.dtype)
+    place = jnp.concatenate([estimate, rest], -1) if rest.size else estimate
+    return initial_belief(place, stds, config.scene.n_types)
+
+
+def prior_stds(config: Config) -> tuple[float, ...]:
+    """Return the standard deviation of each believed coordinate before any attempt, m and rad."""
+    return tuple(map(config.detector.prior_std, config.filter.coordinates))
+
+
+def initial_belief(
+    estimate: Float[Array, "*batch D"], prior_std: float | Sequence[float], n_types: int
+) -> Belief:
+    """Create the prior about an estimate: N(estimate, diag σ²) and ξ_c = 1/C.
+
+    Args:
+        estimate: Estimate of the believed coordinates, m and rad.
+        prior_std: Standard deviation σ; one, or one for each coordinate.
         n_types: Number of types C.
     """
-    batch, dtype = estimate.shape[:-1], estimate.dtype
+    batch, d, dtype = estimate.shape[:-1], estimate.shape[-1], estimate.dtype
+    stds = prior_std if isinstance(prior_std, Sequence) else [prior_std] * d
     return Belief(
         mean_world=estimate,
-        cov=jnp.broadcast_to(prior_std_m**2 * jnp.eye(2, dtype=dtype), (*batch, 2, 2)),
+        cov=jnp.broadcast_to(jnp.asarray(np.square(stds), dtype) * jnp.eye(d, dtype=dtype), (*batch, d, d)),
         type_logp=jnp.full((*batch, n_types), -jnp.log(n_types), dtype),
     )
 
@@ -38,26 +62,30 @@ def update_position(
     belief: Belief,
     observation: Observation,
     safeguards: FilterConfig = NONE,
-    prior_std_m: float = 0.01,
+    prior_std: float | Sequence[float] = 0.01,
 ) -> Belief:
-    """Update the position belief, Algorithm 2; the attempt must have started from ``belief.pos_mean_world``.
+    """Update the belief about the place, Algorithm 2; the attempt must have started from its mean.
 
     The innovation is relative to the start of the attempt; a policy that starts elsewhere (a sampled
-    estimate) has to add start - mean to it first.
+    estimate) has to add start - mean to it first. Rotations are updated in the tangent space of the mean.
 
     Args:
         belief: Prior belief.
         observation: Output of the virtual sensors.
-        safeguards: Correlation of readings and the gate; by default, neither.
-        prior_std_m: Standard deviation of the belief before any reading, per axis, m; for the correlation.
+        safeguards: Coordinates of the belief, correlation of readings and the gate; by default, x and y, and
+            no safeguards.
+        prior_std: Standard deviation of the belief before any reading, m and rad; one, or one for each
+            coordinate; for the correlation.
     """
     innovation, prior_cov, noise_cov = observation.innovation, belief.cov, observation.pos_noise_cov
     if safeguards.correlation:
-        noise_cov = kalman.correlated(prior_cov, noise_cov, prior_std_m, safeguards.correlation)
+        noise_cov = kalman.correlated(prior_cov, noise_cov, prior_std, safeguards.correlation)
     if safeguards.gate:
         prior_cov, noise_cov = kalman.gated(prior_cov, innovation, noise_cov, safeguards.gate)
-    mean, cov = kalman.update(belief.mean_world, prior_cov, innovation, noise_cov)
-    return replace(belief, mean_world=mean, cov=cov)
+    here = jnp.zeros_like(belief.mean_world)
+    step, cov = kalman.update(here, prior_cov, innovation, noise_cov)
+    mean = chart.moved(belief.mean_world, step, safeguards.coordinates)
+    return replace(belief, mean_world=mean, cov=chart.carried(cov, step, safeguards.coordinates))
 
 
 def update_type(

@@ -13,13 +13,15 @@ from shapely.affinity import translate
 
 from mjx_fit.config.sections.scene import SceneConfig
 from mjx_fit.scene.decomposition import convex_pieces
-from mjx_fit.scene.outline import hole_outline, peg_outline
+from mjx_fit.scene.outline import hole_outline, peg_outline, rings_of
 
 ROOM_M = 1e-7
 """A peg needs this much room: without it the sections touch."""
 TURNED_ROOM_M = 2e-6
 """A peg that is turned needs this much room."""
 _FIRST_YAWS = 32
+ROUND_FROM = 12
+"""Fewest facets of a circle."""
 
 Pieces = list[Float[np.ndarray, "V 2"]]
 """Corners of convex polygons, m."""
@@ -81,7 +83,7 @@ def fits_turned(peg: MultiPolygon, hole: MultiPolygon) -> bool:
     centred = cast(MultiPolygon, translate(peg, -peg.centroid.x, -peg.centroid.y))
     radius_m = shapely.hausdorff_distance(centred.boundary, shapely.Point(0, 0))
     wall, pieces = _wall(hole, 2 * radius_m), convex_pieces(centred)
-    period = 2 * math.pi / math.lcm(_symmetry(centred), _symmetry(hole))
+    period = 2 * math.pi / math.lcm(symmetry(centred), symmetry(hole))
     first = math.ceil(_FIRST_YAWS * period / (2 * math.pi))
     half = period / first / 2
     yaws = 2 * half * np.arange(first)
@@ -104,7 +106,14 @@ def _turned(pieces: Pieces, yaw: float) -> Pieces:
     return [piece @ np.array([[cos, sin], [-sin, cos]]) for piece in pieces]
 
 
-def _symmetry(figure: MultiPolygon) -> int:
+def is_round(figure: MultiPolygon) -> bool:
+    """Return whether a figure is bounded by circles about its centre, as facets draw them."""
+    centre = shapely.get_coordinates(figure.centroid)
+    radii = [np.linalg.norm(shapely.get_coordinates(ring) - centre, axis=1) for ring in rings_of(figure)]
+    return all(len(r) > ROUND_FROM and np.ptp(r) < ROOM_M for r in radii)
+
+
+def symmetry(figure: MultiPolygon) -> int:
     """Return how many yaws leave a figure as it is."""
     corners = np.unique(shapely.get_coordinates(figure), axis=0) - shapely.get_coordinates(figure.centroid)
     tree = KDTree(corners)

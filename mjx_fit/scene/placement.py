@@ -16,6 +16,7 @@ from mjx_fit.types.physics import Physics
 from mjx_fit.utils.arrays import is_off
 
 SOCKET = ("socket_z_m", "socket_roll_rad", "socket_pitch_rad", "socket_yaw_rad")
+TOOL = ("tilt_x_rad", "tilt_y_rad")
 GRASP = ("grasp_x_m", "grasp_y_m", "grasp_z_m", "grasp_roll_rad", "grasp_pitch_rad", "grasp_yaw_rad")
 
 
@@ -46,7 +47,8 @@ def setting_of(hole_pos_world: Float[Array, "*n 2"], physics: Physics, config: C
         config: Values of the others.
     """
     shape, top = hole_pos_world.shape[:-1], plate_top_m(config.scene)
-    socket, grasp = (_values(names, physics, config, shape) for names in (SOCKET, GRASP))
+    own = config.placement
+    socket, grasp = (_values(names, physics, own, shape) for names in (SOCKET, GRASP))
     if socket is not None:
         z, *angles = socket
         place = jnp.concatenate([jnp.asarray(hole_pos_world), top + z[..., None]], -1)
@@ -60,6 +62,41 @@ def setting_of(hole_pos_world: Float[Array, "*n 2"], physics: Physics, config: C
         )
         held = tip @ grasp @ tip.inverse()
     return Setting(hole_pos_world, socket, grasp, held)
+
+
+def place_for_tool(
+    hole_pos_world: Float[Array, "*n 2"], physics: Physics, config: Config
+) -> Float[Array, "*n D"]:
+    """Return where the tool has to be for the peg to be in its hole, as the place of a socket, m and rad.
+
+    It is what an attempt can tell, and what a belief is about: the place of the socket, less the displacement
+    of the peg in the hand. With T the pose of the TCP, G that of the peg's tip in its frame and S the
+    socket's, the peg is in its hole if T G = S D with D straight down, so that T D⁻¹ = S D G⁻¹ D⁻¹. The robot
+    takes a tilted tool (``arm.tilt_x_rad``) for a straight one, and turns it back.
+
+    Args:
+        hole_pos_world: Centres of the holes, m.
+        physics: Quantities that worlds have of their own, (*n).
+        config: Values of the others, and the coordinates that are believed.
+    """
+    coordinates, top = config.filter.coordinates, plate_top_m(config.scene)
+    setting, hole = setting_of(hole_pos_world, physics, config), jnp.asarray(hole_pos_world)
+    tilt = _values(TOOL, physics, config.arm, hole.shape[:-1]) if {"roll", "pitch"} & {*coordinates} else None
+    if setting.socket_world is None and setting.peg_tip is None and tilt is None:
+        rest = jnp.zeros((*hole.shape[:-1], len(coordinates) - 2))
+        return jnp.concatenate([hole, rest], -1)
+    height = jnp.full_like(hole[..., :1], top)
+    socket = setting.socket_world or SE3.from_translation(jnp.concatenate([hole, height], -1))
+    if setting.peg_tip is not None:
+        down = SE3.from_rotation(SO3(jnp.array([0.0, 1.0, 0.0, 0.0])))
+        socket = socket @ down @ setting.peg_tip.inverse() @ down.inverse()
+    position, rotation = socket.translation(), socket.rotation()
+    if tilt is not None:
+        rotation = SO3.exp(-jnp.stack([*tilt, jnp.zeros_like(tilt[0])], -1)) @ rotation
+    turn = rotation.log()
+    parts = {"x": position[..., 0], "y": position[..., 1], "z": position[..., 2] - top}
+    parts |= {"roll": turn[..., 0], "pitch": turn[..., 1], "yaw": turn[..., 2]}
+    return jnp.stack([parts[name] for name in coordinates], -1)
 
 
 def as_if_upright(peg_world: SE3, setting: Setting, top_m: float) -> SE3:
@@ -78,13 +115,12 @@ def as_if_upright(peg_world: SE3, setting: Setting, top_m: float) -> SE3:
 
 
 def _values(
-    names: tuple[str, ...], physics: Physics, config: Config, shape: tuple[int, ...]
+    names: tuple[str, ...], physics: Physics, section: Any, shape: tuple[int, ...]
 ) -> list[Array] | None:
     """Return these values for each world; None if all are zero."""
     values: list[Any] = [getattr(physics, name) for name in names]
     values = [
-        getattr(config.placement, name) if value is None else value
-        for name, value in zip(names, values, strict=True)
+        getattr(section, name) if value is None else value for name, value in zip(names, values, strict=True)
     ]
     if all(is_off(value) for value in values):
         return None

@@ -1,6 +1,7 @@
 """Learned contact sensor, which maps the reading of an attempt to an observation for the filters."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import jax
@@ -9,25 +10,27 @@ import numpy as np
 from flax import nnx
 from jaxtyping import Float, Int
 
+from mjx_fit.config.schema import Config
+from mjx_fit.config.sections.filter import PLANAR
 from mjx_fit.config.sections.learning import SensorConfig
+from mjx_fit.filters import chart
 from mjx_fit.sensors.encoder import WRENCH_AXES, Past, TraceEncoder
+from mjx_fit.sensors.features import (
+    CONTACT_FEATURES,
+    MEASURABLE,
+    ROW_FEATURES,
+    contact_features,
+    contact_position,
+    row_features,
+)
 from mjx_fit.sensors.heads import MatchModel, PositionNoise, SkipMLP
-from mjx_fit.sensors.pose import rotation_from_down
 from mjx_fit.sensors.traces import require_reading
 from mjx_fit.types import Array, Observation, Reading
 from mjx_fit.utils.errors import RequestError
 
 METRES_PER_CM = 0.01
-ROW_FEATURES = 3 + 4 + 3 + 3 + 1 + 3
-CONTACT_FEATURES = 6 + 6 + 2 + 2
 MIN_INPUT_STD = 1e-4
 """Smallest input standard deviation, SI units: inputs with less variation are not scaled up further."""
-MEASURABLE = np.array(
-    [1e-4] * 3 + [2.5e-4] * 3 + [2e-3] * 3 + [2e-3] * 3 + [1e-2] * 3 + [0.1] + [1e-4] * CONTACT_FEATURES,
-    np.float32,
-)
-"""What a robot can tell apart, for inputs with a rotation vector: command, position (0.25 mm), rotation
-(0.1°), velocities, contact, and features of the wrench; smaller standard deviations are not scaled up."""
 
 
 class InputScale(nnx.Variable):
@@ -37,15 +40,28 @@ class InputScale(nnx.Variable):
 class ContactSensor(nnx.Module):
     """Encoders e1 and e2, virtual sensors h_pos and h_match, noise models R and H (figure 3 of the paper).
 
-    Readings and observations are in SI units. Internally, inputs are standardised and lengths are in cm.
+    Readings and observations are in SI units. Internally, inputs are standardised, lengths are in cm and
+    angles in 0.1 rad.
 
     The setting ``reference: final`` gives the paper's frame-by-frame baseline: its input positions and its
     position estimate are relative to the final TCP position instead of the hole estimate. The returned
     innovation is still relative to the estimate, and R is the covariance of the hole's position itself.
     """
 
-    def __init__(self, config: SensorConfig, rngs: nnx.Rngs, n_types: int = 3):
+    def __init__(
+        self,
+        config: SensorConfig,
+        rngs: nnx.Rngs,
+        n_types: int = 3,
+        coordinates: Sequence[str] = PLANAR,
+    ):
         """Build the network; call ``fit_input_scale`` with training readings before training.
+
+        Args:
+            config: Sizes of the network.
+            rngs: Random keys of the weights.
+            n_types: Number of shapes.
+            coordinates: What the innovation is about (``filter.coordinates``).
 
         Raises:
             RequestError: The width is not divisible by the number of heads.
@@ -58,10 +74,16 @@ class ContactSensor(nnx.Module):
         self.trace_encoder = TraceEncoder(config, n_rows, rngs)
         code_width = self.trace_encoder.out_features + config.width
         self.peg_encoder = nnx.Embed(n_types, config.width, rngs=rngs)
-        self.position = SkipMLP(code_width, 2, rngs)
+        d, self.units = len(coordinates), chart.units(coordinates)
+        self.position = SkipMLP(code_width, d, rngs)
         self.match = SkipMLP(code_width, 2, rngs)
-        self.position_noise = PositionNoise(n_types, code_width, config.noise == "trace", rngs)
+        self.position_noise = PositionNoise(n_types, code_width, config.noise == "trace", rngs, d)
         self.match_model = MatchModel(n_types, rngs)
+
+    @staticmethod
+    def of(config: Config, rngs: nnx.Rngs) -> "ContactSensor":
+        """Build the network for a scene and the coordinates of its beliefs."""
+        return ContactSensor(config.sensor, rngs, config.scene.n_types, config.filter.coordinates)
 
     def __call__(
         self, reading: Reading, rngs: nnx.Rngs | None = None, *, every_row: bool = False
@@ -147,9 +169,11 @@ class ContactSensor(nnx.Module):
         code = jnp.concatenate([trace_code, self.peg_encoder(peg_type)], axis=-1)
         if code.ndim > origin.ndim:
             origin = origin[:, None]
+        units, squared = (np.asarray(x, np.float32) for x in (self.units, np.outer(self.units, self.units)))
+        offset = jnp.pad(origin, [(0, 0)] * (origin.ndim - 1) + [(0, len(units) - 2)])
         return Observation(
-            innovation=origin + self.position(code) * METRES_PER_CM,
-            pos_noise_cov=self.position_noise(peg_type, code) * METRES_PER_CM**2,
+            innovation=offset + self.position(code) * units,
+            pos_noise_cov=self.position_noise(peg_type, code) * squared,
             match_logits=self.match(code),
             match_model_logp=self.match_model(peg_type),
         )
@@ -179,43 +203,6 @@ def seen_from(reading: Reading, origin: Float[Array, "n 2"]) -> Reading:
     """Shift the horizontal positions of a reading to an origin, given relative to the estimate, m."""
     offset = jnp.pad(origin, ((0, 0), (0, 1)))[:, None]
     return replace(reading, tip_pos_estimate=reading.tip_pos_estimate - offset)
-
-
-def row_features(reading: Reading, *, as_vector: bool = False) -> Float[Array, "*batch L features"]:
-    """Concatenate the inputs of a token other than its wrench window, in SI units.
-
-    Args:
-        reading: Reading with any batch axes.
-        as_vector: Represent the orientation by its rotation vector from straight down.
-    """
-    quat = reading.tip_quat_world
-    return jnp.concatenate(
-        [
-            reading.action_world,
-            reading.tip_pos_estimate,
-            rotation_from_down(quat) if as_vector else quat,
-            reading.tip_linvel_world,
-            reading.tip_angvel_world,
-            reading.contact[..., None],
-        ],
-        axis=-1,
-    )
-
-
-def contact_position(reading: Reading) -> Float[Array, "*batch L 2"]:
-    """Compute the centre of pressure of each action relative to the estimate, m."""
-    return reading.tip_pos_estimate[..., :2] + reading.pressure_tip
-
-
-def contact_features(reading: Reading) -> Float[Array, "*batch L features"]:
-    """Compute mean and standard deviation of each action's wrench, and the centre of pressure, in SI units.
-
-    The network could compute these itself, but it learns quotients of its inputs last.
-    """
-    wrench = reading.wrench_sensor
-    return jnp.concatenate(
-        [wrench.mean(-2), wrench.std(-2), reading.pressure_tip, contact_position(reading)], axis=-1
-    )
 
 
 def _standard(x: Float[Array, "*batch n"], scale: Float[Array, "2 n"]) -> Float[Array, "*batch n"]:

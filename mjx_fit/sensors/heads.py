@@ -6,7 +6,7 @@ from flax import nnx
 from jaxtyping import Array, Float, Int
 
 MIN_STD_CM = 0.01
-"""Lower bound of R's standard deviations: a tenth of the clearance.
+"""Lower bound of R's standard deviations, in units of their coordinates: a tenth of the clearance, or 1 mrad.
 
 Without it, a sensor that fits its training set exactly would drive the likelihood to infinity."""
 
@@ -34,26 +34,30 @@ class SkipMLP(nnx.Module):
 
 
 class PositionNoise(nnx.Module):
-    """Covariance R = L Lᵀ, L lower triangular with positive diagonal, from an embedding of the peg type.
+    """Covariance R = L Lᵀ of D coordinates, L lower triangular with positive diagonal, by the peg's type.
 
     This is the paper's model. With ``of_trace``, a head adds a term that depends on the trace: some traces
     are more informative than others, and R should reflect this.
     """
 
-    def __init__(self, n_types: int, code_width: int, of_trace: bool, rngs: nnx.Rngs):
-        """Start with a standard deviation of 0.69 cm (softplus of 0) per axis."""
-        self.raw = nnx.Embed(n_types, 3, embedding_init=nnx.initializers.zeros_init(), rngs=rngs)
-        self.head = SkipMLP(code_width, 3, rngs) if of_trace else None
+    def __init__(self, n_types: int, code_width: int, of_trace: bool, rngs: nnx.Rngs, d: int = 2):
+        """Start with a standard deviation of 0.69 units (softplus of 0), cm or 0.1 rad, per coordinate."""
+        self.d, n = d, d * (d + 1) // 2
+        self.raw = nnx.Embed(n_types, n, embedding_init=nnx.initializers.zeros_init(), rngs=rngs)
+        self.head = SkipMLP(code_width, n, rngs) if of_trace else None
 
     def __call__(
         self, peg_type: Int[Array, "*batch"], code: Float[Array, "*batch width"]
-    ) -> Float[Array, "*batch 2 2"]:
-        """Compute R for each peg and trace, cm²."""
+    ) -> Float[Array, "*batch D D"]:
+        """Compute R for each peg and trace, in squared units."""
         raw = self.raw(peg_type) + (0 if self.head is None else self.head(code))
-        diagonal = jax.nn.softplus(raw[..., :2]) + MIN_STD_CM
-        first = jnp.stack([diagonal[..., 0], jnp.zeros_like(raw[..., 2])], axis=-1)
-        second = jnp.stack([raw[..., 2], diagonal[..., 1]], axis=-1)
-        scale_tril = jnp.stack([first, second], axis=-2)
+        diagonal = jax.nn.softplus(raw[..., : self.d]) + MIN_STD_CM
+        zero, below = jnp.zeros_like(raw[..., 0]), iter(range(self.d, raw.shape[-1]))
+        rows = [
+            [*(raw[..., next(below)] for _ in range(i)), diagonal[..., i], *[zero] * (self.d - 1 - i)]
+            for i in range(self.d)
+        ]
+        scale_tril = jnp.stack([jnp.stack(row, -1) for row in rows], axis=-2)
         return jnp.einsum("...ij,...kj->...ik", scale_tril, scale_tril, precision=jax.lax.Precision.HIGHEST)
 
 

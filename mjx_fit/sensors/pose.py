@@ -4,11 +4,14 @@ from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
+from jaxlie import SO3
 from jaxtyping import Float, Key
 
+from mjx_fit.config.schema import Config
 from mjx_fit.config.sections.measurement import PoseConfig
-from mjx_fit.config.sections.scene import SceneConfig
-from mjx_fit.scene.parts import start_tip_m
+from mjx_fit.filters import frame
+from mjx_fit.filters.frame import Frame
+from mjx_fit.scene.parts import plate_top_m, start_tip_m
 from mjx_fit.types import Array, Felt, StartPose, Trace
 from mjx_fit.utils.arrays import is_off
 from mjx_fit.utils.rates import ACTION_S
@@ -54,14 +57,52 @@ def rotation_offset(offset_key: Key[Array, ""], pose: PoseConfig) -> Float[Array
     return pose.rotation_offset_rad * jax.random.normal(jax.random.split(offset_key)[1], (3,))
 
 
-def start_of(felt: Felt, scene: SceneConfig) -> StartPose:
-    """Return the pose before an attempt: as measured, or straight down at the height of simulated starts."""
+def start_of(felt: Felt, config: Config) -> StartPose:
+    """Return the pose before an attempt: as measured, or that of simulated starts."""
     if felt.start is not None:
         return felt.start
-    estimate = jnp.asarray(felt.estimate_world)
-    height = jnp.full_like(estimate[..., :1], start_tip_m(scene))
-    position = jnp.concatenate([estimate, height], -1)
-    return StartPose(position, from_down(jnp.zeros_like(position)))
+    position, turn = start_pose(felt.estimate_world, config)
+    return StartPose(position, from_down(jnp.zeros_like(position) if turn is None else turn))
+
+
+def start_pose(
+    estimate_world: Float[Array, "*n D"], config: Config
+) -> tuple[Float[Array, "*n 3"], Float[Array, "*n 3"] | None]:
+    """Return where simulated attempts start, m, and how the TCP is turned from straight down, rad.
+
+    The TCP is above the estimated socket, on its axis, and turned as it is; None: straight down.
+    """
+    estimate, coordinates = jnp.asarray(estimate_world), config.filter.coordinates
+    height = jnp.full_like(estimate[..., :1], start_tip_m(config.scene))
+    place = jnp.concatenate([estimate[..., :2], height], -1)
+    if frame.is_world(coordinates):
+        return place, None
+    here = frame.frame_of(estimate, coordinates)
+    return here.world(place, plate_top_m(config.scene)), here.rotation_world.log()
+
+
+def in_frame(trace: Trace, start: StartPose, here: Frame, top_m: float) -> tuple[Trace, StartPose]:
+    """Return a trace (L, ...) and the pose at its start as they are seen in the frame of the estimate.
+
+    The wrench is the tool's in any frame.
+
+    Args:
+        trace: Rows of one attempt.
+        start: Pose at its start.
+        here: The frame.
+        top_m: Nominal height of the socket's top, m.
+    """
+    back = here.rotation_world.inverse()
+    seen = replace(
+        trace,
+        tip_pos_world=jax.vmap(lambda point: here.seen(point, top_m))(trace.tip_pos_world),
+        tip_quat_world=(back @ SO3(jnp.asarray(trace.tip_quat_world))).wxyz,
+        tip_linvel_world=back @ trace.tip_linvel_world,
+        tip_angvel_world=back @ trace.tip_angvel_world,
+        action_world=back @ trace.action_world,
+    )
+    quat = (back @ SO3(jnp.asarray(start.quat_world))).wxyz
+    return seen, StartPose(here.seen(jnp.asarray(start.pos_world), top_m), quat)
 
 
 def from_start(trace: Trace, start: StartPose) -> Trace:

@@ -12,11 +12,20 @@ import jax.numpy as jnp
 from jaxtyping import Bool, Int, Key
 
 from mjx_fit.config.schema import Config
+from mjx_fit.filters import frame
 from mjx_fit.scene.parts import plate_top_m
 from mjx_fit.scene.randomization import draw_errors
 from mjx_fit.sensors.distortion import distorted, sampled
 from mjx_fit.sensors.force_torque import centre_of_pressure, in_contact, measured, measured_tare
-from mjx_fit.sensors.pose import from_start, is_exact, measured_trace, rotation_offset, start_of, turned
+from mjx_fit.sensors.pose import (
+    from_start,
+    in_frame,
+    is_exact,
+    measured_trace,
+    rotation_offset,
+    start_of,
+    turned,
+)
 from mjx_fit.sensors.traces import require_readable
 from mjx_fit.types import Array, Felt, Reading, Trace
 
@@ -67,7 +76,7 @@ def read_window(felt: Felt, key: Key[Array, ""], config: Config, window: Window)
     Raises:
         RequestError: The attempt cannot be read (``mjx_fit.sensors.traces``).
     """
-    require_readable(felt, config.scene.n_types, batch=0)
+    require_readable(felt, config.scene.n_types, batch=0, d=len(config.filter.coordinates))
     offsets = jnp.arange(window.rows)
     mask = window.start + offsets < felt.length
     if window.count is not None:
@@ -111,16 +120,19 @@ def _reading(
     scene, (mask, first) = config.scene, rows
     wrist, pose = draw_errors(keys.sizes, config)
     clean = distorted(trace.wrench_sensor, felt.tare_sensor, keys.wrist, wrist, first)
-    start = start_of(felt, scene)
+    start = start_of(felt, config)
     if not is_exact(pose):
         trace = measured_trace(trace, keys.pose_offset, keys.pose_noise, pose)
         start = replace(start, quat_world=turned(start.quat_world, rotation_offset(keys.pose_offset, pose)))
-    origin_m = jnp.asarray(plate_top_m(scene), clean.dtype)
+    origin_m, coordinates = jnp.asarray(plate_top_m(scene), clean.dtype), config.filter.coordinates
+    if not frame.is_world(coordinates):
+        here = frame.frame_of(felt.estimate_world, coordinates)
+        trace, start = in_frame(trace, start, here, plate_top_m(scene))
     if config.sensor.pose == "start":
         trace, origin_m = from_start(trace, start), start.pos_world[2]
     tare = measured_tare(felt.tare_sensor, keys.tare, wrist)
     noisy = sampled(measured(clean, tare, keys.samples, wrist), tare, wrist)
-    origin = jnp.append(felt.estimate_world, origin_m)
+    origin = jnp.append(jnp.asarray(felt.estimate_world)[:2], origin_m)
     wrench = jnp.where(mask[:, None, None], noisy, 0)
     return Reading(
         wrench_sensor=wrench,

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation, Slerp
 
-from mjx_fit.config.sections.scene import SceneConfig
+from mjx_fit.config.schema import Config
 from mjx_fit.scene.robot import PANDA, Robot
 from mjx_fit.sensors.pose import start_of
 from mjx_fit.sensors.sensor_log import (
@@ -26,7 +26,7 @@ from mjx_fit.utils.errors import RequestError
 from mjx_fit.utils.rates import ACTION_S, STEP_S, SUBSTEPS
 
 LEAST_TARE_SAMPLES = 10
-_SCENE = SceneConfig()
+_CONFIG = Config()
 
 
 def felt_from_log(
@@ -93,13 +93,13 @@ def felt_from_log(
     return Felt(trace, length, _tare(log), _single(estimate_world), peg, start)
 
 
-def log_from_felt(felt: Felt, start_s: float = 0.0, scene: SceneConfig = _SCENE) -> SensorLog:
+def log_from_felt(felt: Felt, start_s: float = 0.0, config: Config = _CONFIG) -> SensorLog:
     """Convert a simulated attempt to a robot's log: 500 Hz wrenches, 10 Hz poses, no noise.
 
     Args:
         felt: Measurements of one attempt, without batch axes.
         start_s: Start time of the attempt, s.
-        scene: Defines the height of the start.
+        config: Defines the pose at the start.
 
     Example:
         >>> import jax, mjx_fit as mf
@@ -107,7 +107,7 @@ def log_from_felt(felt: Felt, start_s: float = 0.0, scene: SceneConfig = _SCENE)
         >>> mf.log_from_felt(rollouts.felt[0]).wrench_sensor.shape
         (150, 6)
     """
-    length, trace, start = int(felt.length), felt.trace, start_of(felt, scene)
+    length, trace, start = int(felt.length), felt.trace, start_of(felt, config)
     begins = start_s + ACTION_S * np.arange(length)
 
     def from_rest(first: Any, rows: Any) -> Any:

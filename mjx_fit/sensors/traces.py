@@ -24,10 +24,11 @@ _ROWS = {
     "tip_angvel_world": (3,),
     "action_world": (3,),
 }
-_OTHERS = {"peg_type": (), "length": (), "tare_sensor": (WRENCH_AXES,), "estimate_world": (2,)}
+_OTHERS = {"peg_type": (), "length": (), "tare_sensor": (WRENCH_AXES,), "estimate_world": None}
+"""Shapes behind the batch axes; an estimate has as many coordinates as are believed."""
 
 
-def require_readable(felt: Felt, n_types: int, batch: int = 1) -> None:
+def require_readable(felt: Felt, n_types: int, batch: int = 1, d: int = 2) -> None:
     """Check that a sensor can read attempts.
 
     Only values in rows before ``length`` are checked.
@@ -36,6 +37,7 @@ def require_readable(felt: Felt, n_types: int, batch: int = 1) -> None:
         felt: Measurements with ``batch`` leading axes.
         n_types: Number of peg shapes.
         batch: Number of batch axes, 0 or 1.
+        d: Number of coordinates of estimates.
 
     Raises:
         RequestError: A field has the wrong shape or an invalid value; the message names it.
@@ -45,7 +47,8 @@ def require_readable(felt: Felt, n_types: int, batch: int = 1) -> None:
     for name, rest in _ROWS.items():
         _require_shape(f"trace.{name}", getattr(trace, name), (*rows, *rest), f"J {SUBSTEPS} {WRENCH_AXES}")
     for name, rest in _OTHERS.items():
-        _require_shape(name, getattr(felt, name), (*rows[:-1], *rest))
+        leaf = getattr(felt, name)
+        _require_shape(name, leaf, (*rows[:-1], *((d,) if rest is None else rest)))
     if felt.start is not None:
         for name, width in (("pos_world", 3), ("quat_world", 4)):
             _require_shape(f"start.{name}", getattr(felt.start, name), (*rows[:-1], width))

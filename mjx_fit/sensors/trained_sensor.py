@@ -39,13 +39,18 @@ class TrainedSensor:
         """Replace the sections ``sensor`` and ``train`` of a configuration by those of the trained sensor.
 
         Raises:
-            RequestError: The configuration sets other values in them, or has shapes unknown to the sensor.
+            RequestError: The configuration sets other values in them, or has other shapes or coordinates.
         """
         trained = self.config
         if trained.scene.shapes != config.scene.shapes:
             difference = shape_differences(trained.scene.shapes, config.scene.shapes)[0]
             raise RequestError(
                 f"--run: cannot be used with other scene.shapes than the sensor was trained on: {difference}"
+            )
+        reads, believed = (", ".join(one.filter.coordinates) for one in (trained, config))
+        if reads != believed:
+            raise RequestError(
+                f"--run: cannot be used: its sensor reads {reads}, and filter.coordinates has {believed}"
             )
         for section in ("sensor", "train"):
             asked, there = getattr(config, section), getattr(trained, section)

@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from mjx_fit.config.schema import Config
-from mjx_fit.filters.updates import initial_belief
+from mjx_fit.filters.updates import detected_belief
 from mjx_fit.scene.scenarios import Trials
 from mjx_fit.task.assembly_snapshot import EMPTY, KEPT_FROM, Choice, State
 from mjx_fit.task.attempt_log import Diary, believed
@@ -27,6 +27,7 @@ from mjx_fit.task.effort import COLUMNS, effort_of, move_time_s
 from mjx_fit.task.hole_choice import Situation, by_chance, by_rate
 from mjx_fit.task.methods import Method, of_rows
 from mjx_fit.task.oracle import reveal_hole, reveal_match
+from mjx_fit.task.shared_grasp import SharedGrasp, in_hand, places_for_tool
 from mjx_fit.types import Belief, Rollout
 from mjx_fit.utils.randomness import root_key
 
@@ -46,15 +47,18 @@ class Table:
         self._world = jax.tree.map(
             lambda leaf: np.tile(leaf, (len(methods), *[1] * (leaf.ndim - 1))), trials.__dict__
         )
+        self._places = places_for_tool(self._world["hole_pos_world"], self._world["physics"], config)
+        self._world["place_world"] = self._places[:, 0].copy()
         n_rows, n = self._world["hole_type"].shape
-        self._trial = self._world["trial"]
+        self._trial, shares = self._world["trial"], config.filter.shares_grasp
         self._detected, self._beliefs = self._initial_beliefs(), self._initial_beliefs()
+        self._shared = SharedGrasp(self._world["estimate_world"], config) if shares else None
         self._content = np.full((n_rows, n), EMPTY)
         self._tries = np.zeros((n_rows, n), np.int32)
         self._attempts = np.zeros((n_rows, n), int)
         self._human, self._wrongly = np.zeros((n_rows, n), bool), np.zeros((n_rows, n), bool)
         self._pulled_out = np.zeros((n_rows, n), int)
-        self._starts = np.asarray(self._beliefs.pos_mean_world).mean(1)
+        self._starts = np.asarray(self._beliefs.mean_world).mean(1)
         self._move_seconds = np.zeros(n_rows)
         self._diary = Diary(n_rows, n)
         self.pegs_done = np.zeros(n_rows, int)
@@ -94,9 +98,8 @@ class Table:
         wiggle_keys, noise_keys = self._keys(self._trial, self._peg_number(), self._attempt_number())
         hole_type, hole_pos = (self._world[name][rows, hole] for name in ("hole_type", "hole_pos_world"))
         beliefs = about(beliefs, hole)
-        physics = jax.tree.map(lambda leaf: leaf[rows, hole], self._world["physics"])
-        start = beliefs.pos_mean_world
-        attempts = spirals_at(self._peg(), hole_type, hole_pos, start, wiggle_keys, physics)
+        physics = in_hand(self._world["physics"], self._peg_number(), hole)
+        attempts = spirals_at(self._peg(), hole_type, hole_pos, beliefs.mean_world, wiggle_keys, physics)
         attempts = replace(attempts, elsewhere_per_s=elsewhere)
         return Try(attempts, self.active, beliefs, noise_keys)
 
@@ -136,6 +139,7 @@ class Table:
         self._content[rows[done], hole[done]] = self._peg()[rows[done]]
         self._tries[rows[done]] = 0
         self.pegs_done[rows[done]] += 1
+        self._take_peg(rows[done])
 
     def rows(self) -> list[dict]:
         """Return one record per row for the result file."""
@@ -172,11 +176,23 @@ class Table:
         chosen = self.choice.hole[rows]
         for leaf, new in zip(jax.tree.leaves(self._beliefs), jax.tree.leaves(beliefs), strict=True):
             leaf[rows, chosen] = np.asarray(new)[rows]
+        if self._shared is not None:
+            learns = self._of("learns_position")
+            self._shared.learn(rows[learns[rows]], self.choice.hole, beliefs)
+            self._beliefs = self._shared.beliefs(self._beliefs, learns)
+
+    def _take_peg(self, rows: Int[np.ndarray, "k"]) -> None:
+        """Change what depends on the grasp of the peg in hand, for rows with a new one."""
+        self._world["place_world"][rows] = self._places[rows, self._peg_number()[rows]]
+        if self._shared is not None:
+            self._shared.new_peg(rows)
+            self._beliefs = self._shared.beliefs(self._beliefs, self._of("learns_position"))
+        reveal_hole(self._beliefs, self._world, rows[self._of("knows_truth")[rows]])
 
     def _note(self, rollouts: Rollout, before: Belief) -> None:
         """Log the choice, the belief before and after the attempt, and its time and force."""
         chosen, rows = self.choice.hole, np.flatnonzero(self.active)
-        position = self._world["hole_pos_world"][np.arange(len(chosen)), chosen]
+        position = self._world["place_world"][np.arange(len(chosen)), chosen]
         match, error = believed(before, self._peg(), position)
         match_after, error_after = believed(about(self._beliefs, chosen), self._peg(), position)
         self._count_moves(np.asarray(rollouts.felt.estimate_world), rows)
@@ -204,11 +220,9 @@ class Table:
 
     def _initial_beliefs(self) -> Belief:
         """Return writable priors (R, n): from the detector, or the truth if the method knows it."""
-        world, config = self._world, self._config
-        estimate = jnp.asarray(world["estimate_world"])
-        detected = initial_belief(estimate, config.detector.prior_std_m, config.scene.n_types)
+        detected = detected_belief(jnp.asarray(self._world["estimate_world"]), self._config)
         beliefs = jax.tree.map(np.array, detected)
-        reveal_hole(beliefs, world, self._of("knows_truth"))
+        reveal_hole(beliefs, self._world, self._of("knows_truth"))
         return beliefs
 
     def _of(self, trait: str) -> Bool[np.ndarray, "R"]:

@@ -41,8 +41,8 @@ class Diary:
 
 
 def believed(
-    belief: Belief, peg_type: Int[np.ndarray, "R"], hole_pos_world: Float[np.ndarray, "R 2"]
+    belief: Belief, peg_type: Int[np.ndarray, "R"], place_world: Float[np.ndarray, "R D"]
 ) -> tuple[Float[np.ndarray, "R"], Float[np.ndarray, "R"]]:
-    """Compute P(match) of the hole and the position error of the belief's mean, cm."""
+    """Compute P(match) of the hole and the error of the belief's mean in x and y, cm."""
     match = np.exp(np.take_along_axis(np.asarray(belief.type_logp), peg_type[:, None], axis=1)[:, 0])
-    return match, CM_PER_M * np.linalg.norm(np.asarray(belief.pos_mean_world) - hole_pos_world, axis=1)
+    return match, CM_PER_M * np.linalg.norm(np.asarray(belief.pos_mean_world) - place_world[:, :2], axis=1)

@@ -10,7 +10,8 @@ from jaxtyping import Bool, Float, Int, Key
 
 from mjx_fit.control.policies import SPIRAL
 from mjx_fit.engines.interface import Engine
-from mjx_fit.task.estimator import Update, after_failures, after_insertions
+from mjx_fit.task.after_attempts import after_failures, after_insertions
+from mjx_fit.task.estimator import Update
 from mjx_fit.types import Array, Attempt, Belief, Rollout
 from mjx_fit.types.physics import AS_CONFIGURED, Physics
 
@@ -96,7 +97,7 @@ def spirals_at(
     peg_type: Int[Array, "R"],
     hole_type: Int[Array, "R"],
     hole_pos_world: Float[Array, "R 2"],
-    estimate_world: Float[Array, "R 2"],
+    estimate_world: Float[Array, "R D"],
     keys: Key[Array, "R"],
     physics: Physics = AS_CONFIGURED,
 ) -> Attempt:
@@ -106,7 +107,7 @@ def spirals_at(
         peg_type: Type of the peg in hand.
         hole_type: Type of the hole.
         hole_pos_world: True position of the hole, m.
-        estimate_world: Start position of the attempt, m.
+        estimate_world: Estimate that the attempt starts from, m and rad.
         keys: Seeds of the exploration noise.
         physics: Quantities that each world has of its own.
     """

@@ -78,7 +78,7 @@ def _columns(force_n: Float[np.ndarray, "m J samples"]) -> tuple[Float[np.ndarra
 
 
 def move_time_s(
-    from_world: Float[np.ndarray, "n 2"], to_world: Float[np.ndarray, "n 2"], moves: MovesConfig
+    from_world: Float[np.ndarray, "n D"], to_world: Float[np.ndarray, "n D"], moves: MovesConfig
 ) -> Float[np.ndarray, "n"]:
     """Compute the time of the moves from the start of one attempt to the start of the next, s.
 
@@ -86,11 +86,11 @@ def move_time_s(
     profile of ``moves``, and rests for ``settle_s``. The depth at which the first attempt ended is left out.
 
     Args:
-        from_world: Estimates of the attempts before, m.
-        to_world: Estimates of the next attempts, m.
+        from_world: Estimates of the attempts before, x and y first, m.
+        to_world: Estimates of the next attempts, likewise.
         moves: Heights, speed and acceleration.
     """
-    across = np.linalg.norm(np.asarray(to_world) - np.asarray(from_world), axis=-1)
+    across = np.linalg.norm((np.asarray(to_world) - np.asarray(from_world))[..., :2], axis=-1)
     vertical = rest_to_rest_s(np.array([moves.lift_m]), moves)
     return rest_to_rest_s(across, moves) + 2 * vertical + moves.settle_s
 

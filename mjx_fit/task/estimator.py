@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -11,13 +10,16 @@ from flax import nnx
 from jaxtyping import Bool, Float, Int, Key
 
 from mjx_fit.config.schema import Config
+from mjx_fit.config.sections.filter import PLANAR
+from mjx_fit.filters import chart
+from mjx_fit.filters.frame import observation_in_world
 from mjx_fit.filters.outcome_model import success_probability
-from mjx_fit.filters.updates import update_position, update_type
+from mjx_fit.filters.updates import prior_stds, update_position, update_type
 from mjx_fit.sensors.contact_sensor import ContactSensor
 from mjx_fit.sensors.reading import Window, read_window
 from mjx_fit.sensors.traces import require_readable
 from mjx_fit.task.estimator_input import require_update
-from mjx_fit.types import Array, Belief, Felt, Observation, Reading, Rollout
+from mjx_fit.types import Array, Belief, Felt, Observation, Reading
 from mjx_fit.utils import numerics
 from mjx_fit.utils.errors import RequestError
 
@@ -65,6 +67,7 @@ def filter_update(
         if graph is None:
             return updated
         observation = nnx.merge(graph, state)(readings(felt, keys, config))
+        observation = observation_in_world(observation, felt.estimate_world, config.filter.coordinates)
         learnt = posterior(beliefs, observation, felt.peg_type, alpha, config, inserted=inserted)
         return Belief(
             mean_world=where_rows(learns_position, learnt.mean_world, beliefs.mean_world),
@@ -75,7 +78,7 @@ def filter_update(
     compiled = jax.jit(learn)
 
     def update(beliefs: Belief, felt: Felt, keys: Key[Array, "n"]) -> Belief:
-        require_update(beliefs, felt, keys, config.scene.n_types)
+        require_update(beliefs, felt, keys, config)
         n = len(felt.length)
         # Traced, not constants: one compilation serves rows with any traits.
         position, kind = (np.broadcast_to(one, n).copy() for one in (learns_position, learns_type))
@@ -112,10 +115,42 @@ def posterior(
         match_logits=observation.match_logits / config.filter.match_temperature,
         pos_noise_cov=observation.pos_noise_cov * config.filter.position_temperature,
     )
-    moved = update_position(beliefs, observation, config.filter, config.detector.prior_std_m)
+    moved = update_position(beliefs, observation, config.filter, prior_stds(config))
     hard = config.task.hard_match
     typed = update_type(beliefs, observation, peg_type, success_probability, hard=hard, inserted=inserted)
     return replace(moved, type_logp=typed.type_logp)
+
+
+def position_update(config: Config, sensor: ContactSensor) -> Update:
+    """Make the update that knows only of positions: height and rotations stay as they were detected.
+
+    Where only x and y are believed it is ``filter_update``.
+    """
+    numerics.require()
+    graph, state = nnx.split(sensor)
+    flat = replace(config, filter=replace(config.filter, coordinates=PLANAR))
+
+    @jax.jit
+    def learn(state, beliefs: Belief, felt: Felt, keys: Key[Array, "n"]) -> Belief:
+        seen = nnx.merge(graph, state)(readings(felt, keys, config))
+        seen = observation_in_world(seen, felt.estimate_world, config.filter.coordinates)
+        seen = replace(
+            seen, innovation=seen.innovation[..., :2], pos_noise_cov=seen.pos_noise_cov[..., :2, :2]
+        )
+        before = replace(beliefs, mean_world=beliefs.pos_mean_world, cov=beliefs.pos_cov)
+        alpha = success_probability(config, beliefs.pos_cov)
+        after = posterior(before, seen, felt.peg_type, alpha, flat)
+        return Belief(
+            mean_world=jnp.asarray(beliefs.mean_world).at[..., :2].set(after.mean_world),
+            cov=jnp.asarray(beliefs.cov).at[..., :2, :2].set(after.cov),
+            type_logp=after.type_logp,
+        )
+
+    def update(beliefs: Belief, felt: Felt, keys: Key[Array, "n"]) -> Belief:
+        require_update(beliefs, felt, keys, config)
+        return learn(state, beliefs, felt, keys)
+
+    return update
 
 
 def frame_update(config: Config, sensor: ContactSensor) -> Update:
@@ -127,58 +162,16 @@ def frame_update(config: Config, sensor: ContactSensor) -> Update:
     def learn(state, beliefs: Belief, felt: Felt, keys: Key[Array, "n"]) -> Belief:
         seen = nnx.merge(graph, state)(readings(felt, keys, config))
         _require_same_types(seen, config)
-        mean = felt.estimate_world + seen.innovation
+        coordinates = config.filter.coordinates
+        seen = observation_in_world(seen, felt.estimate_world, coordinates)
+        mean = chart.moved(felt.estimate_world, seen.innovation, coordinates)
         return replace(beliefs, mean_world=mean, cov=seen.pos_noise_cov)
 
     def update(beliefs: Belief, felt: Felt, keys: Key[Array, "n"]) -> Belief:
-        require_update(beliefs, felt, keys, config.scene.n_types)
+        require_update(beliefs, felt, keys, config)
         return learn(state, beliefs, felt, keys)
 
     return update
-
-
-def after_failures(update: Update, beliefs: Belief, rollouts: Rollout, keys: Key[Array, "n"]) -> Belief:
-    """Return the beliefs after simulated attempts: the posterior after failures, else the prior.
-
-    The update never sees the measurements of an attempt that succeeded or diverged. A policy that updates the
-    belief itself (``task.seek``) has the last word: its belief is what it reported with its last action. If
-    its attempt lasted to the end, it has searched where it believed the hole to be, and it was not there: the
-    position then is what it was before, and only the type is learnt.
-    """
-    failed = np.asarray(rollouts.truth.valid & ~rollouts.taken)
-    if isinstance(rollouts.report, Belief):
-        learnt = _last(rollouts)
-        refuted = np.asarray(rollouts.felt.length) == rollouts.report.cov.shape[1]
-        place = failed & ~refuted
-        return Belief(
-            mean_world=where_rows(place, learnt.mean_world, beliefs.mean_world),
-            cov=where_rows(place, learnt.cov, beliefs.cov),
-            type_logp=where_rows(failed, learnt.type_logp, beliefs.type_logp),
-        )
-    length = np.where(failed, rollouts.felt.length, 0).astype(np.int32)
-    learnt = update(beliefs, replace(rollouts.felt, length=length), keys)
-    return jax.tree.map(lambda new, old: where_rows(failed, new, old), learnt, beliefs)
-
-
-def _last(rollouts: Rollout) -> Any:
-    """Return what a policy reported with the last action of each attempt."""
-    last = np.maximum(np.asarray(rollouts.felt.length) - 1, 0)
-    return jax.tree.map(lambda leaf: np.asarray(leaf)[np.arange(len(last)), last], rollouts.report)
-
-
-def after_insertions(confirm: Update, beliefs: Belief, rollouts: Rollout, keys: Key[Array, "n"]) -> Belief:
-    """Return the beliefs after simulated attempts: the posterior after insertions, else the prior.
-
-    Args:
-        confirm: Update after an insertion.
-        beliefs: Beliefs before the attempts, (n,).
-        rollouts: The attempts, (n,).
-        keys: Seeds of the noise.
-    """
-    inserted = np.asarray(rollouts.taken)
-    length = np.where(inserted, rollouts.felt.length, 0).astype(np.int32)
-    learnt = confirm(beliefs, replace(rollouts.felt, length=length), keys)
-    return jax.tree.map(lambda new, old: where_rows(inserted, new, old), learnt, beliefs)
 
 
 def readings(
@@ -201,7 +194,7 @@ def readings(
         >>> mf.readings(felt, jax.random.split(jax.random.key(1), 2), mf.Config()).pressure_tip.shape
         (2, 3, 2)
     """
-    require_readable(felt, config.scene.n_types)
+    require_readable(felt, config.scene.n_types, d=len(config.filter.coordinates))
     rows = felt.trace.action_world.shape[1]
 
     def one(attempt: Felt, key: Key[Array, ""]) -> Reading:

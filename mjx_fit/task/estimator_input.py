@@ -7,27 +7,29 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from mjx_fit.config.schema import Config
 from mjx_fit.filters.belief_check import require_beliefs
 from mjx_fit.sensors.traces import require_readable
 from mjx_fit.types import Belief, Felt
 from mjx_fit.utils.errors import RequestError
 
 
-def require_update(beliefs: Belief, felt: Felt, keys: Any, n_types: int) -> None:
+def require_update(beliefs: Belief, felt: Felt, keys: Any, config: Config) -> None:
     """Check that n beliefs, the measurements of n attempts and n noise keys are valid for an update.
 
     Args:
         beliefs: Prior of each hole, (n,).
         felt: Measurements of each attempt, (n,).
         keys: Seeds of the noise, (n,).
-        n_types: Number of shapes in the scene and in the sensor.
+        config: Defines the shapes and the coordinates of beliefs.
 
     Raises:
         RequestError: A field has an invalid shape or value; the message names it.
     """
-    require_readable(felt, n_types)
+    n_types, d = config.scene.n_types, len(config.filter.coordinates)
+    require_readable(felt, n_types, d=d)
     n = len(felt.length)
-    require_beliefs(beliefs, n, n_types)
+    require_beliefs(beliefs, n, n_types, d=d)
     if not jnp.issubdtype(keys.dtype, jax.dtypes.prng_key) or keys.shape != (n,):
         raise RequestError(
             f"keys: {keys.dtype} {keys.shape} is invalid: expected ({n},) keys from jax.random.key"

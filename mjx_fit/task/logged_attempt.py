@@ -28,7 +28,7 @@ class AtHole(NamedTuple):
     """
 
     hole: int
-    estimate: Float[np.ndarray, "2"]
+    estimate: Float[np.ndarray, "D"]
     filled: bool
     peg: int | None
 

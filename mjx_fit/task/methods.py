@@ -57,13 +57,14 @@ class HoleMethod:
     Attributes:
         name: Name in commands and files.
         reads: Estimator that turns the trace into a new estimate: ``filter`` for the sensor and the filter,
-            ``frame`` for the frame-by-frame sensor alone, which discards the prior, or ``""`` for no update.
+            ``position`` for these about x and y alone, ``frame`` for the frame-by-frame sensor alone, which
+            discards the prior, or ``""`` for no update.
         starts: Start position of an attempt: ``mean`` of the belief, or a ``sample`` from it.
         knows_truth: Whether the prior is the true position: an upper bound for any method.
     """
 
     name: str
-    reads: Literal["", "filter", "frame"] = ""
+    reads: Literal["", "filter", "position", "frame"] = ""
     starts: Literal["mean", "sample"] = "mean"
     knows_truth: bool = False
 
@@ -71,8 +72,12 @@ class HoleMethod:
 _FULL, _FRAMES = HoleMethod("full", reads="filter"), HoleMethod("frame_by_frame", reads="frame")
 _ORACLE = HoleMethod("oracle", knows_truth=True)
 
-POSITION = (_FULL, _FRAMES, _ORACLE)
-INSERTION = (_FULL, HoleMethod("no_update"), HoleMethod("sample", starts="sample"), _FRAMES, _ORACLE)
+_POSITION_ONLY = HoleMethod("position_only", reads="position")
+
+POSITION = (_FULL, _POSITION_ONLY, _FRAMES, _ORACLE)
+INSERTION = (
+    _FULL, _POSITION_ONLY, HoleMethod("no_update"), HoleMethod("sample", starts="sample"), _FRAMES, _ORACLE,
+)  # fmt: skip
 
 M = TypeVar("M", Method, HoleMethod)
 

@@ -17,7 +17,7 @@ def reveal_hole(beliefs: Belief, world: dict[str, np.ndarray], which: Any) -> No
 
     Args:
         beliefs: Writable beliefs, (R, n).
-        world: Ground truth: ``hole_type`` (R, n) and ``hole_pos_world`` (R, n, 2), m.
+        world: Ground truth: ``hole_type`` (R, n) and ``place_world`` (R, n, D), m and rad.
         which: Index into (R, n).
     """
     one_hot = np.arange(beliefs.type_logp.shape[-1]) == world["hole_type"][which][..., None]
@@ -44,5 +44,5 @@ def reveal_match(
 
 
 def _reveal_position(beliefs: Belief, world: dict[str, np.ndarray], which: Any) -> None:
-    beliefs.pos_mean_world[which] = world["hole_pos_world"][which]
-    beliefs.pos_cov[which] = KNOWN_VARIANCE_M2 * np.eye(2)
+    beliefs.mean_world[which] = world["place_world"][which]
+    beliefs.cov[which] = KNOWN_VARIANCE_M2 * np.eye(beliefs.cov.shape[-1])

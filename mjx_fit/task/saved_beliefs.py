@@ -3,15 +3,23 @@
 import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 from pydantic import TypeAdapter
 
+from mjx_fit.types import Belief
 from mjx_fit.utils import bounded_json, files
 from mjx_fit.utils.errors import RequestError
 
 FORMAT = 1
-STORED = ("pos_mean_world", "pos_cov", "type_logp")
-"""Fields that are attributes of ``Belief``."""
+STORED = {"pos_mean_world": "mean_world", "pos_cov": "cov", "type_logp": "type_logp"}
+"""Attributes of ``Belief`` by the names that they have in the file."""
+
+
+def as_stored(belief: Belief) -> dict[str, Any]:
+    """Return a belief as lists, by the names in the file."""
+    return {stored: np.asarray(getattr(belief, name), float).tolist() for stored, name in STORED.items()}
 
 
 @dataclass(frozen=True)
@@ -25,8 +33,8 @@ class SavedBeliefs:
         peg: Shape of the peg in hand, if any.
         filled: Whether each hole is filled.
         tries: Number of failed attempts at each hole with that peg.
-        pos_mean_world: Mean position of each hole, m, see ``Belief``.
-        pos_cov: Position covariance of each hole, m².
+        pos_mean_world: Mean place of each hole in the believed coordinates, m and rad, see ``Belief``.
+        pos_cov: Covariance of each place, m² and rad².
         type_logp: Log type probabilities of each hole, ln ξ.
     """
 
@@ -36,9 +44,26 @@ class SavedBeliefs:
     peg: str | None
     filled: list[bool]
     tries: list[int]
-    pos_mean_world: list[tuple[float, float]]
-    pos_cov: list[tuple[tuple[float, float], tuple[float, float]]]
+    pos_mean_world: list[list[float]]
+    pos_cov: list[list[list[float]]]
     type_logp: list[list[float]]
+
+    def belief(self, path: Path) -> Belief:
+        """Return the belief; its values are still to be checked.
+
+        Args:
+            path: The file, for messages.
+
+        Raises:
+            RequestError: Lists have different lengths.
+        """
+        try:
+            return Belief(*(np.asarray(getattr(self, stored), np.float32) for stored in STORED))
+        except ValueError:
+            words = ", ".join(STORED)
+            raise RequestError(
+                f"{path}: {words}: lengths are invalid: expected the same in each row"
+            ) from None
 
 
 def write_beliefs(path: Path, beliefs: SavedBeliefs) -> None:

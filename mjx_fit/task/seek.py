@@ -23,14 +23,16 @@ from mjx_fit.config.schema import Config
 from mjx_fit.control import search
 from mjx_fit.control.policies import Policy, PolicyInput, PolicyStart
 from mjx_fit.control.search import Search
+from mjx_fit.filters import chart, frame
 from mjx_fit.filters.kalman import scale_tril
 from mjx_fit.filters.outcome_model import half_normal
-from mjx_fit.filters.updates import initial_belief
+from mjx_fit.filters.updates import detected_belief
 from mjx_fit.sensors.contact_sensor import ContactSensor
 from mjx_fit.sensors.encoder import Past
 from mjx_fit.sensors.trained_sensor import TrainedSensor
 from mjx_fit.task.estimator import posterior
 from mjx_fit.types import Array, Belief, pytree
+from mjx_fit.utils.rates import ACTION_S
 
 NAME = "seek"
 SPELL_ACTIONS = 20
@@ -49,6 +51,8 @@ class Thought:
         belief: Belief after the trace so far.
         search: The search.
         leaves: Whether the hole is to be left.
+        turn: Orientation that the tool is to have, a rotation vector from that of the estimate, rad; None: no
+            rotation is believed.
     """
 
     past: Past | None
@@ -56,6 +60,7 @@ class Thought:
     belief: Belief
     search: Search
     leaves: Bool[Array, ""]
+    turn: Float[Array, "3"] | None = None
 
 
 def seek(config: Config, sensor: ContactSensor | None = None, name: str = NAME) -> Policy:
@@ -70,7 +75,7 @@ def seek(config: Config, sensor: ContactSensor | None = None, name: str = NAME) 
     Raises:
         RequestError: The sensor cannot read an attempt in progress.
     """
-    rows = config.task.attempt_actions
+    rows, turns = config.task.attempt_actions, frame.turns(config.filter.coordinates)
     network = None if sensor is None else _copies_of(sensor)
     if sensor is not None:
         sensor.begin(rows)  # raises for a sensor that cannot
@@ -78,18 +83,23 @@ def seek(config: Config, sensor: ContactSensor | None = None, name: str = NAME) 
     def init(start: PolicyStart, key: Key[Array, ""]) -> Thought:
         prior = start.belief
         if prior is None:
-            prior = initial_belief(start.estimate_world, config.detector.prior_std_m, config.scene.n_types)
+            prior = detected_belief(start.estimate_world, config)
         past = None if network is None else network().begin(rows)
-        return Thought(past, prior, prior, search.begin(start.estimate_world), jnp.zeros((), bool))
+        begun, upright = search.begin(start.estimate_world), jnp.zeros(3) if turns else None
+        return Thought(past, prior, prior, begun, jnp.zeros((), bool), upright)
 
-    def act(thought: Thought, seen: PolicyInput) -> tuple[Thought, Float[Array, "3"]]:
+    def act(thought: Thought, seen: PolicyInput) -> tuple[Thought, Float[Array, "k"]]:
         if network is not None:
             felt = _felt(network, config)
             reads = (seen.step > 0) & (seen.step <= rows)
             thought = jax.lax.cond(reads, felt, lambda thought, seen: thought, thought, seen)
             thought = decided_or_astray(thought, seen, config)
         now, command = search.step(thought.search, seen, config.seek)
-        return replace(thought, search=now), command
+        thought = replace(thought, search=now)
+        if thought.turn is None:
+            return thought, command
+        turn = turned_to_belief(thought.turn, thought.belief, config)
+        return replace(thought, turn=turn), jnp.concatenate([command, turn])
 
     return Policy(
         init,
@@ -98,6 +108,7 @@ def seek(config: Config, sensor: ContactSensor | None = None, name: str = NAME) 
         reads=sensor is not None,
         report=None if network is None else _belief,
         gives_up=lambda thought: thought.leaves,
+        turns=turns,
     )
 
 
@@ -129,13 +140,21 @@ def _felt(network: Callable[[], ContactSensor], config: Config) -> Callable[[Tho
         assert seen.reading is not None
         past, observation = network().add(thought.past, seen.reading, seen.step - 1)
         # The sensor answers relative to the start, the filter asks relative to the mean.
-        offset = seen.start.estimate_world - thought.prior.pos_mean_world
+        start = frame.padded(seen.start.estimate_world, config.filter.coordinates)
+        offset = chart.step_between(thought.prior.mean_world, start, config.filter.coordinates)
         observation = replace(observation, innovation=observation.innovation + offset)
         n_types = config.scene.n_types
         belief = posterior(thought.prior, observation, seen.start.peg_type, jnp.zeros((n_types,) * 2), config)
         return replace(thought, past=past, belief=belief)
 
     return felt
+
+
+def turned_to_belief(turn: Float[Array, "3"], belief: Belief, config: Config) -> Float[Array, "3"]:
+    """Return the tool's orientation, turned towards the believed one no faster than ``seek.turn_radps``."""
+    wanted = frame.frame_of(belief.mean_world, config.filter.coordinates).rotation_world.log()
+    away, most = wanted - turn, config.seek.turn_radps * ACTION_S
+    return turn + away * jnp.minimum(1, most / jnp.maximum(jnp.linalg.norm(away), 1e-9))
 
 
 def decided_or_astray(thought: Thought, seen: PolicyInput, config: Config) -> Thought:

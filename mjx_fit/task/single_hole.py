@@ -6,6 +6,7 @@ of a trial are identical for all methods.
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import jax
@@ -15,8 +16,10 @@ from jaxtyping import Float, Int, Key
 
 from mjx_fit.config.schema import Config
 from mjx_fit.engines.interface import Engine
+from mjx_fit.filters import chart
 from mjx_fit.filters.kalman import scale_tril
-from mjx_fit.filters.updates import initial_belief
+from mjx_fit.filters.updates import detected_belief, initial_belief
+from mjx_fit.scene.placement import place_for_tool
 from mjx_fit.task.attempt_loop import Tried, Try, attempt_rounds, placed_as, spirals_at
 from mjx_fit.task.effort import COLUMNS, Effort, effort_of, move_time_s
 from mjx_fit.task.estimator import Update
@@ -55,20 +58,22 @@ class Outcome:
             need not match. An insertion that the robot does not notice is none (``task.success: sensed``); a
             peg that it takes for inserted ends the trial.
         attempts: Number of attempts made, (T,).
-        mean_world: Mean position before the first and after each attempt, (T, K + 1, 2), m. It stays constant
-            after an insertion; the insertion position never replaces it.
-        cov: Covariance of the position, (T, K + 1, 2, 2), m².
+        mean_world: Mean place before the first and after each attempt, (T, K + 1, D), m and rad. It stays
+            constant after an insertion; the insertion position never replaces it.
+        cov: Covariance of the place, (T, K + 1, D, D), m² and rad².
         match_probability: Probability that the hole matches the peg, before the first and after each attempt,
             (T, K + 1).
+        place_world: True place, (T, D), m and rad (``place_for_tool``).
         effort: Time and force of each attempt, (T, K); NaN for attempts that were not made.
         move_seconds: Time of the moves between the attempts, (T,), s.
     """
 
     inserted_at: Int[np.ndarray, "T"]
     attempts: Int[np.ndarray, "T"]
-    mean_world: Float[np.ndarray, "T after 2"]
-    cov: Float[np.ndarray, "T after 2 2"]
+    mean_world: Float[np.ndarray, "T after D"]
+    cov: Float[np.ndarray, "T after D D"]
     match_probability: Float[np.ndarray, "T after"]
+    place_world: Float[np.ndarray, "T D"]
     effort: Effort
     move_seconds: Float[np.ndarray, "T"]
 
@@ -88,16 +93,19 @@ class HoleTable:
         self._methods, self._n_trials = methods, len(holes.peg_type)
         self._world = jax.tree.map(lambda leaf: np.concatenate([leaf] * len(methods)), _plain(holes))
         self._keys = jnp.concatenate([holes.key] * len(methods))
+        self._names = config.filter.coordinates
         self._samples = of_rows(methods, self._n_trials, lambda method: method.starts == "sample")
-        self._detected = self._belief = _first_belief(config, methods, holes)
+        place = np.asarray(place_for_tool(holes.hole_pos_world, holes.physics, config))
+        self._place = np.concatenate([place] * len(methods))
+        self._detected = self._belief = _first_belief(config, methods, holes, place)
         self._forgets = config.task.revisit_from == "detection"
         n_rows = len(self._samples)
         self._inserted_at, self._attempts = np.zeros(n_rows, int), np.zeros(n_rows, int)
         self._done = np.zeros(n_rows, bool)
-        self._means, self._covs = [self._belief.pos_mean_world], [self._belief.pos_cov]
+        self._means, self._covs = [self._belief.mean_world], [self._belief.cov]
         self._matches = [self._match_probability()]
         self._efforts: list[Effort] = []
-        self._moves, self._starts = config.moves, np.asarray(self._belief.pos_mean_world)
+        self._moves, self._starts = config.moves, np.asarray(self._belief.mean_world)
         self._move_seconds = np.zeros(n_rows)
 
     def next_try(self) -> Try | None:
@@ -109,7 +117,7 @@ class HoleTable:
         belief, world = self._belief, self._world
         if self._forgets:
             belief = placed_as(belief, self._detected, np.ones(len(active), bool))
-        start = np.where(self._samples[:, None], _drawn(belief, sample), belief.pos_mean_world)
+        start = np.where(self._samples[:, None], _drawn(belief, sample, self._names), belief.mean_world)
         kinds = world["peg_type"], world["hole_type"]
         attempts = spirals_at(*kinds, world["hole_pos_world"], start, wiggle, world["physics"])
         return Try(attempts, active, belief, noise)
@@ -132,8 +140,8 @@ class HoleTable:
         self._inserted_at[taken & tried.rollouts.truth.inserted] = len(self._efforts)
         self._done |= taken
         self._belief = jax.tree.map(latest, self._belief, tried.beliefs)
-        self._means.append(self._belief.pos_mean_world)
-        self._covs.append(self._belief.pos_cov)
+        self._means.append(self._belief.mean_world)
+        self._covs.append(self._belief.cov)
         self._matches.append(self._match_probability())
 
     def _match_probability(self) -> Float[np.ndarray, "R"]:
@@ -152,6 +160,7 @@ class HoleTable:
             "attempts": self._attempts,
             "mean_world": np.stack([*self._means, *[self._means[-1]] * left], 1),
             "cov": np.stack([*self._covs, *[self._covs[-1]] * left], 1),
+            "place_world": self._place,
             "match_probability": np.stack([*self._matches, *[self._matches[-1]] * left], 1),
             "effort": jax.tree.map(lambda *made: np.stack(made, 1), *self._efforts, *[self._none()] * left),
             "move_seconds": self._move_seconds,
@@ -208,13 +217,13 @@ def _plain(holes: Holes) -> dict[str, Any]:
     return {name: leaf for name, leaf in vars(holes).items() if name != "key"}
 
 
-def _first_belief(config: Config, methods: tuple[HoleMethod, ...], holes: Holes) -> Belief:
+def _first_belief(
+    config: Config, methods: tuple[HoleMethod, ...], holes: Holes, place_world: Float[np.ndarray, "T D"]
+) -> Belief:
     """Return the priors as NumPy arrays (methods times T): from the detector, or the truth if it is known."""
-    parts = []
-    for method in methods:
-        where = holes.hole_pos_world if method.knows_truth else holes.estimate_world
-        std = KNOWN_VARIANCE_M2**0.5 if method.knows_truth else config.detector.prior_std_m
-        parts.append(initial_belief(jnp.asarray(where), std, config.scene.n_types))
+    detected = detected_belief(jnp.asarray(holes.estimate_world), config)
+    known = initial_belief(jnp.asarray(place_world), KNOWN_VARIANCE_M2**0.5, config.scene.n_types)
+    parts = [known if method.knows_truth else detected for method in methods]
     return jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
 
 
@@ -229,8 +238,8 @@ def _keys(keys: Key[Array, "R"], number: int) -> tuple[Key[Array, "R"], Key[Arra
     return jax.vmap(one)(keys)
 
 
-@jax.jit
-def _drawn(belief: Belief, keys: Key[Array, "R"]) -> Float[Array, "R 2"]:
-    """Sample a position from each belief, m: μ + L z with L the Cholesky factor of Σ."""
-    z = jax.vmap(lambda key: jax.random.normal(key, (2,)))(keys)
-    return belief.pos_mean_world + (scale_tril(belief.pos_cov) * z[:, None]).sum(-1)
+@partial(jax.jit, static_argnames="coordinates")
+def _drawn(belief: Belief, keys: Key[Array, "R"], coordinates: tuple[str, ...]) -> Float[Array, "R D"]:
+    """Sample a place from each belief, m and rad: a step L z from μ, with L the Cholesky factor of Σ."""
+    z = jax.vmap(lambda key: jax.random.normal(key, (len(coordinates),)))(keys)
+    return chart.moved(belief.mean_world, (scale_tril(belief.cov) * z[:, None]).sum(-1), coordinates)

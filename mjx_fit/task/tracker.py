@@ -17,7 +17,7 @@ from mjx_fit.config.sections.randomize import RandomizeConfig
 from mjx_fit.engines.requests import require_count
 from mjx_fit.filters.belief_check import require_beliefs
 from mjx_fit.filters.outcome_model import success_probability
-from mjx_fit.filters.updates import initial_belief
+from mjx_fit.filters.updates import detected_belief
 from mjx_fit.scene.robot import ROBOTS
 from mjx_fit.sensors.sensor_log import SensorLog
 from mjx_fit.sensors.trained_sensor import TrainedSensor
@@ -26,7 +26,7 @@ from mjx_fit.task.assembly_snapshot import KEPT_FROM
 from mjx_fit.task.estimator import Update, filter_update
 from mjx_fit.task.estimator_input import require_places
 from mjx_fit.task.logged_attempt import AtHole, attempt_of, padded, require_own
-from mjx_fit.task.saved_beliefs import FORMAT, STORED, SavedBeliefs, read_beliefs, write_beliefs
+from mjx_fit.task.saved_beliefs import FORMAT, SavedBeliefs, as_stored, read_beliefs, write_beliefs
 from mjx_fit.types import Belief, Felt
 from mjx_fit.utils import numerics
 from mjx_fit.utils.errors import RequestError, shown
@@ -71,8 +71,7 @@ class BeliefTracker:
         self._sensor = sensor
         self._robot = ROBOTS[self._config.scene.robot]
         places = require_places(detections, self._robot.estimate_reach_m)
-        names, std = self._config.scene.names, self._config.detector.prior_std_m
-        self.belief: Belief = jax.tree.map(np.array, initial_belief(jnp.asarray(places), std, len(names)))
+        self.belief: Belief = jax.tree.map(np.array, detected_belief(jnp.asarray(places), self._config))
         self.filled = np.zeros(len(places), bool)
         self.tries = np.zeros(len(places), np.int32)
         self._peg: int | None = None
@@ -110,9 +109,9 @@ class BeliefTracker:
         reward = greedy.expected_reward(jnp.asarray(self.belief.type_logp), jnp.asarray(kind), alpha)
         return int(greedy.greedy(reward, jnp.asarray(self.filled), jnp.asarray(self.tries)))
 
-    def estimate(self, hole: int) -> Float[np.ndarray, "2"]:
-        """Return the start position of an attempt at a hole: the mean of the belief about its centre, m."""
-        return np.array(self.belief.pos_mean_world[self._require_hole(hole)])
+    def estimate(self, hole: int) -> Float[np.ndarray, "D"]:
+        """Return where an attempt at a hole is to start: the mean of the belief about it, m and rad."""
+        return np.array(self.belief.mean_world[self._require_hole(hole)])
 
     def update(self, hole: int, felt: Felt | SensorLog) -> Belief:
         """Update the belief about a hole after a failed attempt that started from ``estimate(hole)``.
@@ -193,7 +192,7 @@ class BeliefTracker:
                 peg=None if self._peg is None else names[self._peg],
                 filled=self.filled.tolist(),
                 tries=self.tries.tolist(),
-                **{name: np.asarray(getattr(self.belief, name), float).tolist() for name in STORED},
+                **as_stored(self.belief),
             ),
         )
 
@@ -211,7 +210,7 @@ class BeliefTracker:
         """
         path = Path(path)
         saved = read_beliefs(path)
-        tracker = cls(sensor, np.asarray(saved.pos_mean_world), config)
+        tracker = cls(sensor, np.array([mean[:2] for mean in saved.pos_mean_world]), config)
         names = tracker._config.scene.names
         for word, there, here in (
             ("sensor", saved.sensor, sensor.fingerprint),
@@ -221,11 +220,8 @@ class BeliefTracker:
                 raise RequestError(
                     f"{path}: {word}: {shown(there)} cannot be used: this sensor has {shown(here)}"
                 )
-        leaves = (
-            np.asarray(leaf, np.float32) for leaf in (saved.pos_mean_world, saved.pos_cov, saved.type_logp)
-        )
-        belief, n = Belief(*leaves), len(tracker.filled)
-        require_beliefs(belief, n, len(names))
+        belief, n = saved.belief(path), len(tracker.filled)
+        require_beliefs(belief, n, len(names), d=len(tracker._config.filter.coordinates))
         if not len(saved.filled) == len(saved.tries) == n:
             raise RequestError(f"{path}: filled, tries: lengths are invalid: expected {n} entries each")
         tracker.belief = belief

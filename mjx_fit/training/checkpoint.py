@@ -124,7 +124,7 @@ def load_sensor(run: Path) -> tuple[ContactSensor, Config]:
     if checkpoint is None:
         raise RequestError(f"--run: {run} cannot be used: it holds no checkpoint ({BEST}); train it first")
     config = read_stored_config(run / "config.yaml")
-    abstract = nnx.eval_shape(lambda: ContactSensor(config.sensor, nnx.Rngs(0), config.scene.n_types))
+    abstract = nnx.eval_shape(lambda: ContactSensor.of(config, nnx.Rngs(0)))
     _require_finite(run / BEST, checkpoint[1])
     graphdef, template = nnx.split(abstract)
     return nnx.merge(graphdef, from_arrays(template, checkpoint[1])), config

@@ -198,7 +198,7 @@ def _begin(
 
 def _new(data, train_ids, config: Config, steps: int, key) -> tuple[nnx.GraphDef, TrainState]:
     weight_key, order_key, window_key = jax.random.split(key, 3)
-    sensor = ContactSensor(config.sensor, nnx.Rngs(weight_key), config.scene.n_types)
+    sensor = ContactSensor.of(config, nnx.Rngs(weight_key))
     sensor.fit_input_scale(_some_windows(data, train_ids, config, order_key, window_key).reading)
     graphdef, params, scale = nnx.split(sensor, nnx.Param, InputScale)
     return graphdef, TrainState(params, scale, optimizer(config, steps).init(params))

@@ -109,8 +109,11 @@ def every_action(config: Config) -> bool:
 
 
 def _loss_of(config: Config) -> Callable[[Observation, Sample], Loss]:
+    coordinates = config.filter.coordinates
     if config.sensor.reference == "final":
-        return frame_by_frame_loss
+        return partial(frame_by_frame_loss, coordinates=coordinates)
     if every_action(config):
-        return every_action_loss
-    return filter_loss if config.train.sequence == 1 else partial(sequence_loss, config=config)
+        return partial(every_action_loss, coordinates=coordinates)
+    if config.train.sequence > 1:
+        return partial(sequence_loss, config=config)
+    return partial(filter_loss, coordinates=coordinates)

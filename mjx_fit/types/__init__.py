@@ -67,7 +67,8 @@ class Attempt:
         peg_type: Index of the peg's shape.
         hole_type: Index of the hole's shape.
         hole_pos_world: True centre of the hole on the table plane, m.
-        estimate_world: Estimate of that centre, above which the attempt starts, m.
+        estimate_world: Estimate of the place for the tool, above which the attempt starts: x and y of the
+            centre, then any other coordinates that are believed (``filter.coordinates``), m and rad.
         policy: Index into ``mjx_fit.control.policies.NAMES``.
         key: Random key of the policy, independent of the batch.
         physics: Quantities that this world has of its own.
@@ -80,7 +81,7 @@ class Attempt:
     peg_type: Int[Array, "*batch"]
     hole_type: Int[Array, "*batch"]
     hole_pos_world: Float[Array, "*batch 2"]
-    estimate_world: Float[Array, "*batch 2"]
+    estimate_world: Float[Array, "*batch D"]
     policy: Int[Array, "*batch"]
     key: Key[Array, "*batch"]
     physics: Physics = AS_CONFIGURED
@@ -143,7 +144,7 @@ class Felt:
         length: Number of actions performed.
         tare_sensor: F/T sensor reading at rest in free space just before the attempt, N and N·m; noise-free
             in simulation.
-        estimate_world: Estimate μ0 of the hole's centre, above which the attempt started, m.
+        estimate_world: Estimate μ0, above which the attempt started, as in ``Attempt``, m and rad.
         peg_type: Index of the shape of the peg in hand.
         start: Pose before the attempt; None: that of simulated attempts (``sensors.pose.start_of``).
     """
@@ -151,7 +152,7 @@ class Felt:
     trace: Trace
     length: Int[Array, "*batch"]
     tare_sensor: Float[Array, "*batch 6"]
-    estimate_world: Float[Array, "*batch 2"]
+    estimate_world: Float[Array, "*batch D"]
     peg_type: Int[Array, "*batch"]
     start: StartPose | None = None
 

@@ -44,14 +44,15 @@ class Observation:
     """Output of the virtual sensors for one reading; input of the filters.
 
     Attributes:
-        innovation: Output of h_pos: estimated true position minus the estimate used for the attempt, m.
-        pos_noise_cov: Covariance R of the error of the innovation, m².
+        innovation: Output of h_pos: the step from the estimate used for the attempt to the place that was
+            felt, in the frame of the estimate, for D coordinates, m and rad.
+        pos_noise_cov: Covariance R of the error of the innovation, m² and rad².
         match_logits: Output of h_match: logits of (mismatch, match).
         match_model_logp: Log of the observation model H(o_match | c, c_peg) for the peg in hand; rows: hole
             types, columns: o_match.
     """
 
-    innovation: Float[Array, "*batch 2"]
-    pos_noise_cov: Float[Array, "*batch 2 2"]
+    innovation: Float[Array, "*batch D"]
+    pos_noise_cov: Float[Array, "*batch D D"]
     match_logits: Float[Array, "*batch 2"]
     match_model_logp: Float[Array, "*batch C 2"]

@@ -54,7 +54,7 @@ def test_every_key_is_there_with_unit_and_description(table):
     for name, key in table.items():
         assert key.default == key.value == tree[key.section][key.name]
         assert len(key.description) > 5, name
-        words = isinstance(key.default, bool | str) or name == "scene.shapes"
+        words = isinstance(key.default, bool | str) or name in ("scene.shapes", "filter.coordinates")
         assert (key.unit == "-") == words, name
     pure = {name for name, key in table.items() if key.unit == "1"}
     assert {name for name in pure if not name.startswith("randomize.")} == PURE

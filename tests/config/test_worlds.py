@@ -46,7 +46,8 @@ def test_the_world_of_the_paper_differs_from_home_in_readings_and_safeguards_alo
 
 def test_an_unknown_world_is_one_line():
     with pytest.raises(
-        RequestError, match=r"^--world: 'moon' is invalid: expected home, as-2026-11, paper, forge, wide$"
+        RequestError,
+        match=r"^--world: 'moon' is invalid: expected home, as-2026-11, paper, forge, wide, bench$",
     ):
         world_file("moon")
 
@@ -56,3 +57,29 @@ def test_set_takes_precedence_over_the_world(capsys):
     line = next(line for line in capsys.readouterr().out.splitlines() if "contact_impedance" in line)
     assert " 0.5 " in line
     assert " 0.95 " not in line
+
+
+def test_the_bench_is_forge_with_poses():
+    """Its initial standard deviations are those of what a belief is about: socket and grasp together."""
+    forge, bench = (read_config(world_file(name)) for name in ("forge", "bench"))
+    differing = {words.partition(" ")[0] for words in config_differences(forge, bench)}
+    assert {name for name in differing if not name.startswith(("randomize.socket_", "randomize.grasp_"))} == {
+        "scene.start_height_m",
+        "filter.coordinates",
+        *(f"detector.prior_std_{of}" for of in ("m", "z_m", "yaw_rad", "tilt_rad")),
+    }
+    drawn = {name: one.uniform for name, one in vars(bench.randomize).items() if one is not None}
+
+    def std(*names: str) -> float:
+        return sum((drawn[name][1] - drawn[name][0]) ** 2 / 12 for name in names) ** 0.5
+
+    detector = bench.detector
+    found = (
+        detector.prior_std_m,
+        detector.prior_std_z_m,
+        detector.prior_std_yaw_rad,
+        detector.prior_std_tilt_rad,
+    )
+    position = ((2 * detector.half_width_m) ** 2 / 12 + std("grasp_x_m") ** 2) ** 0.5
+    rotations = std("socket_yaw_rad", "grasp_yaw_rad"), std("socket_roll_rad", "grasp_roll_rad")
+    assert found == pytest.approx((position, std("socket_z_m", "grasp_z_m"), *rotations), rel=0.02)

@@ -8,7 +8,7 @@ import pytest
 import scipy.signal
 
 from mjx_fit.config.sections.world import ControlConfig
-from mjx_fit.control.goals import after, after_actions, at_rest, goal_during
+from mjx_fit.control.goals import after, after_actions, at_rest, commanded, goal_during
 from mjx_fit.types.physics import AS_CONFIGURED, Physics
 from mjx_fit.utils.rates import STEP_S, SUBSTEPS
 
@@ -93,7 +93,8 @@ def test_the_goal_after_recorded_actions_is_the_one_that_was_followed(push):
             for i in range(SUBSTEPS):
                 goal, _ = goal_during(goal, wanted, i, control)
             goal = after(goal, wanted)
-        path = [jnp.asarray(one) for one in (start, tips, actions)]
-        found = after_actions(path[0], path[1], path[2], jnp.asarray(count), control)
+        before = jnp.concatenate([start[None], tips])[:-1]
+        goals = commanded(before, jnp.asarray(actions), control)
+        found = after_actions(at_rest(jnp.asarray(start), control), goals, jnp.asarray(count), control)
         for name in ("now_world", "earlier_world", "smooth_world"):
             np.testing.assert_allclose(getattr(found, name), getattr(goal, name), atol=1e-6)

@@ -24,10 +24,10 @@ def one_pass(data, seed, config=CONFIG):
     """All windows of a pass with their weights, by the hole that they are at."""
     found = {}
     for sample, weight in batches(data, CHOSEN, jax.random.key(seed), config):
-        assert isinstance(sample.hole_pos_world, jax.Array)
+        assert isinstance(sample.place_world, jax.Array)
         for i, real in enumerate(np.asarray(weight)):
             if real:
-                found[tuple(np.asarray(sample.hole_pos_world[i]).tolist())] = jax.tree.map(
+                found[tuple(np.asarray(sample.place_world[i]).tolist())] = jax.tree.map(
                     lambda leaf, i=i: np.asarray(leaf[i]), sample
                 )
     return found
@@ -58,7 +58,7 @@ def test_host_and_device_and_any_batch_size_give_the_same_windows():
 def test_the_key_is_all_that_the_order_depends_on():
     def order(seed):
         passes = batches(DATA, CHOSEN, jax.random.key(seed), CONFIG)
-        return np.concatenate([sample.hole_pos_world[:, 0] for sample, _ in passes])
+        return np.concatenate([sample.place_world[:, 0] for sample, _ in passes])
 
     assert np.array_equal(order(0), order(0))
     assert not np.array_equal(order(0), order(1))

@@ -171,7 +171,7 @@ MANIFESTS: list[tuple[tuple, Any]] = [
     *[(("versions",), value) for value in ([], {"jax": 1}, {"jax": None}, {"j\na": "1"}, None)],
     *[(("complete",), value) for value in ("true", 1, None)],
     *[(("shards",), value) for value in ({}, None, [[]], [None], "x", [])],
-    *[(("format",), value) for value in (4, 1, "3", None, [3], 2.5, 10**18)],
+    *[(("format",), value) for value in (5, 1, "3", None, [3], 2.5, 10**18)],
     (("more",), 1),
     *[((key,), DELETED) for key in ("request", "part", "versions", "shapes", "complete", "shards", "format")],
 ]  # fmt: skip

@@ -77,7 +77,7 @@ def test_windows_are_consecutive_rows_of_their_episode(seed):
             assert not np.asarray(x)[~mask].any(), name
     np.testing.assert_array_equal(reading.peg_type, data.peg_type)
     np.testing.assert_array_equal(sample.hole_type, DATA.rollout.truth.hole_type)
-    np.testing.assert_array_equal(sample.hole_pos_world, DATA.rollout.truth.hole_pos_world)
+    np.testing.assert_array_equal(sample.place_world, DATA.rollout.truth.hole_pos_world)
 
 
 def test_every_length_and_every_start_is_drawn(many):
@@ -204,7 +204,7 @@ def test_a_chain_is_mirrored_as_a_whole_and_its_windows_are_those_of_its_episode
     rows = jnp.asarray(chains(data, np.arange(EPISODES), 3))
     chained = sample_windows(data, rows, jax.random.key(8), config)
     alone = sample_windows(data, ALL, jax.random.key(8), CONFIG)
-    sign = np.sign(np.asarray(chained.hole_pos_world[..., 1] * alone.hole_pos_world[rows, 1]))
+    sign = np.sign(np.asarray(chained.place_world[..., 1] * alone.place_world[rows, 1]))
     assert (sign == sign[:, :1]).all()
     assert set(sign[:, 0]) == {-1.0, 1.0}
     np.testing.assert_allclose(
@@ -220,7 +220,7 @@ def test_the_mirror_tells_nothing_of_the_prior():
     n = COPIES * EPISODES
     copies = jax.tree.map(lambda x: jnp.concatenate([x] * COPIES), DATA)
     sample = sample_windows(copies, jnp.arange(n), jax.random.key(9), config)
-    mirrored = np.asarray(sample.hole_pos_world[:, 1] * copies.rollout.truth.hole_pos_world[:, 1] < 0)
+    mirrored = np.asarray(sample.place_world[:, 1] * copies.rollout.truth.hole_pos_world[:, 1] < 0)
     assert mirrored.mean() == pytest.approx(0.5, abs=0.05)
     first = np.exp(np.asarray(sample.prior.type_logp, float))
     columns = np.column_stack([mirrored, first[:, :2], np.asarray(sample.reading.mask.sum(1))])

@@ -20,7 +20,8 @@ from mjx_fit.engines.native.engine import NativeEngine
 from mjx_fit.filters.updates import initial_belief
 from mjx_fit.sensors.contact_sensor import ContactSensor
 from mjx_fit.sensors.reading import Window, read_window
-from mjx_fit.task.estimator import after_failures, filter_update, frame_update, readings
+from mjx_fit.task.after_attempts import after_failures
+from mjx_fit.task.estimator import filter_update, frame_update, readings
 from mjx_fit.task.estimator_input import require_update
 from mjx_fit.utils.errors import RequestError
 
@@ -140,7 +141,7 @@ def test_the_whole_workspace_and_what_a_detector_makes_of_it_is_accepted():
         for error in (-0.03, 0.03):
             asked = draw_attempts(jax.random.key(0), jnp.arange(1), "spiral", CONFIG)
             asked = dataclasses.replace(asked, hole_pos_world=hole, estimate_world=hole + np.float32(error))
-            requests.require_attempts(asked, 1, None, None, CONFIG.scene)
+            requests.require_attempts(asked, 1, None, None, CONFIG)
 
 
 def test_mujoco_writes_no_log_into_the_working_folder(tmp_path, monkeypatch, attempts):
@@ -301,7 +302,7 @@ def test_what_does_not_count_may_be_anything():
     """Padding behind the last action, the last action of a simulation that diverged, sums that overflow."""
     done = sound()
     short = dataclasses.replace(done, length=at(done.length, 2))
-    require_update(BELIEF, traced(short, wrench_sensor=poisoned(done.trace.wrench_sensor)), KEYS, 3)
+    require_update(BELIEF, traced(short, wrench_sensor=poisoned(done.trace.wrench_sensor)), KEYS, CONFIG)
     whole = with_truth(make_rollouts(N, 3, min_length=3), inserted=np.zeros(N, bool))
     diverged = with_truth(whole, valid=at(whole.truth.valid, False))
     diverged = dataclasses.replace(
@@ -311,11 +312,11 @@ def test_what_does_not_count_may_be_anything():
     changed = np.any(np.asarray(after.type_logp) != np.asarray(BELIEF.type_logp), axis=1)
     assert changed.tolist() == [True, False, True, True]
     huge = np.full(done.trace.wrench_sensor.shape, 3e38, np.float32)  # whose sum is not finite
-    require_update(BELIEF, traced(done, wrench_sensor=huge), KEYS, 3)
+    require_update(BELIEF, traced(done, wrench_sensor=huge), KEYS, CONFIG)
 
 
 def test_fake_engines_of_tests_give_what_is_accepted(attempts):
-    require_update(BELIEF, FakeEngine().run(attempts, 2, np.zeros(N, bool)).felt, KEYS, 3)
+    require_update(BELIEF, FakeEngine().run(attempts, 2, np.zeros(N, bool)).felt, KEYS, CONFIG)
 
 
 def test_checks_cost_little():
@@ -333,5 +334,5 @@ def test_checks_cost_little():
             times.append(time.perf_counter() - began)
         return min(times)
 
-    assert best(lambda: requests.require_attempts(asked, 100, None, None, CONFIG.scene)) < 0.01
-    assert best(lambda: require_update(beliefs, many, keys, 3)) < 0.1  # 6 million numbers of wrenches
+    assert best(lambda: requests.require_attempts(asked, 100, None, None, CONFIG)) < 0.01
+    assert best(lambda: require_update(beliefs, many, keys, CONFIG)) < 0.1  # 6 million numbers of wrenches

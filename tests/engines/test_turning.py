@@ -9,14 +9,16 @@ import pytest
 from jaxlie import SO3
 
 from mjx_fit.api import draw_attempts
-from mjx_fit.cli.main import main
 from mjx_fit.config.files import read_config
 from mjx_fit.control import goals
 from mjx_fit.control.kinematics import STRAIGHT_DOWN, turned_down
 from mjx_fit.control.policies import Policy, PolicyInput
 from mjx_fit.control.policy_file import require_policy
+from mjx_fit.data.collect import collect
+from mjx_fit.data.export import export
+from mjx_fit.data.manifest import read_manifest
 from mjx_fit.data.plan import Plan
-from mjx_fit.data.sequences import Sequences
+from mjx_fit.data.reader import load
 from mjx_fit.engines.native.engine import NativeEngine
 from mjx_fit.engines.select import make_engine
 from mjx_fit.utils.errors import RequestError
@@ -81,7 +83,7 @@ def test_the_frame_of_a_rotation_vector_is_that_rotation_of_straight_down():
 def test_goals_turn_evenly_during_an_action_and_keep_the_position():
     tip, command = np.array([0.5, 0.1, 0.2], np.float32), np.array([0.01, 0, -0.004, *TURN], np.float32)
     wanted = goals.commanded(tip, command, CONFIG.control)
-    begin = goals.at_rest(tip, CONFIG.control, turns=True)
+    begin = goals.at_rest(tip, CONFIG.control, np.zeros(3, np.float32))
     _, halfway = goals.goal_during(begin, wanted, 24, CONFIG.control)
     np.testing.assert_allclose(halfway, [0.505, 0.1, 0.198, *TURN / 2], atol=1e-6)
     flat = goals.commanded(tip, command[:3], CONFIG.control)
@@ -95,19 +97,15 @@ def test_a_command_of_another_width_is_refused(turns, width):
         require_policy(policy)
 
 
-def test_collecting_with_a_policy_that_turns_is_refused_before_it_begins(tmp_path, capsys):
-    assert main(["collect", "--policy", "tilt", "--out", str(tmp_path / "data")]) == 2
-    assert capsys.readouterr().err.count("\n") == 1
-    assert not (tmp_path / "data").exists()
-
-
-def test_data_do_not_lose_turns_silently(tmp_path):
-    engine = NativeEngine(CONFIG, 1, turning(TURN))
-    sequences = Sequences(
-        engine, CONFIG, Plan(episodes=2, actions=2, policy="turning", batch=2), tmp_path, None
-    )
-    with pytest.raises(RequestError, match="a policy that turns the TCP cannot be used"):
-        sequences(0)
+def test_data_keep_turns(tmp_path):
+    plan = Plan(episodes=2, actions=2, policy="turning", engine="native", batch=2)
+    collect(CONFIG, tmp_path, plan, NativeEngine(CONFIG, 1, turning(TURN)))
+    turn = load(tmp_path).rollout.felt.trace.turn_world
+    assert turn is not None
+    np.testing.assert_allclose(turn, np.broadcast_to(TURN, (2, 2, 3)), atol=1e-6)
+    assert read_manifest(tmp_path).request["turns"] is True
+    export(tmp_path, tmp_path / "all.npz")
+    np.testing.assert_array_equal(np.load(tmp_path / "all.npz")["trace_turn_world"], turn)
 
 
 @pytest.mark.slow

@@ -134,7 +134,7 @@ def test_what_a_posterior_comes_to_by_hand():
     held = jax.tree.map(np.asarray, data.rollout)
     for with_prior in (True, False):
         after = held_out.posterior(observation, data, ids, config, with_prior=with_prior)
-        for k, row in enumerate(held_out.rows("full", 6, after, data, ids, names)):
+        for k, row in enumerate(held_out.rows("full", 6, after, data, ids, config)):
             i, noise = ids[k], observation.pos_noise_cov[k].astype(float)
             truth, estimate = (
                 held.truth.hole_pos_world[i].astype(float),

@@ -35,7 +35,7 @@ def felt(n: int = 3, actions: int = 12) -> Felt:
 def changed(name: str, given: Felt) -> Felt:
     change = PERTURBATIONS[name].felt
     assert change is not None
-    return change(given, Config().scene)
+    return change(given, Config())
 
 
 def test_the_reference_changes_nothing_and_comes_first():
@@ -160,7 +160,7 @@ class PretendSensor:
 class FailingEngine:
     """An engine whose attempts all fail."""
 
-    name, policy_name = "native", None
+    name, policy_name, turns = "native", None, False
 
     def run(self, attempts, actions=None, active=None, horizon=None):
         n = len(attempts.peg_type)

@@ -8,9 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from mjx_fit.config.sections.filter import COORDINATES
 from mjx_fit.filters import chart
 
-ALL = chart.COORDINATES
+ALL = COORDINATES
 TURNS = [ALL.index(name) for name in ("roll", "pitch", "yaw")]
 subsets = st.sets(st.sampled_from(ALL[2:])).map(lambda more: (*ALL[:2], *(n for n in ALL[2:] if n in more)))
 seeds = st.integers(0, 2**32 - 1)

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjx_fit.filters import chart, joint, kalman
+from mjx_fit.config.sections.filter import COORDINATES
+from mjx_fit.filters import joint, kalman
 
 N, D = 3, 3
 PLANE = ("x", "y", "z")
@@ -59,6 +60,38 @@ def test_readings_one_by_one_are_the_dense_gaussian_conditioned_on_all(holes, se
     np.testing.assert_allclose(made.cov.reshape(size, size), cov - gain @ model @ cov, rtol=1e-6, atol=1e-7)
 
 
+@given(st.integers(0, N - 1), st.integers(0, 2**32 - 1))
+def test_what_was_learnt_at_a_hole_reaches_all_parts_as_the_reading_itself_would(hole, seed):
+    rng = np.random.default_rng(seed)
+    made = prior(rng)[0]
+    # Readings before make the blocks dependent.
+    for other in range(N):
+        earlier, rough = jnp.asarray(rng.normal(size=D)), jnp.asarray(0.3 * spd(rng))
+        made = joint.observe(made, jnp.asarray(other), earlier, rough, PLANE)
+    reading, noise = jnp.asarray(rng.normal(size=D)), jnp.asarray(spd(rng))
+    want = joint.observe(made, jnp.asarray(hole), reading, noise, PLANE)
+    mean, cov = joint.relative_to_peg(made, jnp.asarray(hole), PLANE)
+    alone = kalman.update(mean, cov, reading, noise)
+    found = joint.learnt_at(made, jnp.asarray(hole), alone[0], alone[1], PLANE)
+    np.testing.assert_allclose(found.mean_world, want.mean_world, rtol=1e-6, atol=1e-8)
+    np.testing.assert_allclose(found.cov, want.cov, rtol=1e-6, atol=1e-8)
+    again = joint.relative_to_peg(found, jnp.asarray(hole), PLANE)
+    np.testing.assert_allclose(again[0], alone[0], rtol=1e-6, atol=1e-8)
+    np.testing.assert_allclose(again[1], alone[1], rtol=1e-6, atol=1e-8)
+
+
+def test_a_belief_that_widens_at_a_hole_widens_the_grasp():
+    """The gate may make a belief less certain: the others then are, too, and stay positive definite."""
+    made = prior(np.random.default_rng(0))[0]
+    mean, cov = joint.relative_to_peg(made, jnp.asarray(0), PLANE)
+    wider = joint.learnt_at(made, jnp.asarray(0), mean, 4 * cov, PLANE)
+    np.testing.assert_allclose(wider.mean_world, made.mean_world, atol=1e-12)
+    assert np.trace(wider.cov[0, :, 0]) > np.trace(made.cov[0, :, 0])
+    np.testing.assert_allclose(wider.cov[2, :, 2], made.cov[2, :, 2], atol=1e-12)
+    size = (N + 1) * D
+    assert np.linalg.eigvalsh(wider.cov.reshape(size, size)).min() > 0
+
+
 @given(st.integers(0, 2**32 - 1))
 def test_without_a_grasp_each_hole_is_filtered_alone(seed):
     rng = np.random.default_rng(seed)
@@ -89,14 +122,14 @@ def test_what_is_felt_at_one_hole_corrects_the_next_until_the_peg_changes():
 
 
 def test_a_batch_with_rotations_is_its_members():
-    rng, d = np.random.default_rng(0), len(chart.COORDINATES)
+    rng, d = np.random.default_rng(0), len(COORDINATES)
     covs = 0.01 * np.tile(np.eye(d), (4, N, 1, 1))
     made = joint.independent(jnp.asarray(rng.normal(0, 0.1, (4, N, d))), jnp.asarray(covs), 0.01 * jnp.eye(d))
     holes, innovations = jnp.array([0, 1, 2, 0]), jnp.asarray(rng.normal(0, 0.1, (4, d)))
     noise = 0.001 * jnp.eye(d)
-    together = joint.observe(made, holes, innovations, noise, chart.COORDINATES)
+    together = joint.observe(made, holes, innovations, noise, COORDINATES)
     for row in range(4):
         one = jax.tree.map(lambda leaf, row=row: leaf[row], made)
-        alone = joint.observe(one, holes[row], innovations[row], noise, chart.COORDINATES)
+        alone = joint.observe(one, holes[row], innovations[row], noise, COORDINATES)
         np.testing.assert_allclose(together.mean_world[row], alone.mean_world, atol=1e-12)
         np.testing.assert_allclose(together.cov[row], alone.cov, atol=1e-12)

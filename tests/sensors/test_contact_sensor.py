@@ -13,16 +13,9 @@ from synthetic import PAPER_SENSOR, make_rollouts
 
 from mjx_fit.config.schema import Config
 from mjx_fit.config.sections.learning import SensorConfig
-from mjx_fit.sensors.contact_sensor import (
-    MEASURABLE,
-    MIN_INPUT_STD,
-    ContactSensor,
-    InputScale,
-    contact_features,
-    final_position,
-    row_features,
-)
+from mjx_fit.sensors.contact_sensor import MIN_INPUT_STD, ContactSensor, InputScale, final_position
 from mjx_fit.sensors.encoder import TraceEncoder
+from mjx_fit.sensors.features import MEASURABLE, contact_features, row_features
 from mjx_fit.sensors.heads import PositionNoise
 from mjx_fit.sensors.reading import Window, read_window
 from mjx_fit.types import Observation, Reading

@@ -14,7 +14,7 @@ from synthetic import make_rollouts
 
 from mjx_fit.config.schema import Config
 from mjx_fit.config.sections.measurement import PoseConfig
-from mjx_fit.sensors.contact_sensor import row_features
+from mjx_fit.sensors.features import row_features
 from mjx_fit.sensors.pose import from_down, from_start, rotation_from_down, start_of, turned
 from mjx_fit.task.estimator import readings
 from mjx_fit.types import Felt, Reading, StartPose
@@ -36,7 +36,7 @@ def felt() -> Here:
     made = make_rollouts(N, actions=ACTIONS).felt
     quat = from_down(0.02 * jax.random.normal(jax.random.key(0), made.trace.tip_pos_world.shape))
     made = replace(made, trace=replace(made.trace, tip_quat_world=quat))
-    return cast(Here, replace(made, start=start_of(made, WORLD.scene)))
+    return cast(Here, replace(made, start=start_of(made, WORLD)))
 
 
 def read(attempts: Felt, config: Config = START) -> Reading:

@@ -18,6 +18,7 @@ from mjx_fit.filters.outcome_model import constant_matrix, success_probability
 from mjx_fit.filters.updates import initial_belief
 from mjx_fit.scene import scenarios
 from mjx_fit.task import assembly, estimator, greedy, methods
+from mjx_fit.task.after_attempts import after_failures
 from mjx_fit.task.assembly_state import Table
 from mjx_fit.task.attempt_loop import attempt_rounds
 from mjx_fit.types import Attempt, Observation
@@ -242,7 +243,7 @@ def test_each_method_learns_what_it_may_and_no_more(hard):
     config = dataclasses.replace(CONFIG, task=dataclasses.replace(CONFIG.task, hard_match=hard))
     sensor: Any = StubSensor()
     update = estimator.filter_update(config, sensor, position, kind)
-    after = estimator.after_failures(update, before, done, jax.random.split(jax.random.key(0), n))
+    after = after_failures(update, before, done, jax.random.split(jax.random.key(0), n))
     moved = np.asarray(after.pos_mean_world - before.pos_mean_world)
     assert moved == pytest.approx(np.array([[0, 0], [0.003, 0], [0.003, 0], *[[0, 0]] * 3]), abs=1e-6)
     assert np.asarray(after.pos_cov)[:, 0, 0] == pytest.approx([1e-4, 5e-5, 5e-5, 1e-4, 1e-4, 1e-4], rel=1e-4)
@@ -265,7 +266,7 @@ def test_success_and_broken_worlds_leave_beliefs_alone():
         rollout, inserted=np.array([True, False, False]), valid=np.array([True, False, True])
     )
     keys = jax.random.split(jax.random.key(0), 3)
-    after = estimator.after_failures(estimator.filter_update(config, None), beliefs, rollout, keys)
+    after = after_failures(estimator.filter_update(config, None), beliefs, rollout, keys)
     assert np.array_equal(after.type_logp[:2], beliefs.type_logp[:2])
     a = constant_matrix(config)[0, 0]
     want = np.array([1 - a, 1, 1]) / (3 - a)

@@ -19,7 +19,8 @@ from mjx_fit.evaluation.request import Request
 from mjx_fit.filters.updates import initial_belief
 from mjx_fit.sensors.contact_sensor import ContactSensor
 from mjx_fit.sensors.reading import Window, read_window
-from mjx_fit.task.estimator import after_failures, posterior
+from mjx_fit.task.after_attempts import after_failures
+from mjx_fit.task.estimator import posterior
 from mjx_fit.task.seek import NAME, Thought, decided, seek
 from mjx_fit.types import Belief
 from mjx_fit.utils.errors import RequestError

@@ -20,6 +20,7 @@ from mjx_fit.evaluation import insertion, parts, position, result_file, results
 from mjx_fit.evaluation.request import Request
 from mjx_fit.filters.updates import initial_belief
 from mjx_fit.task import estimator, methods, single_hole
+from mjx_fit.task.after_attempts import after_failures
 from mjx_fit.training.sensor_loader import load_baseline, load_trained_sensor
 from mjx_fit.types import Attempt, Observation
 from mjx_fit.utils import resources
@@ -71,16 +72,16 @@ def test_attempts_may_all_start_from_the_detection():
 def test_methods_share_their_draws_and_differ_in_where_they_start():
     holes, engine = make_holes(), FakeEngine()
     done = play(methods.INSERTION, holes, engine)
-    assert list(done) == ["full", "no_update", "sample", "frame_by_frame", "oracle"]
+    assert list(done) == ["full", "position_only", "no_update", "sample", "frame_by_frame", "oracle"]
     for keys, _ in engine.seen:
-        by_method = keys.reshape(5, T, -1)
+        by_method = keys.reshape(6, T, -1)
         assert (by_method == by_method[0]).all()
     assert len(np.unique(np.concatenate([keys for keys, _ in engine.seen]), axis=0)) == T * len(engine.seen)
-    starts = np.stack(engine.starts).reshape(len(engine.seen), 5, T, 2)
-    assert (starts[:, 1] == holes.estimate_world).all()
-    np.testing.assert_array_equal(starts[0, 4], holes.hole_pos_world)
+    starts = np.stack(engine.starts).reshape(len(engine.seen), 6, T, 2)
+    assert (starts[:, 2] == holes.estimate_world).all()
+    np.testing.assert_array_equal(starts[0, 5], holes.hole_pos_world)
     # Samples of N(μ0, (1 cm)² I), a new one each time.
-    offset = (starts[:, 2] - holes.estimate_world).reshape(-1, 2)
+    offset = (starts[:, 3] - holes.estimate_world).reshape(-1, 2)
     assert np.cov(offset.T) == pytest.approx(1e-4 * np.eye(2), abs=3e-5)
     assert len(np.unique(offset, axis=0)) == len(offset)
     assert (done["oracle"].inserted_at[: T // 2] == 1).all()
@@ -214,7 +215,7 @@ def test_frame_by_frame_takes_what_was_seen_from_where_the_attempt_started(monke
     beliefs = initial_belief(jnp.asarray(holes.estimate_world), 0.01, 3)
     sensor: Any = Says([0.002, -0.003])
     update = estimator.frame_update(CONFIG, sensor)
-    after = estimator.after_failures(update, beliefs, done, holes.key)
+    after = after_failures(update, beliefs, done, holes.key)
     failed = ~np.asarray(done.truth.inserted)
     assert 0 < failed.sum() < T
     want = np.where(failed[:, None], start + np.array([0.002, -0.003]), holes.estimate_world)
@@ -360,6 +361,7 @@ def test_no_method_learns_from_a_broken_world(monkeypatch):
     picked = tuple(one for one in methods.POSITION if one.reads)
     updates = {
         "full": estimator.filter_update(CONFIG, sensor),
+        "position_only": estimator.position_update(CONFIG, sensor),
         "frame_by_frame": estimator.frame_update(CONFIG, sensor),
     }
     holes = make_holes()

@@ -47,7 +47,7 @@ def make_problem(seed: int = 0) -> tuple[Observation, Sample]:
         reading=reading,
         prior=prior,
         hole_type=jnp.where(jnp.arange(B) < 4, jnp.arange(B) % 3, (jnp.arange(B) + 1) % 3),
-        hole_pos_world=prior.pos_mean_world + jnp.asarray(rng.normal(0, 0.01, (B, 2))),
+        place_world=prior.pos_mean_world + jnp.asarray(rng.normal(0, 0.01, (B, 2))),
         inserted=jnp.asarray(np.arange(B) % 4 == 3),
         judged=jnp.asarray(np.arange(B) % 4 != 3),
     )
@@ -60,7 +60,7 @@ def loss_by_hand(o: Observation, s: Sample, i: int) -> dict[str, float]:
     cov, noise = 1e4 * s.prior.pos_cov, 1e4 * o.pos_noise_cov
     gain = cov @ np.linalg.inv(cov + noise)
     cov1 = (np.eye(2) - gain) @ cov
-    prior_error = 100 * (s.hole_pos_world - s.prior.pos_mean_world)
+    prior_error = 100 * (s.place_world - s.prior.pos_mean_world)
     error = prior_error - gain @ (100 * o.innovation)
     p_match = np.exp(o.match_logits) / np.exp(o.match_logits).sum()
     prior_type, hole, peg = np.exp(s.prior.type_logp), int(s.hole_type), int(s.reading.peg_type)
@@ -151,7 +151,7 @@ def test_a_chain_is_one_big_gaussian_and_one_product_of_likelihoods():
     config = replace(Config(), task=replace(Config().task, success_by_error=None, success_probability=alpha))
     sample = replace(
         sample,
-        hole_pos_world=jnp.broadcast_to(hole, (B, 3, 2)),
+        place_world=jnp.broadcast_to(hole, (B, 3, 2)),
         hole_type=jnp.broadcast_to(sample.hole_type[:, :1], (B, 3)),
         prior=replace(sample.prior, mean_world=starts),
         inserted=inserted,
@@ -168,7 +168,7 @@ def test_a_chain_is_one_big_gaussian_and_one_product_of_likelihoods():
             information = information + precision
             vector = vector + precision @ (s.prior.pos_mean_world[k] + o.innovation[k]) * 100
             cov = np.linalg.inv(information)
-            error = s.hole_pos_world[k] * 100 - cov @ vector
+            error = s.place_world[k] * 100 - cov @ vector
             p = np.exp(o.match_logits[k]) / np.exp(o.match_logits[k]).sum()
             xi = xi * (np.exp(o.match_model_logp[k]) @ p)
             enters = np.array(alpha[int(s.reading.peg_type[k])])
@@ -194,7 +194,7 @@ def test_the_baselines_loss_takes_the_observed_position_for_the_belief():
     losses = jax.jit(frame_by_frame_loss)(observation, sample)
     for i in range(B):
         o, s = (jax.tree.map(lambda x, i=i: np.asarray(x[i], float), tree) for tree in (observation, sample))
-        error, cov = 100 * (s.hole_pos_world - s.prior.pos_mean_world - o.innovation), 1e4 * o.pos_noise_cov
+        error, cov = 100 * (s.place_world - s.prior.pos_mean_world - o.innovation), 1e4 * o.pos_noise_cov
         logdet, mahalanobis = 0.5 * np.log(np.linalg.det(cov)), 0.5 * error @ np.linalg.inv(cov) @ error
         assert losses.pos_logdet[i] == pytest.approx(logdet, rel=1e-3, abs=1e-4)
         assert losses.pos_mahalanobis[i] == pytest.approx(mahalanobis, rel=1e-3, abs=1e-4)

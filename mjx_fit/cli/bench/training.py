@@ -94,7 +94,7 @@ def _time(name: str, config: Config) -> tuple[float, list[float]]:
 
 def _ours(config: Config) -> Step:
     sample = sample_of(config)
-    sensor = ContactSensor(config.sensor, nnx.Rngs(0), config.scene.n_types)
+    sensor = ContactSensor.of(config, nnx.Rngs(0))
     sensor.fit_input_scale(sample.reading)
     graph, params, scale = nnx.split(sensor, nnx.Param, InputScale)
     recipe = Recipe(graph, config, 1)
@@ -112,7 +112,7 @@ def _pytorchs(config: Config) -> Step:
 
     torch_twin = load_peer("torch_twin")
     sample = sample_of(config)
-    sensor = ContactSensor(config.sensor, nnx.Rngs(0), config.scene.n_types)
+    sensor = ContactSensor.of(config, nnx.Rngs(0))
     sensor.fit_input_scale(sample.reading)
     twin = torch_twin.ContactSensor(config.sensor, config.scene.n_types)
     torch_twin.copy_weights(sensor, twin)

@@ -1,20 +1,32 @@
-"""Configuration section of the filters: safeguards against wrong readings."""
+"""Configuration section of the filters: what is believed, and safeguards against wrong readings."""
 
-from typing import Annotated
+from typing import Annotated, Literal, get_args
 
-from pydantic import Field
+from pydantic import Field, model_validator
 from pydantic.dataclasses import dataclass
 
 from mjx_fit.config.sections.fields import STRICT
 
+Coordinate = Literal["x", "y", "z", "yaw", "roll", "pitch"]
+COORDINATES: tuple[str, ...] = get_args(Coordinate)
+PLANAR: tuple[Coordinate, ...] = ("x", "y")
+"""What the paper's belief is about."""
+
 
 @dataclass(frozen=True, config=STRICT)
 class FilterConfig:
-    """Safeguards of the belief updates against wrong readings; off in the paper.
+    """Coordinates of the belief, and safeguards of its updates against wrong readings; off in the paper.
 
     Correlation and temperature were fitted for the weights that ship (``experiments/robust/safeguards.py``).
 
     Attributes:
+        coordinates: What is believed of a socket. The paper's x and y, then any others: z is its height over
+            the nominal one; yaw, roll and pitch are rotations about the world's z, x and y
+            (``mjx_fit.filters.chart``). What is not believed is taken to be nominal.
+        grasp_std_m: Spread σ of grasps. That of positions, per axis, as part of the detector's initial σ.
+            Above 0, the holes of an assembly share the grasp of the peg in hand: what is felt at one corrects
+            the others (``mjx_fit.filters.joint``); 0: they share nothing, as in the paper.
+        grasp_std_rad: Spread σ of turns in the hand. Per axis, likewise.
         gate: Probability of acceptance. 0: any reading is accepted. A reading outside the region of this
             probability, under the belief and its own R, moves the belief as before but makes it less certain
             (``mjx_fit.filters.kalman.gated``).
@@ -24,7 +36,25 @@ class FilterConfig:
         position_temperature: Factor of R. Above 1, the measured position counts less.
     """
 
+    coordinates: Annotated[tuple[Coordinate, ...], Field(min_length=2, max_length=6)] = PLANAR
+    grasp_std_m: Annotated[float, Field(ge=0, le=0.02)] = 0.0
+    grasp_std_rad: Annotated[float, Field(ge=0, le=0.2)] = 0.0
     gate: Annotated[float, Field(ge=0, le=0.99999)] = 0.99
     correlation: Annotated[float, Field(ge=0, le=0.95)] = 0.1
     match_temperature: Annotated[float, Field(ge=0.1, le=100)] = 1.14
     position_temperature: Annotated[float, Field(ge=0.1, le=100)] = 1.0
+
+    @property
+    def shares_grasp(self) -> bool:
+        """Whether the holes of an assembly share the grasp of the peg in hand."""
+        return self.grasp_std_m > 0 or self.grasp_std_rad > 0
+
+    @model_validator(mode="after")
+    def _ordered(self) -> "FilterConfig":
+        asked = self.coordinates
+        if asked[:2] != PLANAR or list(asked) != [name for name in COORDINATES if name in asked]:
+            raise ValueError(
+                f"coordinates: [{', '.join(asked)}] is invalid: expected x and y, then any of "
+                f"{', '.join(COORDINATES[2:])}, in this order"
+            )
+        return self

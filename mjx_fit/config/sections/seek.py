@@ -19,6 +19,7 @@ class SeekConfig:
         pitch_m: Distance between turns. Twice the clearance leaves no gap; more is faster.
         speed_mps: Speed along the spiral.
         slide_mps: Speed of a slide to another centre. The peg is not lifted.
+        turn_radps: Speed of turns. The tool follows the believed rotation, where one is believed.
         change_s: Time that a new centre costs. The rule adds it for slowing down and starting anew.
         feel_s: Longest search that is expected. Contact then tells where the hole is, for any belief.
         sink_s: Time to push the peg in.
@@ -39,6 +40,7 @@ class SeekConfig:
     pitch_m: Annotated[float, Field(ge=0.0002, le=0.02)] = 0.0015
     speed_mps: Annotated[float, Field(ge=0.001, le=0.1, json_schema_extra=_SPEED)] = 0.02
     slide_mps: Annotated[float, Field(ge=0.001, le=0.1, json_schema_extra=_SPEED)] = 0.03
+    turn_radps: Annotated[float, Field(ge=0.01, le=3, json_schema_extra={"unit": "rad/s"})] = 0.3
     change_s: Annotated[float, Field(ge=0, le=10)] = 0.2
     feel_s: Annotated[float, Field(ge=0.1, le=100)] = 2.0
     sink_s: Annotated[float, Field(ge=0, le=100)] = 1.0

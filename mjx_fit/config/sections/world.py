@@ -10,6 +10,8 @@ from mjx_fit.config.sections.fields import ACTIONS_UNIT, PER_S2_UNIT, STRICT
 Push = Annotated[float, Field(ge=0.0005, le=0.02)]
 Wiggle = Annotated[float, Field(ge=0, le=0.01)]
 Tilt = Annotated[float, Field(ge=-0.05, le=0.05)]
+YawSearch = Annotated[float, Field(ge=0, le=0.6)]
+TiltSearch = Annotated[float, Field(ge=0, le=0.2)]
 Spread = Annotated[float, Field(ge=0.0001, le=0.02)]
 
 
@@ -83,12 +85,16 @@ class SpiralConfig:
         turns: Revolutions n_rot in one attempt. 40 are already more than the end effector can follow.
         push_m: Depth δz of the goal below the TCP.
         wiggle_m: Exploration noise σ per axis. At most ``push_m``, since its mean upward component is 0.8 σ.
+        yaw_rad: Amplitude of a search in yaw. The tool swings by it to both sides; 0: none, as in the paper.
+        tilt_rad: Angle of a search in tilt. The tool leans by it, in a direction that goes round.
     """
 
     radius_m: Annotated[float, Field(ge=0.0001, le=0.18)] = 0.015
     turns: Annotated[float, Field(ge=0.01, le=40, json_schema_extra={"unit": "turns"})] = 2.0
     push_m: Push = 0.004
     wiggle_m: Wiggle = 0.00125
+    yaw_rad: YawSearch = 0.0
+    tilt_rad: TiltSearch = 0.0
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -100,12 +106,16 @@ class RandomConfig:
         actions_per_sweep: Actions between two way-points.
         push_m: Depth of the goal below the TCP.
         wiggle_m: Exploration noise σ per axis.
+        yaw_rad: Largest yaw at a way-point. Uniform in it, to both sides; 0: none.
+        tilt_rad: Largest tilt at a way-point. Likewise, about both axes.
     """
 
     reach_m: Annotated[float, Field(ge=0.0001, le=0.18)] = 0.025
     actions_per_sweep: Annotated[int, Field(ge=1, le=1000, json_schema_extra=ACTIONS_UNIT)] = 12
     push_m: Push = 0.004
     wiggle_m: Wiggle = 0.00125
+    yaw_rad: YawSearch = 0.0
+    tilt_rad: TiltSearch = 0.0
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -117,11 +127,23 @@ class DetectorConfig:
             and radius.
         half_width_m: Largest error per axis or radius. Per axis for ``square``, radius for ``disc``.
         prior_std_m: Initial σ of the belief per axis. In the paper Σ0 = σ_init I with σ_init = 1 cm².
+        prior_std_z_m: Initial σ of the height. It applies if ``filter.coordinates`` names it; likewise below.
+        prior_std_yaw_rad: Initial σ of the yaw.
+        prior_std_tilt_rad: Initial σ of roll and pitch. Per axis.
     """
 
     kind: Literal["square", "disc"] = "square"
     half_width_m: Annotated[float, Field(ge=0, le=0.03)] = 0.02
     prior_std_m: Annotated[float, Field(ge=0.0001, le=0.1)] = 0.01
+    prior_std_z_m: Annotated[float, Field(ge=0.0001, le=0.02)] = 0.003
+    prior_std_yaw_rad: Annotated[float, Field(ge=0.001, le=0.6)] = 0.1
+    prior_std_tilt_rad: Annotated[float, Field(ge=0.001, le=0.2)] = 0.03
+
+    def prior_std(self, coordinate: str) -> float:
+        """Return the initial σ of one of ``filter.coordinates``, m or rad."""
+        others = {"z": self.prior_std_z_m, "yaw": self.prior_std_yaw_rad}
+        others |= dict.fromkeys(("roll", "pitch"), self.prior_std_tilt_rad)
+        return others.get(coordinate, self.prior_std_m)
 
 
 @dataclass(frozen=True, config=STRICT)

@@ -14,11 +14,10 @@ from mujoco import mjx
 
 from mjx_fit.config.schema import Config
 from mjx_fit.control import operational_space, policies
+from mjx_fit.control.framed import acting
 from mjx_fit.control.goals import Goal, after, commanded, goal_during
 from mjx_fit.control.kinematics import chain_of
-from mjx_fit.control.open_loop import shipped
 from mjx_fit.control.policies import Policy
-from mjx_fit.control.regulation import regulated
 from mjx_fit.engines import attempt_rules, policy_runner
 from mjx_fit.engines.mjx.compiler import compiler_options
 from mjx_fit.engines.mjx.step import Models, WorldModel, advance, free_reading, placed
@@ -69,7 +68,8 @@ class MjxEngine:
         self._models = Models.of(self.scene)
         self._chain = chain_of(self.scene.models[0], self.scene.robot)
         self.config = config
-        self._world = World(config, self.scene, regulated(policy or shipped(config), config.control))
+        self._world = World(config, self.scene, acting(policy, config))
+        self.turns = self._world.policy.turns
         self._policies = len(policies.NAMES) if policy is None else ANY_POLICY
         self.policy_name = None if policy is None else policy.name
         self._threads = threads if jax.default_backend() == "cpu" else 1
@@ -88,7 +88,7 @@ class MjxEngine:
         numerics.require()
         actions = self.config.task.attempt_actions if actions is None else actions
         actions, horizon, active = require_attempts(
-            attempts, actions, horizon, active, self.scene.config, self._policies
+            attempts, actions, horizon, active, self.config, self._policies
         )
         n = len(attempts.peg_type)
         rows = self._rows(n)

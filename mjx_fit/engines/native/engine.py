@@ -16,17 +16,16 @@ from mujoco.batch import Batch
 
 from mjx_fit.config.schema import Config
 from mjx_fit.control import policies
-from mjx_fit.control.goals import Goal, at_rest
-from mjx_fit.control.open_loop import shipped
+from mjx_fit.control.framed import acting
+from mjx_fit.control.goals import Goal
 from mjx_fit.control.policies import Policy
-from mjx_fit.control.regulation import regulated
 from mjx_fit.engines import attempt_rules
 from mjx_fit.engines.attempt_rules import Verdict
 from mjx_fit.engines.native.block import Block, batch_at_rest
 from mjx_fit.engines.native.controller import ROWS, Brain, padded, rows_for
 from mjx_fit.engines.native.drive import driven
 from mjx_fit.engines.native.models import Models
-from mjx_fit.engines.policy_runner import Memory
+from mjx_fit.engines.policy_runner import Memory, at_rest
 from mjx_fit.engines.requests import ANY_POLICY, MOST_THREADS, require_attempts, require_count
 from mjx_fit.engines.threads import on_threads, parts_of, silence_mujoco
 from mjx_fit.scene.build import simulation_scene
@@ -68,7 +67,8 @@ class NativeEngine:
         self._threads, self._on_step = threads, on_step
         self._policies = len(policies.NAMES) if policy is None else ANY_POLICY
         self.policy_name = None if policy is None else policy.name
-        self._brain = Brain(self.scene, config, regulated(policy or shipped(config), config.control))
+        self._brain = Brain(self.scene, config, acting(policy, config))
+        self.turns = self._brain.policy.turns
         self._models = Models(self.scene)
 
     def run(
@@ -82,7 +82,7 @@ class NativeEngine:
         numerics.require()
         actions = self.config.task.attempt_actions if actions is None else actions
         actions, horizon, active = require_attempts(
-            attempts, actions, horizon, active, self.scene.config, self._policies
+            attempts, actions, horizon, active, self.config, self._policies
         )
         done = self._nothing_done(attempts, actions)
         wanted = np.flatnonzero(active)
@@ -190,7 +190,7 @@ class _Part:
         self.block.move(qpos, qvel)
         if goal is None:
             tip = self.brain.tip(self.block.packed(), self.memory.physics)
-            goal = at_rest(tip.pos_world, self.brain.config.control, turns=self.brain.policy.turns)
+            goal = at_rest(self.brain.policy, self.brain.config, self.memory.start, tip.pos_world)
         else:
             goal = padded(goal, np.arange(len(qpos)))
         self.memory = replace(self.memory, goal=goal)
