@@ -27,20 +27,22 @@ os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=1")
 
 LONG = {
     "assembly", "attempt", "attention", "batches", "bench", "calibration", "checkpoint", "cli",
-    "collect", "collision", "compilation_cache", "contact_sensor", "crash", "damaged_checkpoint",
-    "demo", "engines", "every_action", "examples", "export", "export_readers", "files", "framed", "going_on",
-    "hostile_configs", "hostile_data", "hostile_results", "hostile_runs", "interrupts", "loss",
-    "machine_paths", "memory", "mirror", "newton_solver", "numerics", "package", "paper", "parity",
-    "parts", "parts_parity", "placement", "plausible", "policy_hooks", "poses", "press", "public", "reader",
-    "requests", "sensed_success", "single_hole", "sliding", "torch_twin", "tracker", "training",
-    "turning", "types", "video", "viewer", "viser_access", "watchdog", "windows",
+    "collect", "collision", "compilation_cache", "contact_sensor", "crash",
+    "damaged_checkpoint", "demo", "engines", "every_action", "examples", "export",
+    "export_readers", "files", "framed", "going_on", "hostile_configs", "hostile_data",
+    "hostile_results", "hostile_runs", "interrupts", "loss", "machine_paths", "memory",
+    "mirror", "newton_solver", "numerics", "package", "paper", "parity", "parts",
+    "parts_parity", "placement", "plausible", "policy_hooks", "poses", "press", "public",
+    "reader", "requests", "seek_poses", "sensed_success", "single_hole", "sliding",
+    "torch_twin", "tracker", "training", "turning", "types", "video", "viewer", "viser_access",
+    "watchdog", "windows",
 }  # fmt: skip
 """Modules that compile an engine or a training, start processes, or sweep over thousands of wrong inputs:
 ``make quick`` leaves them out."""
 
 
 SLOWEST_FIRST = (
-    "training", "engines", "parts_parity", "cli", "policy_hooks", "poses", "press", "demo", "placement",
+    "training", "engines", "parts_parity", "cli", "demo", "placement", "poses", "framed", "seek_poses",
     "every_action", "turning", "hostile_configs", "parity", "examples", "crash", "going_on",
 )  # fmt: skip
 """Modules that take half a minute and more, longest first: two processes then end at about the same time."""

@@ -39,7 +39,7 @@ def exact() -> Config:
     return replace(config, wrist=config.wrist.without_errors(), pose=config.pose.without_errors())
 
 
-@pytest.mark.parametrize("engine", ["native", "mjx"])
+@pytest.mark.parametrize("engine", ["native", pytest.param("mjx", marks=pytest.mark.slow)])
 def test_a_policy_reads_its_last_action_as_the_trace_is_read_later(engine, exact):
     attempts = draw_attempts(jax.random.key(1), N, config=exact)
     done = make_engine(engine, exact, READER).run(attempts, ACTIONS)

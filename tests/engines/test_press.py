@@ -32,7 +32,7 @@ def pushed(*sets: str, policy: Any = PUSH, engine: str = "native", actions: int 
     return done, wrench[..., 2]
 
 
-@pytest.mark.parametrize("engine", ["native", "mjx"])
+@pytest.mark.parametrize("engine", ["native", pytest.param("mjx", marks=pytest.mark.slow)])
 def test_a_push_presses_with_its_force_and_does_not_chatter(engine):
     _, force = pushed(engine=engine)
     assert force[:, 8:].mean((1, 2)) == pytest.approx(np.full(4, PRESS_N), rel=0.02)
