@@ -16,6 +16,7 @@ from mjx_fit.evaluation.effort_summary import summarise_effort
 from mjx_fit.evaluation.request import Request
 from mjx_fit.evaluation.results import Result
 from mjx_fit.evaluation.statistics import Row
+from mjx_fit.filters.updates import detected_belief
 from mjx_fit.task.attempt_loop import spirals_at
 from mjx_fit.task.effort import COLUMNS, effort_of
 from mjx_fit.types import Rollout
@@ -59,7 +60,7 @@ def _attempt(request: Request, here: result_file.Header) -> Result:
                 peg_type[ids % n],
                 hole_type[ids % n],
                 there.hole_pos_world,
-                there.estimate_world,
+                detected_belief(there.estimate_world, config).mean_world,
                 there.key,
                 there.physics,
             )
@@ -101,7 +102,8 @@ def _attempt_pairs(trials: int, n_types: int) -> tuple[Int[np.ndarray, "n"], Int
 def _attempt_rows(
     rollouts: Rollout, ids: Int[np.ndarray, "n"], names: tuple[str, ...]
 ) -> list[dict[str, Any]]:
-    error = np.linalg.norm(rollouts.felt.estimate_world - rollouts.truth.hole_pos_world, axis=1)
+    estimate = np.asarray(rollouts.felt.estimate_world)[:, :2]
+    error = np.linalg.norm(estimate - rollouts.truth.hole_pos_world, axis=1)
     effort, wrongly, sensed = effort_of(rollouts.felt), rollouts.inserted_wrongly, rollouts.sensed
     columns = {name: getattr(effort, name)[:, None] for name in COLUMNS}
     return [

@@ -136,7 +136,7 @@ def _believed(step: Step, action: int) -> Belief:
 def _path(step: Step, start_height_m: float) -> Float[np.ndarray, "steps 3"]:
     """Return the end-effector position before the first action and after each, m."""
     tips = np.array(step.rollout.felt.trace.tip_pos_world[: int(step.rollout.felt.length)])
-    first = np.array([*step.rollout.felt.estimate_world, start_height_m])
+    first = np.array([*np.asarray(step.rollout.felt.estimate_world)[:2], start_height_m])
     path = np.concatenate([first[None], tips])
     if not step.rollout.truth.valid:  # the last position of a diverged simulation is invalid
         path[-1] = path[-2]
