@@ -86,12 +86,11 @@ class SharedGrasp:
 
     def learn(self, rows: Int[np.ndarray, "k"], hole: Int[np.ndarray, "R"], after: Belief) -> None:
         """Carry the new beliefs of some rows about one hole each, (R,), to their grasps and other holes."""
-        if not len(rows):
-            return
-        own = jax.tree.map(lambda leaf: leaf[rows], self._joint)
-        mean, cov = (np.asarray(leaf, float)[rows] for leaf in (after.mean_world, after.cov))
+        # All rows, of which some are kept: one compilation serves any number of them.
+        mean, cov = (np.asarray(leaf, float) for leaf in (after.mean_world, after.cov))
         with jax.enable_x64(True):
-            self._put(rows, self._learn(own, hole[rows], mean, cov))
+            new = self._learn(self._joint, hole, mean, cov)
+        self._put(rows, jax.tree.map(lambda leaf: np.asarray(leaf)[rows], new))
 
     def new_peg(self, rows: Int[np.ndarray, "k"]) -> None:
         """Forget the grasps of these rows, whose pegs are new."""
