@@ -50,29 +50,6 @@ def with_new_peg(joint: Joint, grasp_cov: Float[Array, "*#batch D D"]) -> Joint:
     return Joint(mean.at[..., 0, :].set(0), cov.at[..., 0, :, 0, :].set(grasp_cov))
 
 
-def observe(
-    joint: Joint,
-    hole: Int[Array, "*batch"],
-    innovation: Float[Array, "*batch D"],
-    noise_cov: Float[Array, "*#batch D D"],
-    coordinates: Sequence[str],
-) -> Joint:
-    """Condition on a reading at a hole.
-
-    Args:
-        joint: Prior.
-        hole: Index of the hole, from 0.
-        innovation: Reading minus what was expected, ``s_i - g``, m and rad.
-        noise_cov: Covariance R of the reading.
-        coordinates: Names of the D coordinates.
-    """
-    m, d = joint.mean_world.shape[-2:]
-    flat = joint.cov.reshape(*joint.cov.shape[:-4], m * d, m * d)
-    start = jnp.zeros(flat.shape[:-1], flat.dtype)
-    step, cov = kalman.update(start, flat, innovation, noise_cov, _model(hole, m, d))
-    return _moved(joint, step, cov, coordinates)
-
-
 def learnt_at(
     joint: Joint,
     hole: Int[Array, "*batch"],
@@ -84,7 +61,7 @@ def learnt_at(
 
     What is new is known through r = s_i - g alone, so that with G = cov(x, r) cov(r)⁻¹ every part x moves by
     G (r' - r), and Σ' = (I - G H) Σ (I - G H)ᵀ + G P' Gᵀ with P' the new covariance of r. After the update of
-    a Kalman filter this is ``observe``; it also holds for any other update of r.
+    a Kalman filter this conditions all parts on its reading; it also holds for any other update of r.
 
     Args:
         joint: Prior.

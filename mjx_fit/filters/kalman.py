@@ -23,23 +23,21 @@ _MOST_SHARE = 0.999
 def update(
     mean: Float[Array, "*batch D"],
     cov: Float[Array, "*batch D D"],
-    innovation: Float[Array, "*batch k"],
-    noise_cov: Float[Array, "*#batch k k"],
-    model: Float[Array, "*#batch k D"] | None = None,
+    innovation: Float[Array, "*batch D"],
+    noise_cov: Float[Array, "*#batch D D"],
 ) -> tuple[Float[Array, "*batch D"], Float[Array, "*batch D D"]]:
-    """Condition N(μ, Σ) on an observation o = H x + v, v ~ N(0, R), given as the innovation o - H μ.
+    """Condition N(μ, Σ) on an observation o = x + v, v ~ N(0, R), given as the innovation o - μ.
 
-    K = Σ Hᵀ (H Σ Hᵀ + R)⁻¹,  μ' = μ + K (o - H μ),  Σ' = (I - K H) Σ (I - K H)ᵀ + K R Kᵀ
+    K = Σ (Σ + R)⁻¹,  μ' = μ + K (o - μ),  Σ' = (I - K) Σ (I - K)ᵀ + K R Kᵀ
 
-    The covariance update is the Joseph form of Algorithm 2's (I - K H) Σ: mathematically equal, but a sum of
+    The covariance update is the Joseph form of Algorithm 2's (I - K) Σ: mathematically equal, but a sum of
     two positive semi-definite matrices, so rounding to float32 cannot make it indefinite.
 
     Args:
         mean: Prior mean μ, m and rad.
         cov: Prior covariance Σ, positive definite.
-        innovation: Innovation o - H μ.
+        innovation: Innovation o - μ.
         noise_cov: Observation noise covariance R, positive semi-definite and finite.
-        model: Observation model H; None: the observation is direct, H = I, as in the paper.
 
     Returns:
         Posterior mean μ' and covariance Σ', exactly symmetric.
@@ -51,15 +49,11 @@ def update(
         >>> [round(float(x), 4) for x in mean]
         [0.005, 0.0]
     """
-    seen = cov if model is None else product(model, cov)
-    seen_cov = cov if model is None else product(seen, _transpose(model))
-    seen_cov, noise_cov = jnp.broadcast_arrays(seen_cov, noise_cov)
-    root = cholesky_factor(_axes_first(_symmetric(seen_cov + noise_cov)))
-    # Both Σ and H Σ Hᵀ + R are symmetric, so the solution X of (H Σ Hᵀ + R) X = H Σ is Kᵀ.
-    seen = jnp.broadcast_to(seen, (*seen_cov.shape[:-2], *seen.shape[-2:]))
-    gain = _transpose(jnp.moveaxis(cholesky_solve(root, _axes_first(seen)), (0, 1), (-2, -1)))
-    used = gain if model is None else product(gain, model)
-    residual = jnp.eye(mean.shape[-1], dtype=mean.dtype) - used
+    cov, noise_cov = jnp.broadcast_arrays(cov, noise_cov)
+    root = cholesky_factor(_axes_first(_symmetric(cov + noise_cov)))
+    # Both Σ and Σ + R are symmetric, so the solution X of (Σ + R) X = Σ is Kᵀ.
+    gain = _transpose(jnp.moveaxis(cholesky_solve(root, _axes_first(cov)), (0, 1), (-2, -1)))
+    residual = jnp.eye(mean.shape[-1], dtype=mean.dtype) - gain
     new_mean = mean + (gain * innovation[..., None, :]).sum(-1)
     return new_mean, _symmetric(sandwich(residual, cov) + sandwich(gain, noise_cov))
 
