@@ -16,6 +16,7 @@ _EXPERIMENTS = {
 }
 _AT_HOLES = {
     "full": "fuses the learned sensor's measurements of all attempts",
+    "position_only": "fuses what the sensor says about x and y, ignores yaw, tilt and the grasp",
     "frame_by_frame": "uses the sensor's measurement of the last attempt only",
     "no_update": "keeps the detector's estimate",
     "sample": "samples from the prior at each attempt",

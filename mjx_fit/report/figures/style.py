@@ -43,6 +43,7 @@ _COLOURS = {
     "full": "#0072B2",
     "failure_position": "#E69F00",
     "failure_only": "#D55E00",
+    "position_only": "#E69F00",
     "frame_by_frame": "#009E73",
     "no_update": "#CC79A7",
     "sample": "#56B4E9",
