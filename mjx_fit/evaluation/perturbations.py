@@ -109,6 +109,7 @@ def _interpolated(wrench: Wrench) -> Wrench:
 
 _FORCE_X = np.array([1, 0, 0, 0, 0, 0], np.float32)
 _FORCES = np.array([1, 1, 1, 0, 0, 0], np.float32)
+_ANGLE = float(np.deg2rad(1))
 _GAINS = ("control.kp_position", "control.kp_orientation")
 
 PERTURBATIONS: dict[str, Perturbation] = {
@@ -131,6 +132,13 @@ PERTURBATIONS: dict[str, Perturbation] = {
     "gains_-40%": Perturbation(factors=dict.fromkeys(_GAINS, 0.6)),
     "gains_+40%": Perturbation(factors=dict.fromkeys(_GAINS, 1.4)),
     "contact_time_x2": Perturbation(factors={"scene.contact_time_s": 2.0}),
+    "socket_up_1mm": Perturbation({"placement.socket_z_m": 0.001}),
+    "socket_yaw_3deg": Perturbation({"placement.socket_yaw_rad": 3 * _ANGLE}),
+    "socket_yaw_10deg": Perturbation({"placement.socket_yaw_rad": 10 * _ANGLE}),
+    "socket_tilt_3deg": Perturbation({"placement.socket_pitch_rad": 3 * _ANGLE}),
+    "grasp_shift_3mm": Perturbation({"placement.grasp_x_m": 0.003}),
+    "grasp_yaw_3deg": Perturbation({"placement.grasp_yaw_rad": 3 * _ANGLE}),
+    "grasp_tilt_3deg": Perturbation({"placement.grasp_pitch_rad": 3 * _ANGLE}),
     "other_engine": Perturbation(other_engine=True),
 }
 """Perturbations by name; the first is the reference."""

@@ -110,7 +110,7 @@ def _trials(request: Request, config: Config, perturbation: Perturbation, part: 
     changed = perturbation.applied_to(config)
     engine = _engine(request, changed, perturbation)
     root = root_key(request.seed, "robustness")
-    world = draw_holes(config, part.ids, request.trials, root)
+    world = draw_holes(changed, part.ids, request.trials, root)  # each quantity has a draw of its own
     assert request.sensor is not None
     update = _update(changed, request.sensor, perturbation)
     methods = tuple(method for method in POSITION if method.name == METHOD)

@@ -164,6 +164,7 @@ class FailingEngine:
 
     def run(self, attempts, actions=None, active=None, horizon=None):
         n = len(attempts.peg_type)
+        self.physics = attempts.physics
         made = make_rollouts(n, actions=12)
         down = np.tile(np.array([0.0, 1.0, 0.0, 0.0], np.float32), (n, 12, 1))
         trace = replace(made.felt.trace, tip_quat_world=down)
@@ -189,9 +190,29 @@ def heights(monkeypatch) -> list[np.ndarray]:
     return given
 
 
-def asked(out: Path) -> Request:
+def test_attempts_in_a_random_world_have_the_perturbed_value(heights, monkeypatch, tmp_path):
+    """The other quantities, and the detections, are those of the reference; the place that counts moves."""
+    engine = FailingEngine()
+    monkeypatch.setattr(robustness, "make_engine", lambda name, config: engine)
+    bench, drawn = read_config(world_file("bench")[0], ()), {}
+    for name in ("home", "friction_0.6", "grasp_shift_3mm"):
+        result = robustness.robustness(asked(tmp_path / f"{name}.json", bench), name)
+        drawn[name] = engine.physics, [trial["error_cm"][0] for trial in result.trials]
+    (home, before), (rough, same), (shifted, after) = drawn.values()
+    assert home.friction is not None
+    assert rough.friction is None
+    assert shifted.grasp_x_m is None
+    for one in (rough, shifted):
+        np.testing.assert_array_equal(one.kp_position, home.kp_position)
+        np.testing.assert_array_equal(one.socket_yaw_rad, home.socket_yaw_rad)
+    assert same == before
+    assert max(after) <= max(before) + 0.6
+    assert after != before
+
+
+def asked(out: Path, config: Config | None = None) -> Request:
     sensor: Any = PretendSensor()
-    return Request(Config(), out, FailingEngine(), 4, sensor=sensor)
+    return Request(config or Config(), out, FailingEngine(), 4, sensor=sensor)
 
 
 def test_a_perturbed_attempt_reaches_the_sensor(heights, tmp_path):
