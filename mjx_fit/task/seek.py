@@ -17,10 +17,11 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 from flax import nnx
-from jaxtyping import Bool, Float, Key
+from jaxtyping import Bool, Float, Int, Key
 
 from mjx_fit.config.schema import Config
 from mjx_fit.control import search
+from mjx_fit.control.open_loop import TILT_S, YAW_S
 from mjx_fit.control.policies import Policy, PolicyInput, PolicyStart
 from mjx_fit.control.search import Search
 from mjx_fit.filters import chart, frame
@@ -88,10 +89,26 @@ def seek(config: Config, sensor: ContactSensor | None = None, name: str = NAME) 
         begun, upright = search.begin(start.estimate_world), jnp.zeros(3) if turns else None
         return Thought(past, prior, prior, begun, jnp.zeros((), bool), upright)
 
+    return Policy(
+        init,
+        _act(network, config),
+        name,
+        reads=sensor is not None,
+        report=None if network is None else _belief,
+        gives_up=lambda thought: thought.leaves,
+        turns=turns,
+    )
+
+
+def _act(
+    network: Callable[[], ContactSensor] | None, config: Config
+) -> Callable[[Thought, PolicyInput], tuple[Thought, Float[Array, "k"]]]:
+    """Return the function that reads, decides and moves on."""
+
     def act(thought: Thought, seen: PolicyInput) -> tuple[Thought, Float[Array, "k"]]:
         if network is not None:
             felt = _felt(network, config)
-            reads = (seen.step > 0) & (seen.step <= rows)
+            reads = (seen.step > 0) & (seen.step <= config.task.attempt_actions)
             thought = jax.lax.cond(reads, felt, lambda thought, seen: thought, thought, seen)
             thought = decided_or_astray(thought, seen, config)
         now, command = search.step(thought.search, seen, config.seek)
@@ -99,17 +116,10 @@ def seek(config: Config, sensor: ContactSensor | None = None, name: str = NAME) 
         if thought.turn is None:
             return thought, command
         turn = turned_to_belief(thought.turn, thought.belief, config)
-        return replace(thought, turn=turn), jnp.concatenate([command, turn])
+        rocked = turn + rocking(seen.step, thought.belief, config) * now.touched
+        return replace(thought, turn=turn), jnp.concatenate([command, rocked])
 
-    return Policy(
-        init,
-        act,
-        name,
-        reads=sensor is not None,
-        report=None if network is None else _belief,
-        gives_up=lambda thought: thought.leaves,
-        turns=turns,
-    )
+    return act
 
 
 def seek_with(sensor: TrainedSensor, config: Config) -> tuple[Config, Policy]:
@@ -155,6 +165,17 @@ def turned_to_belief(turn: Float[Array, "3"], belief: Belief, config: Config) ->
     wanted = frame.frame_of(belief.mean_world, config.filter.coordinates).rotation_world.log()
     away, most = wanted - turn, config.seek.turn_radps * ACTION_S
     return turn + away * jnp.minimum(1, most / jnp.maximum(jnp.linalg.norm(away), 1e-9))
+
+
+def rocking(step: Int[Array, ""], belief: Belief, config: Config) -> Float[Array, "3"]:
+    """Return the rotation of the search in rotation at an action, a rotation vector, rad.
+
+    Its phases are those of ``control.open_loop.spiral_turn``: yaw and tilt meet in all combinations.
+    """
+    names, spread = config.filter.coordinates, jnp.sqrt(jnp.diagonal(belief.cov))
+    size = jnp.stack([spread[names.index(name)] if name in names else jnp.zeros(()) for name in chart.AXIS])
+    yaw, tilt = (2 * jnp.pi * ACTION_S * step / period for period in (YAW_S, TILT_S))
+    return config.seek.rock * size * jnp.stack([jnp.cos(tilt), jnp.sin(tilt), jnp.sin(yaw)])
 
 
 def decided_or_astray(thought: Thought, seen: PolicyInput, config: Config) -> Thought:

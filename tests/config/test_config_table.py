@@ -21,6 +21,7 @@ PURE = {
         "filter.position_temperature",
         "filter.correlation",
         "seek.astray_share",
+        "seek.rock",
     ),
     *(
         "scene.friction",

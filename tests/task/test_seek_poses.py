@@ -18,7 +18,7 @@ from mjx_fit.filters import frame
 from mjx_fit.sensors.contact_sensor import ContactSensor
 from mjx_fit.sensors.reading import Window, read_window
 from mjx_fit.task.estimator import posterior
-from mjx_fit.task.seek import seek, turned_to_belief
+from mjx_fit.task.seek import rocking, seek, turned_to_belief
 from mjx_fit.types import Belief
 
 N, ACTIONS = 2, 8
@@ -102,3 +102,35 @@ def test_the_tool_stops_at_the_belief():
     for _ in range(5):
         turn = turned_to_belief(turn, belief, config)
     np.testing.assert_allclose(turn, [0, 0.01, 0.02], atol=1e-6)
+
+
+def test_the_tool_rocks_by_believed_standard_deviations():
+    """Over a long time it reaches what ``seek.rock`` allows in yaw, and tilts by it in all directions."""
+    config = read_config(None, ["filter.coordinates=[x, y, yaw, roll, pitch]", "seek.rock=1.5"])
+    std = np.array([0.01, 0.01, 0.1, 0.03, 0.02])
+    belief = Belief(jnp.zeros(5), jnp.diag(jnp.square(jnp.asarray(std))), jnp.zeros(3))
+    turns = np.asarray(jax.vmap(lambda step: rocking(step, belief, config))(jnp.arange(600)))
+    np.testing.assert_allclose(turns.max(0), 1.5 * std[[3, 4, 2]], rtol=0.02)
+    np.testing.assert_allclose(turns.min(0), -1.5 * std[[3, 4, 2]], rtol=0.02)
+    np.testing.assert_allclose(((turns[:, :2] / (1.5 * std[[3, 4]])) ** 2).sum(1), 1, rtol=1e-4)
+    yaw = read_config(None, ["filter.coordinates=[x, y, yaw]", "seek.rock=1.5"])
+    planar = Belief(jnp.zeros(3), jnp.diag(jnp.array([1.0, 1, 0.01])), jnp.zeros(3))
+    alone = rocking(jnp.asarray(7), planar, yaw)
+    np.testing.assert_allclose(alone, [0, 0, turns[7, 2]], rtol=1e-5)
+
+
+def test_a_peg_in_the_air_does_not_rock():
+    config = replace(poses(), seek=replace(poses().seek, rock=3.0))
+    drawn = draw_attempts(jax.random.key(1), 1, config=config)
+    prior = Belief(
+        jnp.asarray(drawn.estimate_world), 1e-2 * jnp.eye(6)[None], jnp.full((1, 3), -jnp.log(3.0))
+    )
+    attempts = replace(drawn, belief=prior)
+    raised = replace(config, scene=replace(config.scene, start_height_m=0.015))
+    turns = []
+    for one in (raised, config):
+        turn = make_engine("native", one, seek(one)).run(attempts, 5).felt.trace.turn_world
+        assert turn is not None
+        turns.append(turn[0])
+    np.testing.assert_array_equal(turns[0][:2], 0)
+    assert np.abs(turns[1]).max() > 0.05
