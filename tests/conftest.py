@@ -32,7 +32,7 @@ LONG = {
     "export_readers", "files", "framed", "going_on", "hostile_configs", "hostile_data",
     "hostile_results", "hostile_runs", "interrupts", "loss", "machine_paths", "memory",
     "mirror", "newton_solver", "numerics", "package", "paper", "parity", "parts",
-    "parts_parity", "placement", "plausible", "policy_hooks", "poses", "press", "public",
+    "parts_parity", "placement", "plausible", "policy_hooks", "posed_pictures", "poses", "press", "public",
     "reader", "requests", "seek_poses", "sensed_success", "single_hole", "sliding",
     "torch_twin", "tracker", "training", "turning", "types", "video", "viewer", "viser_access",
     "watchdog", "windows",

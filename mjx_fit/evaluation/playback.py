@@ -176,7 +176,8 @@ def _play(of: _Assemblies, pick: Pick, engine: Engine, sensor: TrainedSensor | N
     row = [one.name for one in methods].index(pick.method) * len(ids) + place
     table.leave_out_all_but(row)
     world = drawn.hole_type[place], drawn.hole_pos_world[place], drawn.peg_type[place]
-    empty = Recording(pick.method, pick.trial, config, *world, steps=())
+    physics = jax.tree.map(lambda leaf: leaf[place], drawn.physics)
+    empty = Recording(pick.method, pick.trial, config, *world, steps=(), physics=physics)
     return _steps(empty, table, row, rounds(table, engine, update, confirm), pick.attempt)
 
 

@@ -7,6 +7,7 @@ from jaxtyping import Float, Int
 
 from mjx_fit.config.schema import Config
 from mjx_fit.types import Belief, Rollout
+from mjx_fit.types.physics import AS_CONFIGURED, Physics
 from mjx_fit.utils.errors import require
 
 
@@ -49,6 +50,7 @@ class Recording:
         hole_pos_world: Position of each hole, (n, 2), m.
         peg_type: Type of each peg in the order of grasping, (n,).
         steps: Attempts in order.
+        physics: Quantities of the world of each hole, and of the grasp of each peg, (n,).
     """
 
     method: str
@@ -58,6 +60,7 @@ class Recording:
     hole_pos_world: Float[np.ndarray, "n 2"]
     peg_type: Int[np.ndarray, "n"]
     steps: tuple[Step, ...]
+    physics: Physics = AS_CONFIGURED
 
     def only(self, number: int) -> "Recording":
         """Return the recording of a single attempt.

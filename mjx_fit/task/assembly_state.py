@@ -10,6 +10,7 @@ is not in (``task.success: sensed``) counts as inserted wrongly, too.
 """
 
 from dataclasses import replace
+from functools import reduce
 from operator import attrgetter
 
 import jax
@@ -21,12 +22,12 @@ from mjx_fit.config.schema import Config
 from mjx_fit.filters.updates import detected_belief
 from mjx_fit.scene.scenarios import Trials
 from mjx_fit.task.assembly_snapshot import EMPTY, KEPT_FROM, Choice, State
-from mjx_fit.task.attempt_log import Diary, believed
+from mjx_fit.task.attempt_log import Diary, about, believed
 from mjx_fit.task.attempt_loop import Tried, Try, placed_as, spirals_at
 from mjx_fit.task.effort import COLUMNS, effort_of, move_time_s
 from mjx_fit.task.hole_choice import Situation, by_chance, by_rate
 from mjx_fit.task.methods import Method, of_rows
-from mjx_fit.task.oracle import reveal_hole, reveal_match
+from mjx_fit.task.oracle import reveal_hole, reveal_match, reveal_place
 from mjx_fit.task.shared_grasp import SharedGrasp, in_hand, places_for_tool
 from mjx_fit.types import Belief, Rollout
 from mjx_fit.utils.randomness import root_key
@@ -54,6 +55,7 @@ class Table:
         self._detected, self._beliefs = self._initial_beliefs(), self._initial_beliefs()
         self._shared = SharedGrasp(self._world["estimate_world"], config) if shares else None
         self._content = np.full((n_rows, n), EMPTY)
+        self._revealed = np.repeat(self._of("knows_truth")[:, None], n, 1)
         self._tries = np.zeros((n_rows, n), np.int32)
         self._attempts = np.zeros((n_rows, n), int)
         self._human, self._wrongly = np.zeros((n_rows, n), bool), np.zeros((n_rows, n), bool)
@@ -91,8 +93,11 @@ class Table:
         choice = by_rate if self._config.task.next_hole == "rate" else by_chance
         beliefs = self._beliefs
         if self._config.task.revisit_from == "detection":
-            beliefs = placed_as(beliefs, self._detected, self._tries > 0)
-        now = Situation(beliefs, self._peg(), self._content != EMPTY, self._tries, self._starts)
+            detected, shared = self._detected, self._shared
+            if shared is not None:
+                detected = shared.detections(detected, self._of("learns_position"))
+            beliefs = placed_as(beliefs, detected, self._tries > 0)
+        now = Situation(beliefs, self._peg(), self._content != EMPTY, self._tries, self._starts[:, :2])
         self.choice, elsewhere = choice(now, self._config)
         hole, rows = self.choice.hole, np.arange(len(self._trial))
         wiggle_keys, noise_keys = self._keys(self._trial, self._peg_number(), self._attempt_number())
@@ -111,11 +116,12 @@ class Table:
         if tried.confirmed is not None:
             self._store(rows[self.active & np.asarray(happened.taken) & ~kept], tried.confirmed)
         failed = self.active & np.asarray(happened.truth.valid) & ~kept
-        told = rows[failed & self._of("learns_truth")]
-        match_told = rows[failed & self._of("learns_match")]
+        told, match_told = (rows[failed & self._of(trait)] for trait in ("learns_truth", "learns_match"))
         for beliefs in (self._beliefs, self._detected):
             reveal_hole(beliefs, self._world, (told, chosen[told]))
             reveal_match(beliefs, self._world, (match_told, chosen[match_told]), self._peg()[match_told])
+        for rows in (told, match_told):
+            self._revealed[rows, chosen[rows]] = True
         self._note(happened, tried.asked.beliefs)
 
     def record(self, tried: Tried) -> None:
@@ -187,7 +193,9 @@ class Table:
         if self._shared is not None:
             self._shared.new_peg(rows)
             self._beliefs = self._shared.beliefs(self._beliefs, self._of("learns_position"))
-        reveal_hole(self._beliefs, self._world, rows[self._of("knows_truth")[rows]])
+        known = self._revealed & np.isin(np.arange(len(self._trial)), rows)[:, None]
+        for beliefs in (self._beliefs, self._detected):
+            reveal_place(beliefs, self._world, known)
 
     def _note(self, rollouts: Rollout, before: Belief) -> None:
         """Log the choice, the belief before and after the attempt, and its time and force."""
@@ -229,11 +237,8 @@ class Table:
         return of_rows(self._methods, self._n_trials, attrgetter(trait))
 
     def _attempt_keys(self, trial, peg_number, attempt_number):
-        key = self._root
-        for part in (trial, peg_number, attempt_number):
-            key = jax.random.fold_in(key, part)
-        wiggle, noise = jax.random.split(key)
-        return wiggle, noise
+        key = reduce(jax.random.fold_in, (trial, peg_number, attempt_number), self._root)
+        return tuple(jax.random.split(key))
 
     def _peg_number(self) -> Int[np.ndarray, "R"]:
         return np.minimum(self.pegs_done, self._content.shape[1] - 1)
@@ -243,8 +248,3 @@ class Table:
 
     def _attempt_number(self) -> Int[np.ndarray, "R"]:
         return self._attempts[np.arange(len(self._trial)), self._peg_number()]
-
-
-def about(beliefs: Belief, hole: Int[np.ndarray, "R"]) -> Belief:
-    """Return the belief of each row about one of its holes."""
-    return jax.tree.map(lambda leaf: leaf[np.arange(len(hole)), hole], beliefs)

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import jax
 import numpy as np
 from jaxtyping import Float, Int, Shaped
 
@@ -38,6 +39,11 @@ class Diary:
     def of(self, row: int) -> dict[str, list[list[Any]]]:
         """Return the log of a row, by column."""
         return self._of_row[row]
+
+
+def about(beliefs: Belief, hole: Int[np.ndarray, "R"]) -> Belief:
+    """Return the belief of each row about one of its holes."""
+    return jax.tree.map(lambda leaf: leaf[np.arange(len(hole)), hole], beliefs)
 
 
 def believed(

@@ -21,7 +21,7 @@ def reveal_hole(beliefs: Belief, world: dict[str, np.ndarray], which: Any) -> No
         which: Index into (R, n).
     """
     one_hot = np.arange(beliefs.type_logp.shape[-1]) == world["hole_type"][which][..., None]
-    _reveal_position(beliefs, world, which)
+    reveal_place(beliefs, world, which)
     beliefs.type_logp[which] = np.where(one_hot, 0.0, _LOG_IMPOSSIBLE)
 
 
@@ -38,11 +38,12 @@ def reveal_match(
     """
     is_peg = np.arange(beliefs.type_logp.shape[-1]) == peg_type[:, None]
     same = (world["hole_type"][which] == peg_type)[:, None]
-    _reveal_position(beliefs, world, which)
+    reveal_place(beliefs, world, which)
     left = np.where(is_peg == same, beliefs.type_logp[which], _LOG_IMPOSSIBLE)
     beliefs.type_logp[which] = left - np.logaddexp.reduce(left, axis=1, keepdims=True)
 
 
-def _reveal_position(beliefs: Belief, world: dict[str, np.ndarray], which: Any) -> None:
+def reveal_place(beliefs: Belief, world: dict[str, np.ndarray], which: Any) -> None:
+    """Reveal the true places of selected holes, in place; see ``reveal_hole``."""
     beliefs.mean_world[which] = world["place_world"][which]
     beliefs.cov[which] = KNOWN_VARIANCE_M2 * np.eye(beliefs.cov.shape[-1])

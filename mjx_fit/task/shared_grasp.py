@@ -80,7 +80,7 @@ class SharedGrasp:
             )
         with jax.enable_x64(True):
             made = joint.independent(np.asarray(detected.mean_world, float), cov, self._grasp)
-            self._joint = jax.tree.map(np.array, made)
+            self._joint, self._detected = (jax.tree.map(np.array, made) for _ in range(2))
         self._learn = jax.jit(partial(joint.learnt_at, coordinates=self._names))
         self._relative = jax.jit(jax.vmap(self._all_holes))
 
@@ -100,8 +100,17 @@ class SharedGrasp:
 
     def beliefs(self, beliefs: Belief, which: Bool[np.ndarray, "R"]) -> Belief:
         """Return the beliefs of some rows about all holes relative to the peg in hand; types stay."""
+        return self._as_beliefs(self._joint, beliefs, which)
+
+    def detections(self, beliefs: Belief, which: Bool[np.ndarray, "R"]) -> Belief:
+        """Return the same of holes as they were detected, with the grasp as it is known by now."""
+        mean, cov = self._detected.mean_world.copy(), self._detected.cov.copy()
+        mean[:, 0], cov[:, 0, :, 0] = self._joint.mean_world[:, 0], self._joint.cov[:, 0, :, 0]
+        return self._as_beliefs(joint.Joint(mean, cov), beliefs, which)
+
+    def _as_beliefs(self, known: joint.Joint, beliefs: Belief, which: Bool[np.ndarray, "R"]) -> Belief:
         with jax.enable_x64(True):
-            mean, cov = (np.asarray(leaf, np.float32) for leaf in self._relative(self._joint))
+            mean, cov = (np.asarray(leaf, np.float32) for leaf in self._relative(known))
         return replace(
             beliefs,
             mean_world=np.where(which[:, None, None], mean, beliefs.mean_world),

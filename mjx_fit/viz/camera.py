@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from mjx_fit.viz import scene_model
+from mjx_fit.viz import belief_marks
 from mjx_fit.viz.scene_model import Puppet
 from mjx_fit.viz.timeline import Moment
 
@@ -40,7 +40,7 @@ class Stage:
     def draw(self, moment: Moment) -> UInt8[np.ndarray, "h w 3"]:
         """Render a moment; the puppet must already be in its pose."""
         self._renderer.update_scene(self._puppet.data, self._camera)
-        scene_model.add(self._renderer.scene, self._puppet.marks(moment))
+        belief_marks.add(self._renderer.scene, self._puppet.marks(moment))
         return self._renderer.render()
 
     def on_image(self, point_world: Float[np.ndarray, "3"]) -> tuple[float, float]:

@@ -9,7 +9,7 @@ import mujoco
 import mujoco.viewer
 import numpy as np
 
-from mjx_fit.viz import scene_model
+from mjx_fit.viz import belief_marks
 from mjx_fit.viz.camera import set_camera
 from mjx_fit.viz.scene_model import Puppet
 from mjx_fit.viz.timeline import Moment
@@ -34,7 +34,7 @@ class Window:
             scene = self._viewer.user_scn
             assert scene is not None  # not None while the window is open
             scene.ngeom = 0
-            scene_model.add(scene, self._puppet.marks(moment))
+            belief_marks.add(scene, self._puppet.marks(moment))
         left, right = ("\n".join(column) for column in zip(*words, strict=True))
         font, place = mujoco.mjtFontScale.mjFONTSCALE_150, mujoco.mjtGridPos.mjGRID_TOPRIGHT
         self._viewer.set_texts((font, place, left, right))

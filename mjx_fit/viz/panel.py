@@ -61,6 +61,8 @@ class Panel:
             believed = ", ".join(f"{self._names[kind]} {chances[kind]:.0%}" for kind in kinds)
             if len(kinds) < len(chances):
                 believed += f", others {1 - chances[kinds].sum():.0%}"
+            if yaw := self._yaw(moment, hole):
+                believed += f", {yaw}"
             said.append((f"hole {hole + 1}", "filled" if filled else believed))
         return said
 
@@ -117,9 +119,19 @@ class Panel:
                 self._text(draw, 60, middle, f"filled: {self._names[kind]}", 17, _ink(kind), anchor="lm")
                 continue
             self._bars(draw, np.exp(moment.belief.type_logp[hole]), y + 5, each - 14)
-            spread = 1000 * np.sqrt(np.trace(moment.belief.pos_cov[hole]) / 2)
-            self._text(draw, 300, middle, f"± {spread:.1f} mm", 17, anchor="lm")
+            spread, yaw = 1000 * np.sqrt(np.trace(moment.belief.pos_cov[hole]) / 2), self._yaw(moment, hole)
+            self._text(draw, 300, middle - (8 if yaw else 0), f"± {spread:.1f} mm", 17, anchor="lm")
+            self._text(draw, 300, middle + 10, yaw, 13, _FAINT, anchor="lm")
         return top + n * each
+
+    def _yaw(self, moment: Moment, hole: int) -> str:
+        """Return the believed yaw of a hole with its standard deviation; empty if none is believed."""
+        names = self._recording.config.filter.coordinates
+        if "yaw" not in names:
+            return ""
+        at = names.index("yaw")
+        mean = np.rad2deg(moment.belief.mean_world[hole][at])
+        return f"yaw {mean:.0f} ± {np.rad2deg(np.sqrt(moment.belief.cov[hole][at, at])):.0f}°"
 
     def _bars(self, draw: ImageDraw.ImageDraw, chance: Float[np.ndarray, "C"], y: float, room: float) -> None:
         kinds = _shown(chance, int(room // ROW))

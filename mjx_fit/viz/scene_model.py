@@ -1,11 +1,9 @@
-"""Robot, pegs and sockets in the pose of a moment, with the belief as marks above the holes."""
+"""Robot, pegs and sockets in the pose of a moment: sockets as they stand, the peg as it is held."""
 
 # MuJoCo's extension module has no stubs.
 # pyright: reportAttributeAccessIssue=false
 
 import re
-from dataclasses import dataclass
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -15,39 +13,13 @@ from jaxtyping import Float
 
 from mjx_fit.control.kinematics import chain_of, inverse
 from mjx_fit.evaluation.recording import Recording, Step
-from mjx_fit.filters.kalman import scale_tril
 from mjx_fit.scene.build import picture_scene
-from mjx_fit.scene.parts import plate_top_m
+from mjx_fit.scene.placement import setting_of
 from mjx_fit.scene.robot import ROBOTS
 from mjx_fit.task.assembly_snapshot import EMPTY
 from mjx_fit.utils.type_colours import TYPE_RGB
+from mjx_fit.viz.belief_marks import Mark, marks_of
 from mjx_fit.viz.timeline import Moment
-
-UNSURE_RGB = (0.93, 0.93, 0.90)
-RADIUS_90 = float(np.sqrt(4.605))
-"""Radius of the 90 % region of a planar Gaussian, in standard deviations."""
-
-_OVER_PLATE_M, _THICK_M, _DOT_M = 0.0015, 0.0006, 0.0018
-_ALPHA = 0.62
-
-
-@dataclass(frozen=True)
-class Mark:
-    """Geometry to add to the scene.
-
-    Attributes:
-        kind: Member of ``mujoco.mjtGeom``.
-        size: MuJoCo size parameters of the kind, m.
-        centre_world: Position of the centre, m.
-        frame_world: Orientation, as a rotation matrix.
-        rgba: Colour.
-    """
-
-    kind: Any
-    size: Float[np.ndarray, "3"]
-    centre_world: Float[np.ndarray, "3"]
-    frame_world: Float[np.ndarray, "3 3"]
-    rgba: tuple[float, float, float, float]
 
 
 class Puppet:
@@ -64,17 +36,24 @@ class Puppet:
         self.model = picture_scene(config, recording.hole_type.tolist(), recording.hole_pos_world)
         self.data = mujoco.MjData(self.model)
         chain = chain_of(self.model, ROBOTS[config.robot])
-        self._inverse = jax.jit(jax.vmap(lambda tip: inverse(chain, tip)))
-        self._top = plate_top_m(config)
+        self._inverse = jax.jit(jax.vmap(lambda tip: inverse(chain, tip[:3], turn_world=tip[3:])))
         holes = range(len(recording.hole_type))
+        setting = setting_of(jnp.asarray(recording.hole_pos_world), recording.physics, recording.config)
+        self._held = None if setting.peg_hand is None else np.asarray(setting.peg_hand.wxyz_xyz, float)
+        self._straight = self.model.geom_pos.copy(), self.model.geom_quat.copy()
+        if setting.socket_world is not None:
+            for hole in holes:
+                socket = self.model.body(f"hole{hole}")
+                socket.pos = np.asarray(setting.socket_world.translation())[hole]
+                socket.quat = np.asarray(setting.socket_world.rotation().wxyz)[hole]
         self._hand = self._pegs("hand")
         self._placed = [self._pegs(f"placed_{hole}") for hole in holes]
         for pegs in (self._hand, *self._placed):
             for kind, geoms in enumerate(pegs):
                 self.model.geom_rgba[geoms, :3] = TYPE_RGB[kind]
 
-    def postures(self, tips: Float[np.ndarray, "f 3"]) -> Float[np.ndarray, "f joints"]:
-        """Return the joint angles (rad) that place the end effector at each position."""
+    def postures(self, tips: Float[np.ndarray, "f 6"]) -> Float[np.ndarray, "f joints"]:
+        """Return the joint angles (rad) that place the end effector at each position (m) and turn (rad)."""
         return np.asarray(self._inverse(jnp.asarray(tips, jnp.float32)))
 
     def pose(self, moment: Moment, step: Step, qpos: Float[np.ndarray, "joints"]) -> None:
@@ -88,31 +67,30 @@ class Puppet:
         peg_type = self._recording.peg_type[step.peg]
         self.data.qpos[: len(qpos)] = qpos
         self._show(self._hand, peg_type if moment.holding else EMPTY)
+        if self._held is not None:
+            self._hold(self._hand[peg_type], self._held[step.peg])
         for kind, pegs in zip(moment.content, self._placed, strict=True):
             self._show(pegs, kind)
         mujoco.mj_forward(self.model, self.data)
 
     def marks(self, moment: Moment) -> list[Mark]:
-        """Return a thin disc, the 90 % region of its position, and the mean position of each empty hole."""
-        marks: list[Mark] = []
-        for hole in np.flatnonzero(~moment.filled):
-            belief = jax.tree.map(lambda leaf, hole=hole: np.asarray(leaf)[hole], moment.belief)
-            axes, stretch, _ = np.linalg.svd(np.asarray(scale_tril(jnp.asarray(belief.pos_cov))))
-            frame = np.eye(3)
-            frame[:2, :2] = axes * [1, np.sign(np.linalg.det(axes))]
-            centre = np.array([*belief.pos_mean_world, self._top + _OVER_PLATE_M])
-            size = np.maximum([*(RADIUS_90 * stretch), _THICK_M], _THICK_M)
-            colour = mixed(np.exp(belief.type_logp))
-            ellipsoid, cylinder = mujoco.mjtGeom.mjGEOM_ELLIPSOID, mujoco.mjtGeom.mjGEOM_CYLINDER
-            marks.append(Mark(ellipsoid, size, centre, frame, (*colour, _ALPHA)))
-            dot = np.array([_DOT_M, 2 * _THICK_M, 0])
-            marks.append(Mark(cylinder, dot, centre, np.eye(3), (0.1, 0.1, 0.1, 1.0)))
-        return marks
+        """Return the marks of the belief."""
+        return marks_of(moment.belief, ~moment.filled, self._recording.config)
 
     def _show(self, pegs: list[list[int]], kind: int) -> None:
         """Show the peg of one type only."""
         for i, geoms in enumerate(pegs):
             self.model.geom_rgba[geoms, 3] = float(i == kind)
+
+    def _hold(self, geoms: list[int], pose: Float[np.ndarray, "7"]) -> None:
+        """Hold a peg in a pose in the hand: a quaternion, and a displacement, m."""
+        turn, shift = pose[:4], pose[4:]
+        for geom in geoms:
+            pos, quat = (own[geom] for own in self._straight)
+            mujoco.mju_rotVecQuat(self.model.geom_pos[geom], pos, turn)
+            self.model.geom_pos[geom] += shift
+            mujoco.mju_mulQuat(self.model.geom_quat[geom], turn, quat)
+            self.model.geom_sameframe[geom] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE
 
     def _pegs(self, place: str) -> list[list[int]]:
         """Return the geoms of the peg of each type at a place."""
@@ -121,20 +99,3 @@ class Puppet:
     def _geoms(self, prefix: str) -> list[int]:
         mine = re.compile(re.escape(prefix) + r"\d+")  # a name may be a prefix of another
         return [i for i in range(self.model.ngeom) if mine.fullmatch(self.model.geom(i).name)]
-
-
-def add(scene: mujoco.MjvScene, marks: list[Mark]) -> None:
-    """Add marks to a MuJoCo scene."""
-    for mark in marks:
-        geom = scene.geoms[scene.ngeom]
-        rgba = np.array(mark.rgba, np.float32)
-        mujoco.mjv_initGeom(geom, mark.kind, mark.size, mark.centre_world, mark.frame_world.ravel(), rgba)
-        scene.ngeom += 1
-
-
-def mixed(chance: Float[np.ndarray, "C"]) -> tuple[float, float, float]:
-    """Return the colour of a type belief: pale if uniform, the colour of the type if certain."""
-    likely, even = int(np.argmax(chance)), 1 / len(chance)
-    sure = (chance[likely] / chance.sum() - even) / (1 - even) if len(chance) > 1 else 1.0
-    r, g, b = (1 - sure) * np.array(UNSURE_RGB) + sure * np.array(TYPE_RGB[likely])
-    return float(r), float(g), float(b)

@@ -123,7 +123,7 @@ def drawn(recording: Recording, shown: list[Moment], size: tuple[int, int]) -> G
     scene = recording.config.scene
     corner = [0.72 * scene.plate_half_width_m, -0.72 * scene.plate_half_width_m, plate_top_m(scene)]
     numbers = np.pad(recording.hole_pos_world, ((0, 0), (0, 1))) + corner
-    postures = acting.postures(np.stack([moment.tip_pos_world for moment in shown]))
+    postures = acting.postures(np.stack([moment.tip_world for moment in shown]))
     try:
         for moment, qpos in zip(shown, postures, strict=True):
             step = recording.steps[moment.step]

@@ -118,13 +118,13 @@ class _Show:
             late = time.monotonic() - began - number / FPS
             if late > 1 / FPS and number < len(shown) - 1:
                 continue  # a slow screen drops frames instead of lagging
-            qpos = self._puppet.postures(moment.tip_pos_world[None])[0]
+            qpos = self._puppet.postures(moment.tip_world[None])[0]
             pose = partial(self._puppet.pose, moment, step, qpos)
             self._screen.show(pose, moment, panel.words(moment), panel.draw(moment))
             if not self._screen.is_open():
                 return False
             time.sleep(max(0.0, began + (number + 1) / FPS - time.monotonic()))
-        self._tip = shown[-1].tip_pos_world
+        self._tip = shown[-1].tip_world
         return True
 
 

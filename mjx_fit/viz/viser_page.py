@@ -12,7 +12,8 @@ import numpy as np
 import trimesh
 import viser
 
-from mjx_fit.viz.scene_model import Mark, Puppet
+from mjx_fit.viz.belief_marks import Mark
+from mjx_fit.viz.scene_model import Puppet
 from mjx_fit.viz.timeline import Moment
 from mjx_fit.viz.viser_access import Door
 

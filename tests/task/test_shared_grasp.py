@@ -9,6 +9,7 @@ import pytest
 from fakes import FakeEngine
 
 from mjx_fit.config.files import read_config
+from mjx_fit.config.worlds import preset
 from mjx_fit.scene import scenarios
 from mjx_fit.scene.placement import GRASP, place_for_tool
 from mjx_fit.task import methods
@@ -129,3 +130,41 @@ def test_without_grasps_an_assembly_is_the_same_with_the_joint_as_without():
     for one, other in zip(*rows, strict=True):
         assert one["attempts"] == other["attempts"]
         assert one["tried"] == other["tried"]
+
+
+def test_a_return_starts_from_the_detection_with_the_grasp_as_it_is_known():
+    rng = np.random.default_rng(2)
+    before = detected(rng)
+    shared = SharedGrasp(np.asarray(before.mean_world), CONFIG)
+    tried, rows = np.zeros(R, int), np.arange(2)
+    mean = before.mean_world[:, 0] + np.float32(0.004)
+    cov = np.broadcast_to(1e-5 * np.eye(2, dtype=np.float32), (R, 2, 2))
+    shared.learn(rows, tried, Belief(mean, cov, np.zeros((R, 3), np.float32)))
+    back = shared.detections(before, np.ones(R, bool))
+    gain = 4e-6 / 1e-4  # of the grasp, which is subtracted: every hole moves with it
+    np.testing.assert_allclose((back.mean_world - before.mean_world)[:2], gain * 0.004, rtol=1e-2)
+    np.testing.assert_allclose(back.mean_world[2:], before.mean_world[2:], atol=1e-7)
+    want = 1e-4 - 4e-6 + 4e-6 - gain**2 * (1e-4 - 1e-5)
+    np.testing.assert_allclose(back.cov[:2, :, 0, 0], want, rtol=1e-3)
+    np.testing.assert_allclose(back.cov[2:], before.cov[2:], rtol=1e-5)
+
+
+@pytest.mark.parametrize("world", ["bench", "home"])
+def test_what_was_revealed_follows_the_peg_in_hand(world):
+    """The bound of a perfect sensor is one for pegs that are held in other ways, too."""
+    config = preset("gentle", world)
+    config = replace(config, task=replace(config.task, n_holes=3))
+    trials = scenarios.draw_trials(config, 0, np.arange(3))
+    table = Table(config, tuple(m for m in methods.ASSEMBLY if m.name == "perfect_sensor"), trials, 0)
+    seen = 0
+    for made in rounds(table, FakeEngine(), lambda beliefs, felt, keys: beliefs):
+        for row in np.flatnonzero(made.after.active & ~np.asarray(made.rollouts.taken)):
+            hole, peg = made.chosen[row], np.full((1, N), made.after.peg[row])
+            own = jax.tree.map(lambda leaf, row=row: leaf[row : row + 1], trials.physics)
+            want = place_for_tool(
+                trials.hole_pos_world[row : row + 1], in_hand(own, peg, np.arange(N)[None]), config
+            )
+            known = np.asarray(made.after.beliefs.cov)[row, :, 0, 0] < 1e-6
+            np.testing.assert_allclose(made.after.beliefs.mean_world[row, known], want[0, known], atol=1e-6)
+            seen += known[hole] + 10 * (known.any() and made.after.peg[row] > 0)
+    assert seen > 20

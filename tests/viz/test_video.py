@@ -26,8 +26,9 @@ from mjx_fit.utils import files
 from mjx_fit.utils.errors import RequestError, WorkError
 from mjx_fit.utils.type_colours import TYPE_RGB
 from mjx_fit.viz import gl, video
+from mjx_fit.viz.belief_marks import RADIUS_90, mixed
 from mjx_fit.viz.panel import Panel
-from mjx_fit.viz.scene_model import RADIUS_90, Puppet, mixed
+from mjx_fit.viz.scene_model import Puppet
 from mjx_fit.viz.timeline import moments
 
 TASK = dataclasses.replace(Config().task, n_holes=3, max_attempts=4)
@@ -181,7 +182,7 @@ def test_a_belief_that_moves_inside_an_attempt_is_shown_as_it_moves(played):
 def test_the_puppet_holds_its_tip_where_the_moment_says(played):
     puppet = Puppet(played)
     shown = moments(played, fps=4, speed=1.0)
-    postures = puppet.postures(np.array([moment.tip_pos_world for moment in shown]))
+    postures = puppet.postures(np.array([moment.tip_world for moment in shown]))
     for moment, qpos in zip(shown, postures, strict=True):
         puppet.pose(moment, played.steps[moment.step], qpos)
         assert np.allclose(puppet.data.site("tip").xpos, moment.tip_pos_world, atol=1e-4)

@@ -171,7 +171,7 @@ def test_the_browser_shows_the_arm_and_the_marks_where_they_are():
     browser, panel = Browser(puppet, Door("127.0.0.1", 8123)), Panel(played, 460, 720)
     try:
         for moment in (shown[0], shown[-1]):
-            qpos = puppet.postures(moment.tip_pos_world[None])[0]
+            qpos = puppet.postures(moment.tip_world[None])[0]
             browser.show(
                 lambda moment=moment, qpos=qpos: puppet.pose(moment, played.steps[moment.step], qpos),
                 moment,
