@@ -73,8 +73,8 @@ def main(path: str) -> None:
         }
         return *_image(puppet.model, puppet.data, VIEW), frames
 
-    figure, (above, inside) = plt.subplots(1, 2, figsize=(12, 6.5), layout="constrained")
-    figure.get_layout_engine().set(h_pad=0.12)
+    figure, (above, inside) = plt.subplots(1, 2, figsize=(12, 6.5))
+    figure.set_layout_engine("constrained", h_pad=0.12)
     image, on_image, frames = shown(ABOVE_M)
     above.imshow(image)
     told = {
