@@ -2,8 +2,7 @@
 
 import errno
 import os
-from collections.abc import Collection, Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,7 @@ import numpy as np
 
 from mjx_fit.config.schema import config_from_stored
 from mjx_fit.data import hdf5
-from mjx_fit.data.episode import Episode, happened, padded
+from mjx_fit.data.episode import Episode, happened
 from mjx_fit.data.manifest import (
     MANIFEST_NAME,
     FormatError,
@@ -23,10 +22,8 @@ from mjx_fit.data.manifest import (
     read_manifest,
     read_manifest_text,
 )
-from mjx_fit.data.manifest_schema import MAX_EPISODES
 from mjx_fit.sensors.force_torque import touched
 from mjx_fit.types import Array, Rollout
-from mjx_fit.types.physics import AS_CONFIGURED
 from mjx_fit.utils import files
 from mjx_fit.utils.errors import RequestError
 
@@ -59,38 +56,6 @@ def load(folder: Path, without: Collection[str] = ()) -> Episode:
         jax.tree.map(lambda to, leaf, rows=rows: to.__setitem__(rows, leaf), stacked, part)
     assert stacked is not None
     return stacked
-
-
-def load_joined(folders: Sequence[Path]) -> Episode:
-    """Load several data sets as one for training, without the physics of their worlds.
-
-    The ids of data set k are larger by k ``MAX_EPISODES``, so that no two sequences share one.
-
-    Args:
-        folders: Folders of the data sets.
-
-    Raises:
-        RequestError: As in ``load``, or a folder is given twice.
-    """
-    if len({folder.resolve() for folder in folders}) < len(folders):
-        raise RequestError("--data: a folder is given twice: give each data set once")
-    sets = [_without_physics(load(folder)) for folder in folders]
-    if len(sets) == 1:
-        return sets[0]
-    actions = max(one.rollout.felt.trace.action_world.shape[1] for one in sets)
-    shifted = (_shifted(k, one, actions) for k, one in enumerate(sets))
-    return jax.tree.map(lambda *leaves: np.concatenate(leaves), *shifted)
-
-
-def _shifted(k: int, data: Episode, actions: int) -> Episode:
-    """Return data set k of several, with unique ids and traces of this length."""
-    ids = {name: getattr(data, name) + k * MAX_EPISODES for name in ("episode", "sequence")}
-    return replace(data, **ids, rollout=padded(data.rollout, actions))
-
-
-def _without_physics(data: Episode) -> Episode:
-    truth = replace(data.rollout.truth, physics=AS_CONFIGURED)
-    return replace(data, rollout=replace(data.rollout, truth=truth))
 
 
 def read_shards(folder: Path, shards: Collection[Shard], request: dict[str, Any]) -> Iterator[Episode]:

@@ -43,7 +43,7 @@ WORLD = ("scene", "control", "arm")
 
 
 def first_holes(data: Episode) -> list[dict[str, Any]]:
-    """Return the hole of the first sequence of each data set that was joined (``reader.load_joined``).
+    """Return the hole of the first sequence of each data set that was joined (``data.joined``).
 
     It identifies the seed, because draws depend on the seed and the number of the sequence alone.
     """

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from mjx_fit.config.schema import Config
-from mjx_fit.data import reader
 from mjx_fit.data.episode import Episode
+from mjx_fit.data.joined import load_joined
 from mjx_fit.data.manifest import read_manifest
 from mjx_fit.training.checkpoint import FRAME_BY_FRAME
 from mjx_fit.training.compatibility import require_world
@@ -43,7 +43,7 @@ def train_from(folders: Sequence[Path], config: Config, run: Run) -> bool:
     require_growing(config)
     episodes = sum(shard.episodes for there in manifests for shard in there.shards)
     _require_memory(episodes, max(there.request["steps"] for there in manifests), config)
-    return train_with_baseline(reader.load_joined(folders), config, run)
+    return train_with_baseline(load_joined(folders), config, run)
 
 
 @held

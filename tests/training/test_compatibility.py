@@ -11,6 +11,7 @@ from mjx_fit.config.files import read_config
 from mjx_fit.config.schema import Config
 from mjx_fit.config.sections.shape import SHAPES, Shape
 from mjx_fit.data import reader
+from mjx_fit.data.joined import load_joined
 from mjx_fit.data.manifest import read_manifest
 from mjx_fit.training import compatibility
 from mjx_fit.training.run import Run
@@ -98,7 +99,7 @@ def test_a_quantity_of_the_data_is_in_the_range_of_the_configuration(folder):
 
 def test_several_data_sets_are_joined_and_all_their_holes_are_known(folder, collect, tmp_path):
     second = collect(tmp_path / "second", seed=6)
-    joined = reader.load_joined([folder, second])
+    joined = load_joined([folder, second])
     parts = [reader.load(one) for one in (folder, second)]
     assert len(joined.episode) == sum(len(part.episode) for part in parts)
     assert len(np.unique(joined.episode)) == len(joined.episode)
@@ -113,13 +114,13 @@ def test_several_data_sets_are_joined_and_all_their_holes_are_known(folder, coll
     assert all(compatibility.shares_holes(told, part, "g") for part in parts)
     assert not compatibility.shares_holes(told, reader.load(collect(tmp_path / "third", seed=8)), "g")
     with pytest.raises(RequestError, match="a folder is given twice"):
-        reader.load_joined([folder, folder])
+        load_joined([folder, folder])
 
 
 def test_longer_and_shorter_attempts_are_joined(folder, collect, tmp_path):
     short = reader.load(folder).rollout.felt.trace.action_world.shape[1]
     longer = collect(tmp_path / "longer", seed=6, actions=short + 2)
-    joined = reader.load_joined([folder, longer])
+    joined = load_joined([folder, longer])
     trace = joined.rollout.felt.trace.action_world
     assert trace.shape[1] == short + 2
     assert not trace[: len(reader.load(folder).episode), short:].any()
