@@ -1,0 +1,143 @@
+"""Vectorised environment of single insertions, on the batch of the native engine."""
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from jaxtyping import Float
+
+from mjx_fit.config.files import read_config
+from mjx_fit.config.schema import Config
+from mjx_fit.config.worlds import world_file
+from mjx_fit.envs.insertion_worlds import InsertionWorlds, Transition
+from mjx_fit.envs.observation import size
+from mjx_fit.envs.reward import REWARDS, Reward
+from mjx_fit.utils.errors import RequestError, require, shown
+from mjx_fit.utils.randomness import require_seed, root_key
+
+MOST_ENVS = 65536
+
+
+class InsertionVectorEnv(VectorEnv):
+    """A peg at its own hole, whose place is detected with an error, in ``num_envs`` worlds at once.
+
+    An episode is an attempt: it starts above the detection, and ends with the insertion, a simulation that
+    diverges, or ``task.attempt_actions`` actions. An action is 0.1 s of motion and push, in [-1, 1]³
+    (``envs.observation.commanded``); observations hold what a robot has (``envs.observation.observed``).
+
+    Args:
+        num_envs: Number of worlds.
+        world: Name of a world; None: the default, or that of ``config``.
+        config: Configuration, with parts and randomisation; None: that of ``world``.
+        reward: ``dense`` or ``sparse`` (``envs.reward``).
+        autoreset_mode: As in Gymnasium: ``NextStep`` (an episode begins with the step after its last, whose
+            action is ignored), ``SameStep`` (within it; the last observation is ``info["final_obs"]``), or
+            ``Disabled`` (by ``reset`` with ``options={"reset_mask": ...}``).
+
+    Raises:
+        RequestError: A value is invalid.
+
+    Example:
+        >>> import gymnasium, mjx_fit.envs
+        >>> batch = gymnasium.make_vec("mjx_fit/Insertion-v0", num_envs=2)
+        >>> observation, info = batch.reset(seed=0)
+        >>> observation.shape
+        (2, 27)
+    """
+
+    metadata = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        world: str | None = None,
+        config: Config | None = None,
+        reward: Reward = "dense",
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+    ):
+        require("num_envs", num_envs, 1, MOST_ENVS)
+        if reward not in REWARDS:
+            raise RequestError(f"reward: {shown(reward)} is invalid: expected one of {', '.join(REWARDS)}")
+        if world is not None and config is not None:
+            raise RequestError("world: it cannot be used beside config, which has a world of its own")
+        self.config = read_config(world_file(world)) if config is None else config
+        self.num_envs, self._mode = num_envs, AutoresetMode(autoreset_mode)
+        self.metadata = {**self.metadata, "autoreset_mode": self._mode}
+        box = gymnasium.spaces.Box
+        self.single_observation_space = box(-np.inf, np.inf, (size(self.config),), np.float32)
+        self.single_action_space = box(-1.0, 1.0, (3,), np.float32)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._worlds = InsertionWorlds(self.config, num_envs, reward)
+        self._over = np.zeros(num_envs, bool)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Float[np.ndarray, "n k"], dict[str, Any]]:
+        """Begin an episode in all worlds, or in those of ``options["reset_mask"]``.
+
+        Args:
+            seed: Seed of all episodes that follow; None: drawn from entropy.
+            options: ``reset_mask``, a mask (n,), for ``Disabled`` resets.
+
+        Raises:
+            RequestError: An option is unknown, or the seed is invalid.
+        """
+        options = dict(options or {})
+        mask = options.pop("reset_mask", None)
+        if options:
+            raise RequestError(f"options: {shown(next(iter(options)))} is unknown: expected reset_mask")
+        if mask is not None:
+            which = np.asarray(mask, bool)
+            self._worlds.begin(which, again=self._over)
+            self._over &= ~which
+            return self._worlds.observation(), {}
+        seed = int(np.random.SeedSequence().generate_state(1)[0]) if seed is None else seed
+        require_seed(seed)
+        self._over[:] = False
+        return self._worlds.begin_all(root_key(seed, "environment")), {}
+
+    def step(
+        self, actions: Float[np.ndarray, "n 3"]
+    ) -> tuple[Float[np.ndarray, "n k"], np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """Simulate an action of every world.
+
+        Returns:
+            Observations, rewards, terminated, truncated, and for worlds whose episode ends ``inserted`` and
+            ``largest_n``, the largest force of the last action, N.
+        """
+        waiting = self._over.copy()
+        # A world that waits is at the start of an episode; its action neither moves nor presses.
+        given = np.where(waiting[:, None], np.array([0, 0, -1]), actions)
+        done = self._worlds.step(given)
+        over = done.over & ~waiting
+        info: dict[str, Any] = {}
+        if over.any():
+            info = {"inserted": done.inserted, "largest_n": done.largest_n}
+            info |= {f"_{name}": over for name in ("inserted", "largest_n")}
+        observation = self._begun_anew(done, over, waiting, info)
+        ended, cut = (np.where(waiting, False, one) for one in (done.terminated, done.truncated))
+        return observation, np.where(waiting, 0.0, done.reward), ended, cut, info
+
+    def _begun_anew(
+        self, done: Transition, over: np.ndarray, waiting: np.ndarray, info: dict[str, Any]
+    ) -> Float[np.ndarray, "n k"]:
+        """Begin the episodes that are due, and return the observations after the step."""
+        # Worlds whose episode is over begin the next one at once: one that diverged cannot be stepped.
+        if (over | waiting).any():
+            self._worlds.begin(over | waiting, again=waiting)
+        now = self._worlds.observation()
+        if self._mode == AutoresetMode.SAME_STEP:
+            if over.any():
+                last = np.full(self.num_envs, None, object)
+                for row in np.flatnonzero(over):
+                    last[row] = done.observation[row]
+                info |= {"final_obs": last, "_final_obs": over}
+            return now
+        if self._mode == AutoresetMode.NEXT_STEP:
+            self._over = over
+            return np.where(over[:, None], done.observation, now)
+        self._over = waiting | over
+        return np.where(self._over[:, None], done.observation, now)
