@@ -4,6 +4,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import jax
+import jax.numpy as jnp
+import numpy as np
 from flax import nnx
 
 from mjx_fit.config.schema import Config, config_differences
@@ -11,6 +14,7 @@ from mjx_fit.data.episode import Episode
 from mjx_fit.sensors.contact_sensor import ContactSensor, InputScale
 from mjx_fit.training import checkpoint, compatibility
 from mjx_fit.training.step import TrainState
+from mjx_fit.types import Array
 from mjx_fit.utils.errors import RequestError
 
 _FREE = ("dropout",)
@@ -43,7 +47,8 @@ def read(init: Path | None, config: Config, members: int, inside: str) -> list[S
 
     Args:
         init: Folder of the other run, or None.
-        config: Configuration of the new run; its network and shapes must equal those of the other run.
+        config: Configuration of the new run; its network and shapes must equal those of the other run, and
+            its coordinates begin with those.
         members: Number of members of the new run.
         inside: Subfolder of the run folder for this training.
 
@@ -94,11 +99,30 @@ def require_unseen(
 
 
 def begin(start: Start | None, state: TrainState) -> TrainState:
-    """Return the initial training state, with the weights of the trained sensor, if any."""
+    """Return the initial training state, with the weights of the trained sensor, if any.
+
+    A sensor of fewer coordinates keeps what it says of them; heads of the others are new.
+    """
     if start is None:
         return state
     params, scale = start.weights()
-    return replace(state, params=params, scale=scale)
+    fewer, more = start.sensor.position_noise.d, state.params["position"]["last"]["bias"].shape[-1]
+    grown = jax.tree.map(lambda old, new: _grown(old, new, fewer, more), params, state.params)
+    return replace(state, params=grown, scale=scale)
+
+
+def _grown(old: Array, new: Array, fewer: int, more: int) -> Array:
+    """Return the weights of a head of more coordinates, with those of a trained one of its first ones.
+
+    The last axis of ``sensors.heads.PositionNoise`` has a triangle's diagonal first, then the rows below.
+    """
+    if old.shape == new.shape:
+        return old
+    below = fewer * (fewer - 1) // 2
+    columns = np.arange(fewer)
+    if old.shape[-1] != fewer:
+        columns = np.concatenate([columns, more + np.arange(below)])
+    return jnp.asarray(new).at[..., columns].set(old)
 
 
 def origins(starts: list[Start | None]) -> list[dict[str, Any] | None]:
@@ -114,6 +138,12 @@ def _start(run: Path, inside: str, config: Config) -> Start | None:
         sensor, there = checkpoint.load_sensor(run)
     except RequestError as error:
         raise RequestError(str(error).replace("--run:", "--init:", 1)) from None
+    told, wanted = there.filter.coordinates, config.filter.coordinates
+    if told != wanted[: len(told)]:
+        raise RequestError(
+            f"--init: {run} cannot be used: filter.coordinates is [{', '.join(told)}] there and "
+            f"[{', '.join(wanted)}] here: expected its coordinates first"
+        )
     others = config_differences(there, config, _belongs_to_sensor)
     if others:
         raise RequestError(
