@@ -6,7 +6,6 @@ It reads `policy.npz` beside this file, or the file that `PPO_WEIGHTS` names.
 """
 
 import os
-import sys
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -17,10 +16,8 @@ from jaxtyping import Float
 
 from mjx_fit.config.worlds import preset
 from mjx_fit.control.policies import Policy, PolicyInput
+from mjx_fit.envs.observation import commanded, observed
 from mjx_fit.types import Array
-
-sys.path.insert(0, str(Path(__file__).parent))
-from observation import commanded, observed
 
 ACTOR = ("lstm_actor.", "mlp_extractor.policy_net.", "action_net.")
 """Parts of the model that choose the action."""

@@ -1,6 +1,6 @@
 """Train a policy by reinforcement with the recurrent PPO of sb3-contrib, and export it.
 
-    pip install -e ".[rl]"
+    pip install -e ".[gym,rl]"
     python experiments/gentle/ppo/train.py OUT [--actions 10000000] [--minutes 100]
 
 The same command resumes after the last update that was saved. `OUT/curve.csv` has a line for each update:
@@ -15,11 +15,11 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from insertion_env import InsertionEnv
 from policy import ACTOR, acted, begun
 from sb3_contrib import RecurrentPPO
 from stable_baselines3.common.callbacks import BaseCallback
 from torch import nn
+from two_worlds import TwoWorlds
 
 PER_WORLD, STEPS = 128, 64
 """Worlds of each configuration, and actions of an update in each world."""
@@ -79,9 +79,9 @@ def begun_or_resumed(out: Path) -> RecurrentPPO:
     saved, curve = out / "model.zip", out / "curve.csv"
     if not saved.exists():
         curve.unlink(missing_ok=True)
-        return RecurrentPPO("MlpLstmPolicy", InsertionEnv(PER_WORLD, 0), device="cpu", seed=0, **SETTINGS)
+        return RecurrentPPO("MlpLstmPolicy", TwoWorlds(PER_WORLD, 0), device="cpu", seed=0, **SETTINGS)
     model = RecurrentPPO.load(saved, device="cpu")
-    model.set_env(InsertionEnv(PER_WORLD, seed=model.num_timesteps))
+    model.set_env(TwoWorlds(PER_WORLD, seed=model.num_timesteps))
     lines = curve.read_text().splitlines(keepends=True)
     curve.write_text("".join(line for line in lines if int(line.split(",")[0]) <= model.num_timesteps))
     return model

@@ -34,7 +34,7 @@ class Stepped:
     Attributes:
         tip: True TCP states.
         verdict: Whether each is inserted or broken, by the truth; ``Worlds.restart`` has to begin these anew.
-        wrench_sensor: Clean wrenches of the action (n, 50, 6), N and N·m.
+        wrench_sensor: Wrenches of the action (n, 50, 6), tared and without errors, N and N·m.
     """
 
     tip: Tip
@@ -147,7 +147,7 @@ class _Part:
         hole, at_limit, limited = own.hole_pos_world[: self._n], block.at_limit(), self._limited
         verdict = attempt_rules.judge(peg, hole, block.finite(), at_limit, limited, config)
         self._limited = np.asarray(verdict.limited)
-        return Stepped(tip, verdict, block.wrench.swapaxes(0, 1).copy())
+        return Stepped(tip, verdict, block.wrench.swapaxes(0, 1) - block.tare_sensor[:, None])
 
     def restart(self, over: Bool[np.ndarray, "m"], attempts: Attempt) -> None:
         rows, new = np.flatnonzero(over), padded(attempts, self._rows)
