@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from places import ROOT
 
-MOST_ENTRIES, MOST_LINES, MOST_PARAMETERS = 20, 250, 6
+MOST_ENTRIES, MOST_LINES, MOST_PARAMETERS = 21, 250, 6
 
 MANY_PARAMETERS = {
     "Panel._text": "Pillow's own call: where, what, how large, in which ink",
