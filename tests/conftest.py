@@ -30,7 +30,7 @@ LONG = {
     "collect", "collision", "compilation_cache", "contact_sensor", "crash",
     "damaged_checkpoint", "demo", "engines", "every_action", "examples", "export",
     "export_readers", "files", "framed", "going_on", "hostile_configs", "hostile_data",
-    "hostile_results", "hostile_runs", "insertion_envs", "interrupts", "loss", "machine_paths", "memory",
+    "hostile_results", "hostile_runs", "insertion_envs", "interrupts", "levelling", "loss", "machine_paths", "memory",
     "mirror", "newton_solver", "numerics", "package", "paper", "parity", "parts",
     "parts_parity", "placement", "plausible", "policy_hooks", "posed_pictures", "poses", "press", "public",
     "reader", "requests", "seek_poses", "sensed_success", "single_hole", "sliding",

@@ -11,6 +11,7 @@ from jaxlie import SO3
 from jaxtyping import Bool, Float, Key
 
 from mjx_fit.config.schema import Config
+from mjx_fit.control.levelling import levelled
 from mjx_fit.control.open_loop import shipped
 from mjx_fit.control.policies import Policy, PolicyInput, PolicyStart, State
 from mjx_fit.control.regulation import regulated
@@ -34,13 +35,13 @@ class Framed:
 
 
 def acting(policy: Policy | None, config: Config) -> Policy:
-    """Return a policy as engines run it: in the frame of the estimate, and regulated.
+    """Return a policy as engines run it: in the frame of the estimate, levelled and regulated.
 
     Args:
         policy: Custom policy; None: the policy that each attempt names.
         config: Configuration of the engine.
     """
-    return regulated(framed(policy or shipped(config), config), config.control)
+    return regulated(framed(levelled(policy or shipped(config), config), config), config.control)
 
 
 def framed(policy: Policy, config: Config) -> Policy:

@@ -37,6 +37,8 @@ class ControlConfig:
         press_n: Force of a push of 4 mm. It applies to ``push: force``.
         press_speed_mps: Speed of such a push in free space. It limits the impact on touch-down.
         slide_n: Largest lateral pull. It applies to ``push: force`` and limits the impact on edges.
+        tilt_radps: Tilting speed at 0.1 N·m. In contact the tool gives way to torques at the TCP: a peg
+            that leans then comes to lie flat (``mjx_fit.control.levelling``).
     """
 
     kp_position: Annotated[float, Field(ge=50, le=1400, json_schema_extra=PER_S2_UNIT)] = 600.0
@@ -50,6 +52,7 @@ class ControlConfig:
     press_n: Annotated[float, Field(ge=0.5, le=30)] = 5.0
     press_speed_mps: Annotated[float, Field(ge=0.002, le=0.1, json_schema_extra={"unit": "m/s"})] = 0.01
     slide_n: Annotated[float, Field(ge=1, le=100)] = 12.0
+    tilt_radps: Annotated[float, Field(ge=0, le=0.5, json_schema_extra={"unit": "rad/s"})] = 0.0
 
 
 @dataclass(frozen=True, config=STRICT)
