@@ -2,7 +2,7 @@
 
 A peg that leans against a plate touches it with an edge, and the plate turns it about its lower face's centre
 by the torque τ. The tool follows at the rate Y τ, with the admittance Y of ``control.tilt_radps`` at 0.1 N·m.
-Flat on the plate, the pressure is within the face and τ is small; the peg then feels what an upright one does.
+Flat on the plate, the pressure is within the face and τ is small: the peg feels what an upright one does.
 """
 
 from collections.abc import Callable
