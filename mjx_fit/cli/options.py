@@ -15,7 +15,7 @@ from mjx_fit.utils.errors import RequestError, shortened
 if TYPE_CHECKING:
     from mjx_fit.control.policies import Policy
 
-RUN = "folder of a training run, as-2026-11 or gentle (default: the weights that ship with the package)"
+RUN = "folder of a training run, as-2026-11, gentle or nist (default: the weights that ship with the package)"
 RASTER, TILT, SEEK, SEEK_RUN = "raster", "tilt", "seek", "gentle"
 """Names of the policies ``control.search.raster_search``, ``control.leaning`` and ``task.seek``, and of the
 weights and the preset that the latter uses by default."""

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 _PACKAGE = Path(__file__).parents[1]
-SHIPPED_RUNS = {"as-2026-11": "weights-as-2026-11", "gentle": "weights-gentle"}
+SHIPPED_RUNS = {"as-2026-11": "weights-as-2026-11", "gentle": "weights-gentle", "nist": "weights-nist"}
 """Folder of each training run that ships under a name."""
 
 
