@@ -23,8 +23,8 @@ TURNING = ("spiral.yaw_rad=0.1", "spiral.tilt_rad=0.03", "random.yaw_rad=0.15", 
 
 def main(out: Path, stage: int) -> None:
     first = [
-        collect(out, "spirals", 51, 4000, 2, "--policy", "spiral"),
-        collect(out, "turning", 52, 4000, 2, "--policy", "mixed", *set_to(TURNING)),
+        collect(out, "spirals", 51, 12000, 2, "--policy", "spiral"),
+        collect(out, "turning", 52, 6000, 2, "--policy", "mixed", *set_to(TURNING)),
     ]
     train(out / "run0", first)
     if stage == 1:
