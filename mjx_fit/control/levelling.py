@@ -5,15 +5,12 @@ by the torque τ. The tool follows at the rate Y τ, with the admittance Y of ``
 Flat on the plate, the pressure is within the face and τ is small: the peg feels what an upright one does.
 """
 
-from collections.abc import Callable
-from typing import Any
-
 import jax.numpy as jnp
 from jaxlie import SO3
 from jaxtyping import Float, Key
 
 from mjx_fit.config.schema import Config
-from mjx_fit.control.policies import Policy, PolicyInput, PolicyStart, State
+from mjx_fit.control.policies import Policy, PolicyInput, PolicyStart, State, hooks_of_inner
 from mjx_fit.types import Array
 from mjx_fit.utils.pytrees import pytree
 from mjx_fit.utils.rates import ACTION_S
@@ -60,15 +57,7 @@ def levelled(policy: Policy, config: Config) -> Policy:
         turn = jnp.pad(command[3:], (0, 6 - command.shape[0])) + given
         return Levelled(state, given), jnp.concatenate([command[:3], turn])
 
-    own = {
-        name: None if function is None else _of_state(function)
-        for name, function in (("report", policy.report), ("gives_up", policy.gives_up))
-    }
-    return policy._replace(init=init, act=act, turns=True, **own)
-
-
-def _of_state(function: Callable[[State], Any]) -> Callable[[Levelled], Any]:
-    return lambda levelled: function(levelled.state)
+    return policy._replace(init=init, act=act, turns=True, **hooks_of_inner(policy))
 
 
 def _tilting(seen: PolicyInput, config: Config) -> Float[Array, "3"]:

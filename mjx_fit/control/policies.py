@@ -135,6 +135,16 @@ def start_of(attempt: Attempt) -> PolicyStart:
     )
 
 
+def hooks_of_inner(policy: Policy) -> dict[str, Callable[[State], Any] | None]:
+    """Return ``report`` and ``gives_up`` for a policy around this one, which keeps its state as ``state``."""
+
+    def of_inner(function: Callable[[State], Any]) -> Callable[[State], Any]:
+        return lambda outer: function(outer.state)
+
+    named = {"report": policy.report, "gives_up": policy.gives_up}
+    return {name: None if function is None else of_inner(function) for name, function in named.items()}
+
+
 def by_name(*members: Policy) -> Policy:
     """Combine policies into one that acts as the member with index ``PolicyStart.policy``.
 

@@ -7,7 +7,6 @@ lateral damping causes, 2 ζ / √kp for each m/s, is known and added at once.
 """
 
 import math
-from collections.abc import Callable
 from typing import Any
 
 import jax.numpy as jnp
@@ -15,7 +14,7 @@ from jaxtyping import Float, Key
 
 from mjx_fit.config.sections.world import ControlConfig
 from mjx_fit.control.force_control import FULL_PUSH_M
-from mjx_fit.control.policies import Policy, PolicyInput, PolicyStart, State
+from mjx_fit.control.policies import Policy, PolicyInput, PolicyStart, hooks_of_inner
 from mjx_fit.types import Array
 from mjx_fit.utils.pytrees import pytree
 from mjx_fit.utils.rates import ACTION_S
@@ -77,15 +76,7 @@ def regulated(policy: Policy, control: ControlConfig) -> Policy:
         after = Losses(state, force, lag, here + command[:2], push)
         return after, jnp.concatenate([lateral, push[None], command[3:]])
 
-    own = {
-        name: None if function is None else _of_state(function)
-        for name, function in (("report", policy.report), ("gives_up", policy.gives_up))
-    }
-    return policy._replace(init=init, act=act, **own)
-
-
-def _of_state(function: Callable[[State], Any]) -> Callable[[Losses], Any]:
-    return lambda losses: function(losses.state)
+    return policy._replace(init=init, act=act, **hooks_of_inner(policy))
 
 
 def _lost(push_m: Float[Array, ""], seen: PolicyInput, control: ControlConfig) -> Float[Array, ""]:

@@ -63,7 +63,14 @@ class InsertionVectorEnv(VectorEnv):
         if world is not None and config is not None:
             raise RequestError("world: it cannot be used beside config, which has a world of its own")
         self.config = read_config(world_file(world)) if config is None else config
-        self.num_envs, self._mode = num_envs, AutoresetMode(autoreset_mode)
+        try:
+            self._mode = AutoresetMode(autoreset_mode)
+        except ValueError:
+            modes = ", ".join(mode.value for mode in AutoresetMode)
+            raise RequestError(
+                f"autoreset_mode: {shown(autoreset_mode)} is invalid: expected one of {modes}"
+            ) from None
+        self.num_envs = num_envs
         self.metadata = {**self.metadata, "autoreset_mode": self._mode}
         box = gymnasium.spaces.Box
         self.single_observation_space = box(-np.inf, np.inf, (size(self.config),), np.float32)
@@ -90,7 +97,12 @@ class InsertionVectorEnv(VectorEnv):
         if options:
             raise RequestError(f"options: {shown(next(iter(options)))} is unknown: expected reset_mask")
         if mask is not None:
-            which = np.asarray(mask, bool)
+            which = np.asarray(mask)
+            if which.shape != (self.num_envs,) or which.dtype != bool:
+                raise RequestError(
+                    f"options: reset_mask: {which.dtype} {which.shape} is invalid: expected bool "
+                    f"({self.num_envs},)"
+                )
             self._worlds.begin(which, again=self._over)
             self._over &= ~which
             return self._worlds.observation(), {}
@@ -104,10 +116,18 @@ class InsertionVectorEnv(VectorEnv):
     ) -> tuple[Float[np.ndarray, "n k"], np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Simulate an action of every world.
 
+        Raises:
+            RequestError: The actions have another shape or are not finite.
+
         Returns:
             Observations, rewards, terminated, truncated, and for worlds whose episode ends ``inserted`` and
             ``largest_n``, the largest force of the last action, N.
         """
+        actions = np.asarray(actions, np.float32)
+        if actions.shape != (self.num_envs, 3) or not np.isfinite(actions).all():
+            raise RequestError(
+                f"actions: {actions.shape} is invalid: expected finite numbers ({self.num_envs}, 3)"
+            )
         waiting = self._over.copy()
         # A world that waits is at the start of an episode; its action neither moves nor presses.
         given = np.where(waiting[:, None], np.array([0, 0, -1]), actions)

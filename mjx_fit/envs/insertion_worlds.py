@@ -56,13 +56,17 @@ class InsertionWorlds:
         kind: Reward.
 
     Raises:
-        RequestError: The configuration believes other coordinates than x and y.
+        RequestError: The configuration believes other coordinates than x and y, or its tools give way.
     """
 
     def __init__(self, config: Config, n: int, kind: Reward):
         if not is_world(config.filter.coordinates):
             names = ", ".join(config.filter.coordinates)
             raise RequestError(f"config: filter.coordinates: [{names}] is invalid: environments have [x, y]")
+        if config.control.tilt_radps:
+            raise RequestError(
+                f"config: control.tilt_radps: {config.control.tilt_radps:g} is invalid: environments have 0"
+            )
         self.config, self.n, self._kind = config, n, kind
         self._observe = jax.jit(jax.vmap(partial(observed, config=config)))
         self._draw = partial(draw_attempts, policy="spiral", config=config)
@@ -88,9 +92,10 @@ class InsertionWorlds:
 
     def begin(self, which: Bool[np.ndarray, "n"], again: Bool[np.ndarray, "n"]) -> None:
         """Begin the next episode of some worlds, or the same one again."""
+        worlds = self._stepped()
         self._episode += which & ~again
         drawn = self._drawn()
-        self._stepped().restart(which, drawn)
+        worlds.restart(which, drawn)
         self._note_begun(which, drawn)
 
     def observation(self) -> Float[np.ndarray, "n k"]:
@@ -99,15 +104,18 @@ class InsertionWorlds:
 
     def step(self, action: Float[np.ndarray, "n 3"]) -> Transition:
         """Simulate one action of every world."""
+        worlds, before = self._stepped(), self.observation()
         self._command = np.array(commanded(jnp.asarray(action, jnp.float32)))
-        stepped = self._stepped().act(self._command)
+        stepped = worlds.act(self._command)
         self._length += 1
         inserted, valid = (np.asarray(getattr(stepped.verdict, name)) for name in ("inserted", "valid"))
         largest = np.linalg.norm(stepped.wrench_sensor[..., :3], axis=-1).max(1)
         terminated = np.asarray(stepped.verdict.over)
         truncated = ~terminated & (self._length >= self.config.task.attempt_actions)
         earned = self._reward(stepped, largest, inserted, valid)
-        return Transition(self.observation(), earned, terminated, truncated, inserted, largest)
+        # A simulation that diverged has nothing to observe.
+        seen = np.where(valid[:, None], self.observation(), before)
+        return Transition(seen, earned, terminated, truncated, inserted, np.where(valid, largest, np.inf))
 
     def _reward(
         self,

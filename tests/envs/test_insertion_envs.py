@@ -159,6 +159,8 @@ def test_observations_hold_no_truth():
     [
         ({"num_envs": 0}, "num_envs: 0 is out of range"),
         ({"reward": "big"}, "reward: 'big' is invalid: expected one of dense, sparse"),
+        ({"autoreset_mode": "Never"}, "autoreset_mode: 'Never' is invalid: expected one of NextStep"),
+        ({"config": read_config(None, ["control.tilt_radps=0.1"])}, "control.tilt_radps: 0.1 is invalid"),
         ({"world": "home", "config": CONFIG}, "world: it cannot be used beside config"),
         ({"config": read_config(world_file("bench"))}, r"filter\.coordinates: \[x, y, z, yaw, roll, pitch\]"),
     ],
@@ -173,3 +175,30 @@ def test_a_step_before_the_reset_and_unknown_options_are_refused():
         batch().step(DOWN)
     with pytest.raises(RequestError, match="options: 'mask' is unknown: expected reset_mask"):
         batch().reset(options={"mask": 1})
+
+
+def test_what_is_no_action_or_no_mask_is_refused_and_nothing_moves():
+    env = batch()
+    with pytest.raises(RequestError, match="reset: it has to come before"):
+        env.reset(options={"reset_mask": np.ones(N, bool)})
+    start, _ = env.reset(seed=0)
+    for wrong in (DOWN[:2], np.full((N, 3), np.nan)):
+        with pytest.raises(RequestError, match=r"actions: .* expected finite numbers \(3, 3\)"):
+            env.step(wrong)
+    with pytest.raises(RequestError, match=r"reset_mask: int64 \(2,\) is invalid: expected bool \(3,\)"):
+        env.reset(options={"reset_mask": np.array([1, 0])})
+    np.testing.assert_array_equal(env._worlds.observation(), start)
+
+
+def test_a_world_that_diverged_shows_what_was_seen_before_and_begins_anew():
+    env = batch(AutoresetMode.SAME_STEP)
+    before, _ = env.reset(seed=0)
+    worlds = env._worlds._stepped()
+    broken = int(worlds._ids[0][0])
+    worlds._parts[0]._block.qvel[0] = np.nan
+    seen, earned, ended, _, info = env.step(DOWN)
+    assert np.flatnonzero(ended).tolist() == [broken]
+    assert earned[broken] == reward.BROKEN
+    np.testing.assert_array_equal(info["final_obs"][broken][:2], before[broken][:2])
+    assert np.isfinite(seen).all()
+    assert np.isfinite(env.step(DOWN)[0]).all()
