@@ -43,10 +43,10 @@ class Size:
         speed: Playback speed of the video.
     """
 
-    assemblies: int = 5
+    assemblies: int = 3
     episodes: int = 1500
     steps: int = 100
-    fps: int = 10
+    fps: int = 8
     speed: float = 12.0
 
 

@@ -109,7 +109,7 @@ def export(model, out: Path) -> None:
 
 def main(out: Path, actions: int, minutes: float) -> None:
     out.mkdir(parents=True, exist_ok=True)
-    torch.set_num_threads(2)
+    torch.set_num_threads(1)  # threads that wait for each other cost more than they save beside other work
     model = begun_or_resumed(out)
     left = actions - model.num_timesteps
     if left > 0:
