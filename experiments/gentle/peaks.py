@@ -1,4 +1,4 @@
-"""Show where the largest forces of NIST's pegs come from: when they occur, for how long, and what lowers them.
+"""Show where the largest forces of NIST's pegs come from: when they occur, and what lowers them.
 
     python experiments/gentle/peaks.py OUT.json [--worlds N]
 
@@ -22,7 +22,12 @@ from mjx_fit.task.attempt_loop import spirals_at
 from mjx_fit.task.seek import seek
 
 HERE = Path(__file__).parent
-FILES = [*parts_file("nist"), HERE / "../../configs/gentle.yaml", HERE / "../parts/nist.yaml", HERE / "nist.yaml"]
+FILES = [
+    *parts_file("nist"),
+    HERE / "../../configs/gentle.yaml",
+    HERE / "../parts/nist.yaml",
+    HERE / "nist.yaml",
+]
 SLOW_TOUCH, SLOW_SEARCH = "seek.approach_push_m=0.001", "seek.speed_mps=0.005"
 VARIANTS = {
     "nist.yaml": [],
@@ -35,7 +40,7 @@ SAMPLE_MS, TOUCH_N, HIGH_N, WITHIN_M = 2, 2.0, 20.0, 0.0015
 
 def forces(worlds: int, settings: list[str]) -> dict[str, Any]:
     """Return medians and shares of one variant."""
-    config = read_config([*FILES], settings)
+    config = read_config(FILES, settings)
     places = draw_places(jax.random.key(5), jnp.arange(worlds), config)
     hole = np.asarray(places.hole_pos_world)
     estimate = hole + np.random.default_rng(0).uniform(-WITHIN_M, WITHIN_M, hole.shape)
