@@ -6,7 +6,7 @@ from mjx_fit.config.files import read_tree
 from mjx_fit.utils import resources
 from mjx_fit.utils.errors import RequestError, shown
 
-PART_SETS = ("paper", "nist", "shafts")
+PART_SETS = ("paper", "nist", "shafts", "nonconvex")
 """Names of the presets; the first is the default of ``scene.shapes``."""
 
 

@@ -43,7 +43,7 @@ def test_a_turned_socket_takes_a_turned_peg(peg, yaw):
     assert fits_turned(peg, hole)
 
 
-@pytest.mark.parametrize("shape", ["paper", "nist", "shafts"])
+@pytest.mark.parametrize("shape", ["paper", "nist", "shafts", "nonconvex"])
 def test_every_peg_of_a_set_fits_its_own_socket(shape):
     assert fitting(read_config(parts_file(shape)).scene).diagonal().all()
 

@@ -57,7 +57,7 @@ PARTS = {
     "through": (Shape("through", section=ROUND, chamfer_m=0.001, socket=Socket(through=True)), SCENE),
     **{
         shape.name: (shape, scene)
-        for name in ("nist", "shafts")
+        for name in ("nist", "shafts", "nonconvex")
         for scene in [read_config(parts_file(name)).scene]
         for shape in scene.shapes
     },
