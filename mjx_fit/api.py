@@ -21,8 +21,8 @@ from mjx_fit.evaluation.statistics import Interval, bootstrap_mean
 from mjx_fit.sensors.trained_sensor import TrainedSensor
 from mjx_fit.task import single_hole
 from mjx_fit.task.estimator import Update
+from mjx_fit.task.holes import Holes, Outcome
 from mjx_fit.task.methods import HoleMethod
-from mjx_fit.task.single_hole import Holes, Outcome
 from mjx_fit.training.sensor_loader import load_trained_sensor
 from mjx_fit.types import Attempt
 from mjx_fit.utils import resources

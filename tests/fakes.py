@@ -9,7 +9,7 @@ from synthetic import with_trace
 
 from mjx_fit.config.schema import Config
 from mjx_fit.control.policies import PolicyInput, PolicyStart
-from mjx_fit.task import single_hole
+from mjx_fit.task.holes import Holes
 from mjx_fit.types import Felt, Rollout, Trace, Truth
 
 CLOSE_M = 0.005
@@ -109,10 +109,10 @@ def halving(beliefs, felt, keys):
     return dataclasses.replace(beliefs, mean_world=beliefs.mean_world + error / 2, cov=beliefs.cov / 4)
 
 
-def make_holes(seed: int = 0) -> single_hole.Holes:
+def make_holes(seed: int = 0) -> Holes:
     rng = np.random.default_rng(seed)
     peg = np.arange(T) % 3
     place = rng.uniform(-0.3, 0.3, (T, 2)).astype(np.float32)
     estimate = place + rng.uniform(-0.02, 0.02, (T, 2)).astype(np.float32)
     other = np.where(np.arange(T) < T // 2, peg, (peg + 1) % 3)
-    return single_hole.Holes(peg, other, place, estimate, jax.random.split(jax.random.key(1), T))
+    return Holes(peg, other, place, estimate, jax.random.split(jax.random.key(1), T))

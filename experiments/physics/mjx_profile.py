@@ -23,8 +23,7 @@ from mjx_fit.control.kinematics import chain_of
 from mjx_fit.engines.attempt_rules import start_qpos
 from mjx_fit.engines.mjx import contact, step
 from mjx_fit.engines.mjx.compiler import compiler_options
-from mjx_fit.engines.mjx.engine import arm_state
-from mjx_fit.engines.mjx.step import Models, placed
+from mjx_fit.engines.mjx.step import Models, arm_state, placed
 from mjx_fit.scene.build import pair_index, simulation_scene
 from mjx_fit.utils.linalg import worlds_last
 

@@ -19,6 +19,7 @@ from mjx_fit.data import hdf5_check_layout, hdf5_check_values
 from mjx_fit.data.episode import Episode
 from mjx_fit.data.manifest import FORMAT, Shard
 from mjx_fit.data.schedule import stored_policies
+from mjx_fit.scene.placement import GRASP
 from mjx_fit.scene.robot import ROBOTS
 from mjx_fit.sensors.force_torque import touched
 from mjx_fit.types import Felt, Rollout, Trace, Truth
@@ -116,10 +117,11 @@ def fields_of(config: Config, *, turns: bool) -> dict[str, Field]:
         ):
             meaning = f"{FIELDS[name].meaning}, {named}"
             fields[name] = FIELDS[name]._replace(shape=shape, unit=unit, meaning=meaning)
-    own = {
-        f"{PHYSICS}{name}": Field(QUANTITIES[name].unit, "-", "n", f"drawn from randomize.{name}")
-        for name in distributions(config.randomize)
-    }
+    own = {name: f"drawn from randomize.{name}" for name in distributions(config.randomize)}
+    if config.placement.slips:
+        own |= dict.fromkeys(GRASP, "the grasp at the end of the attempt")
+    units = {name: QUANTITIES[name].unit for name in own}
+    own = {f"{PHYSICS}{name}": Field(units[name], "-", "n", meaning) for name, meaning in own.items()}
     return fields | own
 
 

@@ -1,5 +1,6 @@
 """Draw the attempts of a data set: pure functions of a root key and ids."""
 
+from dataclasses import replace
 from functools import partial
 from itertools import permutations
 
@@ -79,10 +80,19 @@ def draw_attempts(root: Key[Array, ""], sequences: Int[Array, "n"], policy: str,
 
 
 def draw_later_attempts(
-    root: Key[Array, ""], sequences: Int[Array, "n"], policy: str, number: int, config: Config
+    root: Key[Array, ""],
+    sequences: Int[Array, "n"],
+    policy: str,
+    number: int,
+    config: Config,
+    left: Physics | None = None,
 ) -> tuple[Attempt, Float[Array, "n D D"]]:
-    """Draw attempt ``number`` (1 or more) of each sequence, and the covariance of its estimate (m², rad²)."""
+    """Draw attempt ``number`` (1 or more) of each sequence, and the covariance of its estimate (m², rad²).
+
+    ``left`` is the physics that the attempt before left, where pegs slip in the hand.
+    """
     places = draw_places(root, sequences, config)
+    places = places if left is None else replace(places, physics=left)
     estimate, cov, key = _updated(places, number, config)
     which = _pair_and_policy(sequences, policy, number, config)
     return _attempts(which, places, estimate, key), cov

@@ -84,7 +84,7 @@ class _Batch:
         self._wanted = self._sequences < plan.sequences
         self._forgets = config.task.revisit_from == "detection"
         self._going, self._number = self._wanted, 0
-        self._detected = self._belief = None
+        self._detected = self._belief = self._left = None
 
     @property
     def ids(self) -> Int[np.ndarray, "n"]:
@@ -110,6 +110,7 @@ class _Batch:
         done = replace(done, report=None)
         one = Episode(self.ids, self._sequences, number, policy, np.asarray(self._cov), done)
         self._going = self._going & done.truth.valid & ~done.taken
+        self._left = done.truth.physics if self._config.placement.slips else None
         self._belief, self._number = tried.beliefs, self._number + 1
         if self._forgets and self._detected is not None:
             self._belief = placed_as(self._belief, self._detected, np.ones(len(self.ids), bool))
@@ -118,7 +119,7 @@ class _Batch:
     def _attempts(self) -> tuple[Attempt, Float[Array, "n D D"]]:
         ids, policy, belief = jnp.asarray(self._sequences), self._plan.policy, self._belief
         if self._number:
-            drawn, cov = draw_later_attempts(self._root, ids, policy, self._number, self._config)
+            drawn, cov = draw_later_attempts(self._root, ids, policy, self._number, self._config, self._left)
             if not self._learns or belief is None:
                 return drawn, cov
             return replace(drawn, estimate_world=belief.mean_world), belief.cov

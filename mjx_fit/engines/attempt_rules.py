@@ -224,6 +224,6 @@ def nothing_done(
         valid=np.ones(n, bool),
         end_qpos=zeros(joints),
         end_qvel=zeros(joints),
-        physics=jax.tree.map(np.asarray, attempts.physics),
+        physics=jax.tree.map(np.array, attempts.physics),
     )
     return Rollout(felt, truth, sensed=np.zeros(n, bool) if config.task.success == "sensed" else None)

@@ -56,17 +56,20 @@ class InsertionWorlds:
         kind: Reward.
 
     Raises:
-        RequestError: The configuration believes other coordinates than x and y, or its tools give way.
+        RequestError: The configuration believes other coordinates than x and y, its tools give way, or
+            its pegs slip.
     """
 
     def __init__(self, config: Config, n: int, kind: Reward):
         if not is_world(config.filter.coordinates):
             names = ", ".join(config.filter.coordinates)
             raise RequestError(f"config: filter.coordinates: [{names}] is invalid: environments have [x, y]")
-        if config.control.tilt_radps:
-            raise RequestError(
-                f"config: control.tilt_radps: {config.control.tilt_radps:g} is invalid: environments have 0"
-            )
+        for name, value in (
+            ("control.tilt_radps", config.control.tilt_radps),
+            ("placement.grip_n", config.placement.grip_n),
+        ):
+            if value:
+                raise RequestError(f"config: {name}: {value:g} is invalid: environments have 0")
         self.config, self.n, self._kind = config, n, kind
         self._observe = jax.jit(jax.vmap(partial(observed, config=config)))
         self._draw = partial(draw_attempts, policy="spiral", config=config)

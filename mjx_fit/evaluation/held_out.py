@@ -157,7 +157,7 @@ def rows(
     place = np.asarray(place_for_tool(rollout.truth.hole_pos_world, rollout.truth.physics, config))
     means = np.stack([rollout.felt.estimate_world, np.asarray(belief.mean_world)], 1)
     covs = np.stack([np.asarray(data.estimate_cov)[ids], np.asarray(belief.cov)], 1)
-    scores = score_places(means, covs, place, np.asarray(rollout.truth.hole_type), config)
+    scores = score_places(means, covs, place[:, None], np.asarray(rollout.truth.hole_type), config)
     nll = rounded(np.asarray(sum(place_terms(belief, jnp.asarray(place), config.filter.coordinates))))
     match = rounded(np.asarray(after.match_probability))
     types = np.exp(np.asarray(belief.type_logp, float))

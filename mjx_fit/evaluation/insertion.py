@@ -17,7 +17,7 @@ from mjx_fit.evaluation.request import Request
 from mjx_fit.evaluation.results import Result, by_method
 from mjx_fit.evaluation.single_hole_runner import Ids, Outcomes, Study, holes_at
 from mjx_fit.evaluation.statistics import Row, bootstrap_mean, clustered_rate, holm, sign_flip
-from mjx_fit.task import single_hole
+from mjx_fit.task.holes import Holes
 from mjx_fit.task.methods import INSERTION, chosen
 from mjx_fit.utils.randomness import root_key
 
@@ -95,7 +95,7 @@ def _saved(
     return rows
 
 
-def draw_holes(config: Config, ids: Ids, seeds: int, seed: int) -> single_hole.Holes:
+def draw_holes(config: Config, ids: Ids, seeds: int, seed: int) -> Holes:
     draw, number = np.divmod(ids, seeds)
     shape = draw % config.scene.n_types
     places = draw_places(root_key(seed, "insertion"), jnp.asarray(draw), config)
@@ -103,7 +103,7 @@ def draw_holes(config: Config, ids: Ids, seeds: int, seed: int) -> single_hole.H
     return holes_at(shape, shape, replace(places, key=own))
 
 
-def _rows(ids: Ids, world: single_hole.Holes, outcomes: Outcomes, seeds: int, names: tuple[str, ...]) -> Rows:
+def _rows(ids: Ids, world: Holes, outcomes: Outcomes, seeds: int, names: tuple[str, ...]) -> Rows:
     return [
         {
             "trial": int(trial) // seeds,

@@ -43,7 +43,7 @@ class PlaceScores:
 def score_places(
     mean_world: Float[np.ndarray, "n K D"],
     cov: Float[np.ndarray, "n K D D"],
-    place_world: Float[np.ndarray, "n D"],
+    place_world: Float[np.ndarray, "n #K D"],
     hole_type: Int[np.ndarray, "n"],
     config: Config,
 ) -> PlaceScores:
@@ -52,15 +52,15 @@ def score_places(
     Args:
         mean_world: Means, m and rad.
         cov: Covariances, m² and rad².
-        place_world: True places (``place_for_tool``).
+        place_world: True places (``place_for_tool``), of each belief, or one for all.
         hole_type: Types of the holes.
         config: Defines coordinates and parts.
     """
     names = config.filter.coordinates
-    error, degrees = place_world[:, None] - mean_world, np.full(len(place_world), len(names))
+    error, degrees = place_world - mean_world, np.full(len(place_world), len(names))
     if is_world(names):
         return PlaceScores(_distance(error), None, _squared(error, cov), degrees)
-    error = np.array(chart.step_between(jnp.asarray(mean_world), jnp.asarray(place_world[:, None]), names))
+    error = np.array(chart.step_between(jnp.asarray(mean_world), jnp.asarray(place_world), names))
     turns = [i for i, name in enumerate(names) if name in chart.AXIS]
     squared = None
     if "yaw" in names:

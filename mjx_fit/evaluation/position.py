@@ -17,7 +17,7 @@ from mjx_fit.evaluation.results import Result, by_method
 from mjx_fit.evaluation.scores import inside
 from mjx_fit.evaluation.single_hole_runner import Ids, Outcomes, Study, holes_at
 from mjx_fit.evaluation.statistics import Row, bootstrap_mean
-from mjx_fit.task import single_hole
+from mjx_fit.task.holes import Holes
 from mjx_fit.task.methods import POSITION, chosen
 from mjx_fit.types import Array
 from mjx_fit.utils.randomness import root_key
@@ -110,7 +110,7 @@ def _means(
     ]
 
 
-def draw_holes(config: Config, ids: Ids, trials: int, root: Key[Array, ""]) -> single_hole.Holes:
+def draw_holes(config: Config, ids: Ids, trials: int, root: Key[Array, ""]) -> Holes:
     """Draw holes: ids below ``trials`` are mismatched and cycle through the pairs, the others match."""
     n_types = config.scene.n_types
     peg = other = ids % n_types
@@ -122,7 +122,7 @@ def draw_holes(config: Config, ids: Ids, trials: int, root: Key[Array, ""]) -> s
     return holes_at(peg, other, draw_places(root, jnp.asarray(ids), config))
 
 
-def _rows(ids: Ids, world: single_hole.Holes, outcomes: Outcomes, config: Config) -> Rows:
+def _rows(ids: Ids, world: Holes, outcomes: Outcomes, config: Config) -> Rows:
     rows, wrong, names = [], world.peg_type != world.hole_type, config.scene.names
     for method, done in outcomes.items():
         scores = score_places(done.mean_world, done.cov, done.place_world, world.hole_type, config)

@@ -21,6 +21,7 @@ from mjx_fit.evaluation.scores import auroc, inside
 from mjx_fit.evaluation.statistics import Row, bootstrap_mean, bootstrap_score, clustered_rate
 from mjx_fit.task import single_hole
 from mjx_fit.task.estimator import Update, filter_update
+from mjx_fit.task.holes import Holes, Outcome
 from mjx_fit.task.methods import POSITION
 from mjx_fit.training.sensor_loader import TrainedSensor
 from mjx_fit.types import Belief, Felt
@@ -140,7 +141,7 @@ def _update(config: Config, sensor: TrainedSensor, perturbation: Perturbation) -
     return update
 
 
-def _rows(part: _Part, world: single_hole.Holes, done: single_hole.Outcome, config: Config) -> Rows:
+def _rows(part: _Part, world: Holes, done: Outcome, config: Config) -> Rows:
     scores, names = (
         score_places(done.mean_world, done.cov, done.place_world, world.hole_type, config),
         config.scene.names,

@@ -19,21 +19,22 @@ from mjx_fit.evaluation.results import Result
 from mjx_fit.evaluation.statistics import Row
 from mjx_fit.task import single_hole
 from mjx_fit.task.estimator import Update, filter_update, frame_update, position_update
+from mjx_fit.task.holes import Holes, Outcome
 from mjx_fit.task.methods import HoleMethod
 from mjx_fit.training.checkpoint import FRAME_BY_FRAME
 from mjx_fit.training.sensor_loader import TrainedSensor
 from mjx_fit.utils.errors import RequestError
 from mjx_fit.utils.progress import COMPILING, Progress
 
-Outcomes = dict[str, single_hole.Outcome]
+Outcomes = dict[str, Outcome]
 Ids = Int[np.ndarray, "n"]
 
 
-def holes_at(peg_type: Ids, hole_type: Ids, places: Places) -> single_hole.Holes:
+def holes_at(peg_type: Ids, hole_type: Ids, places: Places) -> Holes:
     """Return the setup of trials at drawn places."""
     position, estimate = np.asarray(places.hole_pos_world), np.asarray(places.estimate_world)
     physics = jax.tree.map(np.asarray, places.physics)
-    return single_hole.Holes(peg_type, hole_type, position, estimate, places.key, physics)
+    return Holes(peg_type, hole_type, position, estimate, places.key, physics)
 
 
 @dataclass(frozen=True)
@@ -56,8 +57,8 @@ class Study:
     asked: dict[str, Any]
     max_attempts: int
     n: int
-    holes: Callable[[Config, Ids], single_hole.Holes]
-    rows: Callable[[Ids, single_hole.Holes, Outcomes], Rows]
+    holes: Callable[[Config, Ids], Holes]
+    rows: Callable[[Ids, Holes, Outcomes], Rows]
     summarise: Callable[[Rows], list[Row]]
 
 

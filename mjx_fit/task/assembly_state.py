@@ -16,20 +16,22 @@ from operator import attrgetter
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Int
 
 from mjx_fit.config.schema import Config
 from mjx_fit.filters.updates import detected_belief
 from mjx_fit.scene.scenarios import Trials
+from mjx_fit.scene.slip import with_grasp
 from mjx_fit.task.assembly_snapshot import EMPTY, KEPT_FROM, Choice, State
 from mjx_fit.task.attempt_log import Diary, about, believed
 from mjx_fit.task.attempt_loop import Tried, Try, placed_as, spirals_at
-from mjx_fit.task.effort import COLUMNS, effort_of, move_time_s
-from mjx_fit.task.hole_choice import Situation, by_chance, by_rate
+from mjx_fit.task.effort import COLUMNS, Travel, effort_of
+from mjx_fit.task.hole_choice import Situation, by_chance, by_rate, of_a_human
 from mjx_fit.task.methods import Method, of_rows
 from mjx_fit.task.oracle import reveal_hole, reveal_match, reveal_place
-from mjx_fit.task.shared_grasp import SharedGrasp, in_hand, places_for_tool
+from mjx_fit.task.shared_grasp import SharedGrasp, in_hand, places_for_tool, regrasped
 from mjx_fit.types import Belief, Rollout
+from mjx_fit.types.physics import Physics
 from mjx_fit.utils.randomness import root_key
 
 
@@ -39,6 +41,7 @@ class Table:
     Attributes:
         pegs_done: Number of pegs inserted by the robot or a human, (R,).
         choice: Choice of each row in the latest round.
+        attempt_actions: Maximum number of actions in one attempt.
     """
 
     choice: Choice
@@ -48,9 +51,10 @@ class Table:
         self._world = jax.tree.map(
             lambda leaf: np.tile(leaf, (len(methods), *[1] * (leaf.ndim - 1))), trials.__dict__
         )
+        n_rows, n = self._world["hole_type"].shape
+        self._world["physics"] = with_grasp(self._world["physics"], config, n_rows, n)
         self._places = places_for_tool(self._world["hole_pos_world"], self._world["physics"], config)
         self._world["place_world"] = self._places[:, 0].copy()
-        n_rows, n = self._world["hole_type"].shape
         self._trial, shares = self._world["trial"], config.filter.shares_grasp
         self._detected, self._beliefs = self._initial_beliefs(), self._initial_beliefs()
         self._shared = SharedGrasp(self._world["estimate_world"], config) if shares else None
@@ -60,10 +64,9 @@ class Table:
         self._attempts = np.zeros((n_rows, n), int)
         self._human, self._wrongly = np.zeros((n_rows, n), bool), np.zeros((n_rows, n), bool)
         self._pulled_out = np.zeros((n_rows, n), int)
-        self._starts = np.asarray(self._beliefs.mean_world).mean(1)
-        self._move_seconds = np.zeros(n_rows)
+        self._travel = Travel(np.asarray(self._beliefs.mean_world).mean(1), config.moves)
         self._diary = Diary(n_rows, n)
-        self.pegs_done = np.zeros(n_rows, int)
+        self.pegs_done, self.attempt_actions = np.zeros(n_rows, int), config.task.attempt_actions
         self._root = root_key(seed, "assembly: attempts")
         self._keys = jax.jit(jax.vmap(self._attempt_keys))
 
@@ -71,11 +74,6 @@ class Table:
     def active(self) -> Bool[np.ndarray, "R"]:
         """Whether each row has pegs left."""
         return self.pegs_done < self._content.shape[1]
-
-    @property
-    def attempt_actions(self) -> int:
-        """Maximum number of actions in one attempt."""
-        return self._config.task.attempt_actions
 
     def leave_out_all_but(self, row: int) -> None:
         """Mark all other rows as done."""
@@ -97,7 +95,8 @@ class Table:
             if shared is not None:
                 detected = shared.detections(detected, self._of("learns_position"))
             beliefs = placed_as(beliefs, detected, self._tries > 0)
-        now = Situation(beliefs, self._peg(), self._content != EMPTY, self._tries, self._starts[:, :2])
+        here = self._travel.here_world[:, :2]
+        now = Situation(beliefs, self._peg(), self._content != EMPTY, self._tries, here)
         self.choice, elsewhere = choice(now, self._config)
         hole, rows = self.choice.hole, np.arange(len(self._trial))
         wiggle_keys, noise_keys = self._keys(self._trial, self._peg_number(), self._attempt_number())
@@ -123,6 +122,8 @@ class Table:
         for rows in (told, match_told):
             self._revealed[rows, chosen[rows]] = True
         self._note(happened, tried.asked.beliefs)
+        if self._config.placement.slips:
+            self._go_on_with(happened.truth.physics)
 
     def record(self, tried: Tried) -> None:
         """Count the attempts, fill holes, call a human at the attempt limit, and advance to the next pegs."""
@@ -135,11 +136,8 @@ class Table:
         self._pulled_out[rows, peg] += (np.asarray(happened.taken) & ~inserted)[rows]
         self._tries[rows, hole] += 1
         helped = ~inserted[rows] & (self._attempts[rows, peg] == self._config.task.max_attempts)
-        # The human fills the first empty hole of the peg's type, or else the first empty one.
-        empty = self._content == EMPTY
-        matching = (self._world["hole_type"] == self._peg()[:, None]) & empty
-        best = np.where(matching.any(1, keepdims=True), matching, empty)
-        hole = np.where(helped, best[rows].argmax(1), hole)
+        best = of_a_human(self._world["hole_type"], self._peg(), self._content == EMPTY)
+        hole = np.where(helped, best[rows], hole)
         self._human[rows, peg], self._wrongly[rows, peg] = helped, wrongly[rows]
         done = inserted[rows] | helped
         self._content[rows[done], hole[done]] = self._peg()[rows[done]]
@@ -159,7 +157,7 @@ class Table:
                 "human": self._human[row].tolist(),
                 **({"inserted_wrongly": self._wrongly[row].tolist()} if self._wrongly[row].any() else {}),
                 **({"pulled_out": self._pulled_out[row].tolist()} if self._pulled_out[row].any() else {}),
-                "move_seconds": round(float(self._move_seconds[row]), 4),
+                "move_seconds": round(float(self._travel.seconds[row]), 4),
                 "holes": [names[hole] for hole in self._world["hole_type"][row]],
                 **self._diary.of(row),
             }
@@ -189,13 +187,23 @@ class Table:
 
     def _take_peg(self, rows: Int[np.ndarray, "k"]) -> None:
         """Change what depends on the grasp of the peg in hand, for rows with a new one."""
-        self._world["place_world"][rows] = self._places[rows, self._peg_number()[rows]]
         if self._shared is not None:
             self._shared.new_peg(rows)
             self._beliefs = self._shared.beliefs(self._beliefs, self._of("learns_position"))
+        self._hold(rows)
+
+    def _hold(self, rows: Int[np.ndarray, "k"]) -> None:
+        """Change where the pegs in hand belong, and tell it to those who know."""
+        self._world["place_world"][rows] = self._places[rows, self._peg_number()[rows]]
         known = self._revealed & np.isin(np.arange(len(self._trial)), rows)[:, None]
         for beliefs in (self._beliefs, self._detected):
             reveal_place(beliefs, self._world, known)
+
+    def _go_on_with(self, left: Physics) -> None:
+        """Take the grasps that the attempts left for those of the pegs in hand."""
+        self._world["physics"] = regrasped(self._world["physics"], self._peg_number(), left, self.active)
+        self._places = places_for_tool(self._world["hole_pos_world"], self._world["physics"], self._config)
+        self._hold(np.arange(len(self._trial)))
 
     def _note(self, rollouts: Rollout, before: Belief) -> None:
         """Log the choice, the belief before and after the attempt, and its time and force."""
@@ -203,8 +211,9 @@ class Table:
         position = self._world["place_world"][np.arange(len(chosen)), chosen]
         match, error = believed(before, self._peg(), position)
         match_after, error_after = believed(about(self._beliefs, chosen), self._peg(), position)
-        self._count_moves(np.asarray(rollouts.felt.estimate_world), rows)
-        effort = effort_of(rollouts.felt)
+        # A peg begins above its first hole.
+        effort, start = effort_of(rollouts.felt), np.asarray(rollouts.felt.estimate_world)
+        self._travel.go(start, self.active, counted=self._attempt_number() > 0)
         columns = {
             "tried": chosen,
             "chance": self.choice.chance,
@@ -215,16 +224,7 @@ class Table:
             "match_after": match_after,
             "error_after_cm": error_after,
         }
-        own = {name: values[rows] for name, values in columns.items()}
-        self._diary.write(rows, self.pegs_done[rows], **own)
-
-    def _count_moves(self, start_world: Float[np.ndarray, "R 2"], rows: Int[np.ndarray, "k"]) -> None:
-        """Add the time of each row's move to this attempt; a peg begins above its first hole."""
-        moved = np.where(
-            self._attempt_number() > 0, move_time_s(self._starts, start_world, self._config.moves), 0
-        )
-        self._move_seconds[rows] += moved[rows]
-        self._starts[rows] = start_world[rows]
+        self._diary.write(rows, self.pegs_done[rows], **{name: of[rows] for name, of in columns.items()})
 
     def _initial_beliefs(self) -> Belief:
         """Return writable priors (R, n): from the detector, or the truth if the method knows it."""

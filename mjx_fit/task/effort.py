@@ -6,7 +6,7 @@ Forces are the noise-free, tared forces of the simulator: they score a method, a
 from dataclasses import fields
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from mjx_fit.config.sections.moves import MovesConfig
 from mjx_fit.types import Array, Felt
@@ -102,3 +102,31 @@ def rest_to_rest_s(distance_m: Float[np.ndarray, "n"], moves: MovesConfig) -> Fl
     return np.where(
         reached, distance_m / speed + speed / acceleration, 2 * np.sqrt(distance_m / acceleration)
     )
+
+
+class Travel:
+    """Moves of R rows from attempt to attempt.
+
+    Args:
+        starts_world: Where the pegs are at first, (R, D), x and y first, m.
+        moves: Heights, speed and acceleration.
+
+    Attributes:
+        here_world: Starts of the latest attempts, (R, D), m.
+        seconds: Time of the moves so far, (R,).
+    """
+
+    def __init__(self, starts_world: Float[np.ndarray, "R D"], moves: MovesConfig):
+        self.here_world, self._moves = np.array(starts_world), moves
+        self.seconds = np.zeros(len(starts_world))
+
+    def go(
+        self,
+        to_world: Float[np.ndarray, "R D"],
+        active: Bool[np.ndarray, "R"],
+        counted: Bool[np.ndarray, "R"],
+    ) -> None:
+        """Move the active rows to the starts of their next attempts; a move that is not counted is free."""
+        seconds = move_time_s(self.here_world, to_world, self._moves)
+        self.seconds += np.where(active & counted, seconds, 0)
+        self.here_world[active] = np.asarray(to_world)[active]

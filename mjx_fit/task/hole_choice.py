@@ -92,3 +92,11 @@ def _most_likely(now: Situation, config: Config) -> tuple[Array, Array, Array]:
     hole = greedy.greedy(reward, now.filled, now.tries)
     chance = jnp.take_along_axis(reward, hole[:, None], axis=1)[:, 0]
     return hole, chance, greedy.runner_up(reward, now.filled, hole)
+
+
+def of_a_human(
+    hole_type: Int[np.ndarray, "R n"], peg_type: Int[np.ndarray, "R"], empty: Bool[np.ndarray, "R n"]
+) -> Int[np.ndarray, "R"]:
+    """Return the hole that a human fills: the first empty one of the peg's type, or else the first."""
+    matching = (hole_type == peg_type[:, None]) & empty
+    return np.where(matching.any(1, keepdims=True), matching, empty).argmax(1)

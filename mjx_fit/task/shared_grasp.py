@@ -40,6 +40,16 @@ def in_hand(physics: Physics, peg: Int[np.ndarray, "*b"], hole: Int[np.ndarray, 
     )
 
 
+def regrasped(
+    physics: Physics, peg: Int[np.ndarray, "R"], left: Physics, active: Bool[np.ndarray, "R"]
+) -> Physics:
+    """Return the physics (R, n) after attempts that left the pegs in hand as ``left`` (R,) has them."""
+    values, rows = {name: np.array(getattr(physics, name)) for name in GRASP}, np.flatnonzero(active)
+    for name, own in values.items():
+        own[rows, peg[rows]] = np.asarray(getattr(left, name))[rows]
+    return replace(physics, **values)
+
+
 def places_for_tool(
     hole_pos_world: Float[np.ndarray, "R n 2"], physics: Physics, config: Config
 ) -> Float[np.ndarray, "R n n D"]:

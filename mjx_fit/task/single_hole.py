@@ -5,14 +5,14 @@ of a trial are identical for all methods.
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Int, Key
+from jaxtyping import Float, Key
 
 from mjx_fit.config.schema import Config
 from mjx_fit.engines.interface import Engine
@@ -20,62 +20,13 @@ from mjx_fit.filters import chart
 from mjx_fit.filters.kalman import scale_tril
 from mjx_fit.filters.updates import detected_belief, initial_belief
 from mjx_fit.scene.placement import place_for_tool
+from mjx_fit.scene.slip import carried_on
 from mjx_fit.task.attempt_loop import Tried, Try, attempt_rounds, placed_as, spirals_at
-from mjx_fit.task.effort import COLUMNS, Effort, effort_of, move_time_s
+from mjx_fit.task.effort import COLUMNS, Effort, Travel, effort_of
 from mjx_fit.task.estimator import Update
+from mjx_fit.task.holes import Holes, Outcome
 from mjx_fit.task.methods import KNOWN_VARIANCE_M2, HoleMethod, of_rows
 from mjx_fit.types import Array, Belief, Felt
-from mjx_fit.types.physics import AS_CONFIGURED, Physics
-
-
-@dataclass(frozen=True)
-class Holes:
-    """Setup of T single-hole trials.
-
-    Attributes:
-        peg_type: Type of the peg, (T,).
-        hole_type: Type of the hole, (T,).
-        hole_pos_world: True position of the hole, (T, 2), m.
-        estimate_world: Detected position of the hole, (T, 2), m.
-        key: Seeds of exploration noise, sensor noise and sampled estimates, (T,).
-        physics: Quantities that each world has of its own, (T,).
-    """
-
-    peg_type: Int[np.ndarray, "T"]
-    hole_type: Int[np.ndarray, "T"]
-    hole_pos_world: Float[np.ndarray, "T 2"]
-    estimate_world: Float[np.ndarray, "T 2"]
-    key: Key[Array, "T"]
-    physics: Physics = AS_CONFIGURED
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """Outcome of the trials under one method, with at most K attempts.
-
-    Attributes:
-        inserted_at: Number of the attempt that inserted the peg, from 1; 0 if no attempt did, (T,). The types
-            need not match. An insertion that the robot does not notice is none (``task.success: sensed``); a
-            peg that it takes for inserted ends the trial.
-        attempts: Number of attempts made, (T,).
-        mean_world: Mean place before the first and after each attempt, (T, K + 1, D), m and rad. It stays
-            constant after an insertion; the insertion position never replaces it.
-        cov: Covariance of the place, (T, K + 1, D, D), m² and rad².
-        match_probability: Probability that the hole matches the peg, before the first and after each attempt,
-            (T, K + 1).
-        place_world: True place, (T, D), m and rad (``place_for_tool``).
-        effort: Time and force of each attempt, (T, K); NaN for attempts that were not made.
-        move_seconds: Time of the moves between the attempts, (T,), s.
-    """
-
-    inserted_at: Int[np.ndarray, "T"]
-    attempts: Int[np.ndarray, "T"]
-    mean_world: Float[np.ndarray, "T after D"]
-    cov: Float[np.ndarray, "T after D D"]
-    match_probability: Float[np.ndarray, "T after"]
-    place_world: Float[np.ndarray, "T D"]
-    effort: Effort
-    move_seconds: Float[np.ndarray, "T"]
 
 
 class HoleTable:
@@ -89,15 +40,16 @@ class HoleTable:
     """
 
     def __init__(self, config: Config, methods: tuple[HoleMethod, ...], holes: Holes, max_attempts: int):
-        self.attempt_actions, self._max_attempts = config.task.attempt_actions, max_attempts
+        self._config, self._max_attempts = config, max_attempts
+        self.attempt_actions = config.task.attempt_actions
         self._methods, self._n_trials = methods, len(holes.peg_type)
         self._world = jax.tree.map(lambda leaf: np.concatenate([leaf] * len(methods)), _plain(holes))
         self._keys = jnp.concatenate([holes.key] * len(methods))
         self._names = config.filter.coordinates
         self._samples = of_rows(methods, self._n_trials, lambda method: method.starts == "sample")
-        place = np.asarray(place_for_tool(holes.hole_pos_world, holes.physics, config))
-        self._place = np.concatenate([place] * len(methods))
-        self._detected = self._belief = _first_belief(config, methods, holes, place)
+        self._places = [self._true_place()]
+        self._knows = of_rows(methods, self._n_trials, lambda method: method.knows_truth)
+        self._detected = self._belief = _first_belief(config, methods, holes, self._places[0])
         self._forgets = config.task.revisit_from == "detection"
         n_rows = len(self._samples)
         self._inserted_at, self._attempts = np.zeros(n_rows, int), np.zeros(n_rows, int)
@@ -105,8 +57,7 @@ class HoleTable:
         self._means, self._covs = [self._belief.mean_world], [self._belief.cov]
         self._matches = [self._match_probability()]
         self._efforts: list[Effort] = []
-        self._moves, self._starts = config.moves, np.asarray(self._belief.mean_world)
-        self._move_seconds = np.zeros(n_rows)
+        self._travel = Travel(np.asarray(self._belief.mean_world), config.moves)
 
     def next_try(self) -> Try | None:
         """Return the next attempt of each unfinished row; None if all are done, or after K attempts."""
@@ -126,23 +77,30 @@ class HoleTable:
         """Count the attempts and store the posteriors of the active rows."""
         active = tried.asked.active
         self._attempts += active
+        after = tried.rollouts.truth.physics
+        self._world["physics"] = carried_on(self._world["physics"], after, active, self._config)
+        self._places.append(self._true_place())
 
         def latest(old, new):
             return np.where(active.reshape(-1, *[1] * (old.ndim - 1)), new, old)
 
         starts = np.asarray(tried.asked.attempts.estimate_world)
-        if self._efforts:
-            self._move_seconds += active * move_time_s(self._starts, starts, self._moves)
-        self._starts = latest(self._starts, starts)
+        self._travel.go(starts, active, np.full(len(active), bool(self._efforts)))
         effort = effort_of(tried.rollouts.felt)
         self._efforts.append(jax.tree.map(lambda column: np.where(active, column, np.nan), effort))
         taken = active & tried.rollouts.taken
         self._inserted_at[taken & tried.rollouts.truth.inserted] = len(self._efforts)
         self._done |= taken
         self._belief = jax.tree.map(latest, self._belief, tried.beliefs)
+        now = np.where(self._knows[:, None], self._places[-1], self._belief.mean_world)
+        self._belief = replace(self._belief, mean_world=now)
         self._means.append(self._belief.mean_world)
         self._covs.append(self._belief.cov)
         self._matches.append(self._match_probability())
+
+    def _true_place(self) -> Float[np.ndarray, "R D"]:
+        world = self._world
+        return np.asarray(place_for_tool(world["hole_pos_world"], world["physics"], self._config))
 
     def _match_probability(self) -> Float[np.ndarray, "R"]:
         kind = np.exp(np.asarray(self._belief.type_logp))
@@ -160,10 +118,10 @@ class HoleTable:
             "attempts": self._attempts,
             "mean_world": np.stack([*self._means, *[self._means[-1]] * left], 1),
             "cov": np.stack([*self._covs, *[self._covs[-1]] * left], 1),
-            "place_world": self._place,
+            "place_world": np.stack([*self._places, *[self._places[-1]] * left], 1),
             "match_probability": np.stack([*self._matches, *[self._matches[-1]] * left], 1),
             "effort": jax.tree.map(lambda *made: np.stack(made, 1), *self._efforts, *[self._none()] * left),
-            "move_seconds": self._move_seconds,
+            "move_seconds": self._travel.seconds,
         }
         own = {
             method.name: slice(m * self._n_trials, (m + 1) * self._n_trials)
@@ -218,11 +176,13 @@ def _plain(holes: Holes) -> dict[str, Any]:
 
 
 def _first_belief(
-    config: Config, methods: tuple[HoleMethod, ...], holes: Holes, place_world: Float[np.ndarray, "T D"]
+    config: Config, methods: tuple[HoleMethod, ...], holes: Holes, place_world: Float[np.ndarray, "R D"]
 ) -> Belief:
     """Return the priors as NumPy arrays (methods times T): from the detector, or the truth if it is known."""
     detected = detected_belief(jnp.asarray(holes.estimate_world), config)
-    known = initial_belief(jnp.asarray(place_world), KNOWN_VARIANCE_M2**0.5, config.scene.n_types)
+    known = initial_belief(
+        jnp.asarray(place_world[: len(holes.key)]), KNOWN_VARIANCE_M2**0.5, config.scene.n_types
+    )
     parts = [known if method.knows_truth else detected for method in methods]
     return jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
 

@@ -175,7 +175,7 @@ class Truth:
             last action counted by ``Felt.length``.
         end_qpos: Final joint angles, rad; for invalid attempts, those before the invalid action.
         end_qvel: Joint velocities at the same time, rad/s.
-        physics: Quantities that the world had of its own.
+        physics: Quantities that the world had of its own; the grasp is that at the end of the attempt.
     """
 
     hole_type: Int[Array, "*batch"]

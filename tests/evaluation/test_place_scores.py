@@ -25,7 +25,7 @@ def test_with_x_and_y_alone_the_scores_are_the_plain_ones():
     rng = np.random.default_rng(0)
     mean, cov = beliefs(rng, 5, 2)
     place, kinds = rng.uniform(-0.1, 0.1, (5, 2)), np.zeros(5, int)
-    scores, error = score_places(mean, cov, place, kinds, PLANE), place - mean[:, 0]
+    scores, error = score_places(mean, cov, place[:, None], kinds, PLANE), place - mean[:, 0]
     np.testing.assert_allclose(scores.distance_cm[:, 0], 100 * np.hypot(*error.T))
     want = [e @ np.linalg.inv(c) @ e for e, c in zip(error, cov[:, 0], strict=True)]
     np.testing.assert_allclose(scores.squared[:, 0], want)
@@ -38,7 +38,7 @@ def test_truths_drawn_from_their_beliefs_are_inside_as_often_as_they_should():
     mean, cov = mean * 2, cov * 0.2
     steps = np.einsum("nij,nj->ni", np.linalg.cholesky(cov[:, 0]), rng.normal(size=(n, 6)))
     place = np.asarray(chart.moved(jnp.asarray(mean[:, 0]), jnp.asarray(steps), SIX))
-    scores = score_places(mean, cov, place, np.full(n, SQUARE), POSES)
+    scores = score_places(mean, cov, place[:, None], np.full(n, SQUARE), POSES)
     assert scores.squared.mean() == pytest.approx(6, abs=0.2)
     assert inside(scores.squared[:, 0], 0.9, scores.degrees).mean() == pytest.approx(0.9, abs=0.02)
     assert place_columns(scores, 0)["degrees"] == 6
@@ -47,7 +47,7 @@ def test_truths_drawn_from_their_beliefs_are_inside_as_often_as_they_should():
 def test_a_square_turned_by_a_quarter_is_where_it_was():
     mean, cov = np.zeros((1, 1, 6)), np.tile(np.eye(6), (1, 1, 1, 1))
     place = np.array([[0.003, 0, 0.004, np.pi / 2 - 0.02, 0, 0]])
-    scores = score_places(mean, cov, place, np.array([SQUARE]), POSES)
+    scores = score_places(mean, cov, place[:, None], np.array([SQUARE]), POSES)
     assert scores.distance_cm[0, 0] == pytest.approx(0.5)
     assert scores.turn_deg is not None
     assert scores.turn_deg[0, 0] == pytest.approx(np.rad2deg(0.02), rel=1e-3)
@@ -70,7 +70,7 @@ def test_a_round_part_has_no_yaw():
     rng = np.random.default_rng(2)
     mean, cov = beliefs(rng, 2, 3)
     place, kinds = mean[:, 0] + [0.001, 0.002, 0.3], np.array([0, 1])
-    scores = score_places(mean, cov, place, kinds, config)
+    scores = score_places(mean, cov, place[:, None], kinds, config)
     assert scores.degrees.tolist() == [2, 3]
     assert scores.turn_deg is not None
     assert scores.turn_deg[:, 0] == pytest.approx([0, np.rad2deg(0.3)], rel=1e-3)

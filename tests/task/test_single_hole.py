@@ -21,6 +21,7 @@ from mjx_fit.evaluation.request import Request
 from mjx_fit.filters.updates import initial_belief
 from mjx_fit.task import estimator, methods, single_hole
 from mjx_fit.task.after_attempts import after_failures
+from mjx_fit.task.holes import Holes
 from mjx_fit.training.sensor_loader import load_baseline, load_trained_sensor
 from mjx_fit.types import Attempt, Observation
 from mjx_fit.utils import resources
@@ -92,7 +93,7 @@ def test_a_trials_outcome_does_not_depend_on_its_batch():
     holes = make_holes()
     some = np.array([3, 7, 30])
     arrays = {name: leaf for name, leaf in vars(holes).items() if name != "physics"}
-    few = single_hole.Holes(**{name: leaf[some] for name, leaf in arrays.items()})
+    few = Holes(**{name: leaf[some] for name, leaf in arrays.items()})
     whole, part = (play(methods.INSERTION, world, FakeEngine())["sample"] for world in (holes, few))
     assert np.array_equal(whole.inserted_at[some], part.inserted_at)
 

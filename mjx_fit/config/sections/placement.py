@@ -32,6 +32,10 @@ class PlacementConfig:
         grasp_roll_rad: Peg's roll.
         grasp_pitch_rad: Peg's pitch.
         grasp_yaw_rad: Peg's yaw.
+        grip_n: Force at which the peg slips. In the hand, during attempts (``mjx_fit.scene.slip``); 0: it
+            never does.
+        grip_nm: Torque at which it slips. About the fingers.
+        slip_mps: Speed at twice the grip. The peg slips at this speed under twice the force that is held.
     """
 
     socket_z_m: Height = 0.0
@@ -44,3 +48,11 @@ class PlacementConfig:
     grasp_roll_rad: Lean = 0.0
     grasp_pitch_rad: Lean = 0.0
     grasp_yaw_rad: Yaw = 0.0
+    grip_n: Annotated[float, Field(ge=0, le=1000)] = 0.0
+    grip_nm: Annotated[float, Field(ge=0.01, le=100)] = 1.0
+    slip_mps: Annotated[float, Field(ge=0.0001, le=0.1, json_schema_extra={"unit": "m/s"})] = 0.01
+
+    @property
+    def slips(self) -> bool:
+        """Whether pegs can slip in the hand."""
+        return self.grip_n > 0

@@ -20,12 +20,13 @@ from mjx_fit.control.kinematics import chain_of
 from mjx_fit.control.policies import Policy
 from mjx_fit.engines import attempt_rules, policy_runner
 from mjx_fit.engines.mjx.compiler import compiler_options
-from mjx_fit.engines.mjx.step import Models, WorldModel, advance, free_reading, placed
+from mjx_fit.engines.mjx.step import Models, WorldModel, advance, arm_state, free_reading, placed
 from mjx_fit.engines.plausible import at_limit
 from mjx_fit.engines.requests import ANY_POLICY, MOST_THREADS, require_attempts, require_count
 from mjx_fit.engines.threads import on_threads, silence_mujoco
 from mjx_fit.scene.build import Scene, pair_index, simulation_scene
 from mjx_fit.scene.placement import setting_of
+from mjx_fit.scene.slip import slipped, with_grasp
 from mjx_fit.types import Array, Attempt, Felt, Rollout, Truth
 from mjx_fit.types.physics import Physics
 from mjx_fit.utils import interrupts, numerics
@@ -125,6 +126,7 @@ class MjxEngine:
 
     def _rollout(self, attempts: Attempt, active: Bool[Array, "n"], actions: int, horizon: int) -> Rollout:
         pair = pair_index(attempts.peg_type, attempts.hole_type, self.scene.n_types)
+        attempts = replace(attempts, physics=with_grasp(attempts.physics, self.config, len(pair)))
         models, axes = self._models.of_worlds(pair, attempts.physics)
         setting = setting_of(attempts.hole_pos_world, attempts.physics, self.config)
         models, axes = models._replace(setting=setting), axes._replace(setting=0)
@@ -151,7 +153,7 @@ class World:
 
     def rollout(
         self,
-        model: WorldModel,
+        start: WorldModel,
         qpos: Float[Array, "joints"],
         attempt: Attempt,
         active: Bool[Array, ""],
@@ -159,11 +161,18 @@ class World:
         horizon: int,
     ) -> Rollout:
         """Simulate one attempt from a start posture; an inactive world does not move."""
-        data = placed(model, qpos, attempt.hole_pos_world, self.scene.plate_top_m)
-        tare = free_reading(model, data)
+        data = placed(start, qpos, attempt.hole_pos_world, self.scene.plate_top_m)
+        tare = free_reading(start, data)
+        slips = self.config.placement.slips
+
+        def held_now(model, physics):
+            if not slips:
+                return model
+            return model._replace(setting=setting_of(attempt.hole_pos_world, physics, self.config))
 
         def act(carry, step):
             data, running, limited, memory = carry
+            model = held_now(start, memory.physics)
             arm = arm_state(model, data, self.scene)
             tip = attempt_rules.tip_of(arm, memory.physics, self.config)
             state, command = policy_runner.act(self.policy, self.config, horizon, memory, tip, step)
@@ -182,14 +191,18 @@ class World:
             made = row, policy_runner.reported(self.policy, state)
             row, told = jax.tree.map(lambda leaf: jnp.where(running, leaf, jnp.zeros_like(leaf)), made)
             memory = replace(memory, state=state, wrench_sensor=wrench, command_world=command, goal=goal)
+            if slips:
+                moved = slipped(memory.physics, wrench, tare, self.config)
+                moved = jax.tree.map(partial(jnp.where, running & verdict.valid), moved, memory.physics)
+                memory = replace(memory, physics=moved)
             over = verdict.over | policy_runner.gives_up(self.policy, state)
             carry = data, running & ~over, verdict.limited, memory
             return carry, (row, told, running, (verdict.inserted, verdict.valid, verdict.sensed))
 
-        begin = arm_state(model, data, self.scene).tip_pos_world
+        begin = arm_state(start, data, self.scene).tip_pos_world
         memory = policy_runner.begin(self.policy, self.config, attempt, tare, begin)
         carry = data, active, jnp.int32(0), memory
-        (end, *_), (trace, report, ran, flags) = jax.lax.scan(act, carry, jnp.arange(actions))
+        (end, _, _, memory), (trace, report, ran, flags) = jax.lax.scan(act, carry, jnp.arange(actions))
         inserted, valid, sensed = jax.tree.map(lambda flag: active & flag[ran.sum() - 1], flags)
         felt = Felt(
             trace=trace,
@@ -205,7 +218,7 @@ class World:
             valid=valid | ~active,
             end_qpos=jnp.where(active, end.qpos, 0),
             end_qvel=jnp.where(active, end.qvel, 0),
-            physics=attempt.physics,
+            physics=memory.physics if slips else attempt.physics,
         )
         return Rollout(felt, truth, report, sensed)
 
@@ -233,18 +246,3 @@ class World:
 
         (data, goal), wrench = jax.lax.scan(substep, (data, goal), jnp.arange(SUBSTEPS))
         return data, after(goal, next_world), wrench
-
-
-def arm_state(model: WorldModel, data: mjx.Data, scene: Scene) -> operational_space.ArmState:
-    """Return the controller's inputs from data with current position and velocity stages."""
-    tip = scene.models[0].site(scene.robot.tool_site).id
-    return operational_space.ArmState(
-        qpos=data.qpos,
-        qvel=data.qvel,
-        mass_matrix=mjx.full_m(model.mjx, data),
-        bias=data.qfrc_bias,
-        tip_pos_world=data.site_xpos[tip],
-        tip_frame_world=data.site_xmat[tip],
-        joint_anchor_world=data.xanchor,
-        joint_axis_world=data.xaxis,
-    )

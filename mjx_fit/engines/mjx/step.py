@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from mujoco import mjx
 
+from mjx_fit.control import operational_space
 from mjx_fit.engines.mjx import contact
 from mjx_fit.engines.mjx.outlines import Outlines, outlines_of
 from mjx_fit.scene.build import Scene
@@ -165,3 +166,18 @@ class Models:
                     values = values.at[..., column].set(value[:, None])
                     changed[field] = values
         return changed
+
+
+def arm_state(model: WorldModel, data: mjx.Data, scene: Scene) -> operational_space.ArmState:
+    """Return the controller's inputs from data with current position and velocity stages."""
+    tip = scene.models[0].site(scene.robot.tool_site).id
+    return operational_space.ArmState(
+        qpos=data.qpos,
+        qvel=data.qvel,
+        mass_matrix=mjx.full_m(model.mjx, data),
+        bias=data.qfrc_bias,
+        tip_pos_world=data.site_xpos[tip],
+        tip_frame_world=data.site_xmat[tip],
+        joint_anchor_world=data.xanchor,
+        joint_axis_world=data.xaxis,
+    )

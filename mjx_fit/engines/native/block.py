@@ -156,6 +156,14 @@ class Block:
         self.qpos[:], self.qvel[:] = qpos, qvel
         self.batch.forward(stage=_OBSERVED)
 
+    def hold(self, rows: Int[np.ndarray, "k"], attempts: Attempt, setting: Setting) -> None:
+        """Give these simulations the models of attempts (k,): their parts, contact, and grasps."""
+        pair = np.asarray(pair_index(attempts.peg_type, attempts.hole_type, self._models.scene.n_types))
+        of_worlds = [self.batch.get_model(world) for world in range(len(self.qpos))]
+        for row, model in zip(rows, self._models.of(pair, attempts.physics, setting.peg_hand), strict=True):
+            of_worlds[row] = model
+        self.batch.set_models(of_worlds)
+
     def restart(
         self,
         rows: Int[np.ndarray, "k"],
@@ -164,13 +172,8 @@ class Block:
         qpos: Float[np.ndarray, "k joints"],
     ) -> None:
         """Begin new attempts (k,) in these simulations, at rest; the others stay as they are."""
-        scene = self._models.scene
-        pair = np.asarray(pair_index(attempts.peg_type, attempts.hole_type, scene.n_types))
-        of_worlds = [self.batch.get_model(world) for world in range(len(self.qpos))]
-        for row, model in zip(rows, self._models.of(pair, attempts.physics, setting.peg_hand), strict=True):
-            of_worlds[row] = model
-        self.batch.set_models(of_worlds)
-        _place(self.batch, rows, setting, qpos, scene.plate_top_m)
+        self.hold(rows, attempts, setting)
+        _place(self.batch, rows, setting, qpos, self._models.scene.plate_top_m)
         self.batch.forward(rows)
         self.tare_sensor[rows] = self._sensordata[rows]
 

@@ -22,6 +22,7 @@ from mjx_fit.engines.native.block import Layout
 from mjx_fit.engines.policy_runner import Memory
 from mjx_fit.scene.build import Scene
 from mjx_fit.scene.placement import Setting, setting_of
+from mjx_fit.scene.slip import slipped
 from mjx_fit.types import Array, Attempt
 from mjx_fit.types.physics import Physics
 
@@ -63,6 +64,7 @@ class Brain:
         torque: Function of packed inputs, goals and physics: joint torques (rows, joints), N·m.
         tip: Function of packed inputs and physics: the TCP states.
         setting: Function of the centres of holes and physics: the settings.
+        slip: Function of the memory after an action: the physics, with the pegs as they have slipped.
         peg: Function of TCP states, settings and physics: the pegs (``attempt_rules.peg_of``).
         end: Function of the memory, packed inputs, settings and the number of actions made: the TCP states,
             the pegs, and whether the robot measures an insertion.
@@ -80,6 +82,7 @@ class Brain:
         self.act_at = jax.jit(jax.vmap(self._act, (0, 0, 0, None)), static_argnums=3)
         self.tip = jax.jit(jax.vmap(self._tip))
         self.setting = jax.jit(partial(setting_of, config=config))
+        self.slip = jax.jit(jax.vmap(self._slip))
         self.peg = jax.jit(jax.vmap(partial(attempt_rules.peg_of, config=config)))
         self.end = jax.jit(jax.vmap(self._end, (0, 0, 0, None)))
 
@@ -125,6 +128,9 @@ class Brain:
         tip = self._tip(packed, memory.physics)
         peg = attempt_rules.peg_of(tip, setting, memory.physics, self.config)
         return tip, peg, policy_runner.measures_insertion(memory, tip, step, self.config)
+
+    def _slip(self, memory: Memory) -> Physics:
+        return slipped(memory.physics, memory.wrench_sensor, memory.tare_sensor, self.config)
 
     def _tip(self, packed: Float[Array, "k"], physics: Physics) -> Tip:
         return attempt_rules.tip_of(self.layout.unpack(packed), physics, self.config)

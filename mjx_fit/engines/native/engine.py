@@ -5,9 +5,7 @@ large enough to amortise the control, one jitted function over the block. The tr
 independent of the other attempts in the batch and of their number.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import replace
 
 import jax
 import numpy as np
@@ -20,20 +18,16 @@ from mjx_fit.control.framed import acting
 from mjx_fit.control.goals import Goal
 from mjx_fit.control.policies import Policy
 from mjx_fit.engines import attempt_rules
-from mjx_fit.engines.attempt_rules import Verdict
 from mjx_fit.engines.native.block import Block, batch_at_rest
-from mjx_fit.engines.native.controller import ROWS, Brain, padded, rows_for
-from mjx_fit.engines.native.drive import driven
+from mjx_fit.engines.native.controller import ROWS, Brain, padded
 from mjx_fit.engines.native.models import Models
-from mjx_fit.engines.policy_runner import Memory, at_rest
+from mjx_fit.engines.native.part import OnStep, Part
 from mjx_fit.engines.requests import ANY_POLICY, MOST_THREADS, require_attempts, require_count
 from mjx_fit.engines.threads import on_threads, parts_of, silence_mujoco
 from mjx_fit.scene.build import simulation_scene
-from mjx_fit.scene.placement import Setting
+from mjx_fit.scene.slip import with_grasp
 from mjx_fit.types import Attempt, Rollout
 from mjx_fit.utils import interrupts, numerics
-
-OnStep = Callable[[Int[np.ndarray, "m"], Batch], None]
 
 
 class NativeEngine:
@@ -84,6 +78,7 @@ class NativeEngine:
         actions, horizon, active = require_attempts(
             attempts, actions, horizon, active, self.config, self._policies
         )
+        attempts = self._gripped(attempts)
         done = self._nothing_done(attempts, actions)
         wanted = np.flatnonzero(active)
         parts = [wanted[part] for part in parts_of(len(wanted), self._threads, ROWS[-1])]
@@ -119,6 +114,7 @@ class NativeEngine:
             horizon: Number of actions that the policy plans for, and of rows in the result.
             goal: Goals (m, 3) before the action; None: the TCPs were at rest.
         """
+        attempts = self._gripped(attempts)
         done = self._nothing_done(attempts, horizon)
         part = self._part(attempts, np.arange(len(qpos)), done)
         part.move(qpos, qvel, goal)
@@ -134,12 +130,15 @@ class NativeEngine:
         setting = self._brain.setting(attempts.hole_pos_world, attempts.physics)
         return batch_at_rest(self._models, attempts, setting, np.concatenate(starts), self._threads)
 
+    def _gripped(self, attempts: Attempt) -> Attempt:
+        return replace(attempts, physics=with_grasp(attempts.physics, self.config, len(attempts.peg_type)))
+
     def _nothing_done(self, attempts: Attempt, actions: int) -> Rollout:
         joints, turns = len(self.scene.robot.joints), self._brain.policy.turns
         done = attempt_rules.nothing_done(attempts, actions, joints, self.config, turns=turns)
         return replace(done, report=self._brain.no_report(attempts, actions))
 
-    def _part(self, attempts: Attempt, ids: Int[np.ndarray, "m"], done: Rollout) -> "_Part":
+    def _part(self, attempts: Attempt, ids: Int[np.ndarray, "m"], done: Rollout) -> Part:
         """Initialise the attempts with these ids; their results are written into ``done``."""
         rows = padded(attempts, ids)
         start = np.asarray(self._brain.start(attempts=rows))[: len(ids)]
@@ -150,101 +149,4 @@ class NativeEngine:
         done.felt.tare_sensor[ids] = block.tare_sensor
         at_rest = (block.tare_sensor, np.asarray(block.tip_pos_world, np.float32))
         memory = self._brain.begin(rows, *(padded(one, np.arange(len(ids))) for one in at_rest))
-        return _Part(self._brain, block, memory, setting, ids, done, self._on_step)
-
-
-@dataclass
-class _Part:
-    """Part of a batch of attempts, run by one thread.
-
-    Attributes:
-        brain: Control and policy.
-        block: Simulations of the attempts.
-        memory: Memory of the policy for the simulations that ``brain`` receives, padded.
-        setting: Settings of the simulations that ``brain`` receives, padded.
-        ids: Indices of the attempts in the batch.
-        done: Results: arrays over the whole batch, modified in place.
-        on_step: Callback, see ``NativeEngine``.
-    """
-
-    brain: Brain
-    block: Block
-    memory: Memory
-    setting: Setting
-    ids: Int[np.ndarray, "m"]
-    done: Rollout
-    on_step: OnStep | None
-
-    def __post_init__(self) -> None:
-        self._limited = np.zeros(len(self.ids), np.int32)
-        # Finished simulations stay among the shown ones until a smaller number of rows suffices.
-        self._running = self._shown = np.arange(len(self.ids))
-
-    def move(
-        self,
-        qpos: Float[np.ndarray, "m joints"],
-        qvel: Float[np.ndarray, "m joints"],
-        goal: Goal | None = None,
-    ) -> None:
-        """Set the state of the simulations before their first action, and their goals if not at rest."""
-        self.block.move(qpos, qvel)
-        if goal is None:
-            tip = self.brain.tip(self.block.packed(), self.memory.physics)
-            goal = at_rest(self.brain.policy, self.brain.config, self.memory.start, tip.pos_world)
-        else:
-            goal = padded(goal, np.arange(len(qpos)))
-        self.memory = replace(self.memory, goal=goal)
-
-    def act(self, step: int, horizon: int) -> bool:
-        """Simulate and record action ``step`` of the running attempts; return True if any is unfinished."""
-        before = self.block.qpos.copy(), self.block.qvel.copy()
-        state, *acted = self.brain.act(self.memory, self.block.packed(), step, horizon)
-        command, wanted, told, ends = jax.tree.map(np.asarray, acted)
-        watched = None if self.on_step is None else partial(self.on_step, self.ids, self.block.batch)
-        goal = driven(self.brain, self.block, self.memory, wanted, watched)
-        felt = padded(self.block.wrench.swapaxes(0, 1), self._shown)
-        self.memory = replace(self.memory, state=state, wrench_sensor=felt, command_world=command, goal=goal)
-        place = np.searchsorted(self._shown, self._running)
-        for stored, now in zip(jax.tree.leaves(self.done.report), jax.tree.leaves(told), strict=True):
-            stored[self.ids[self._running], step] = now[place]
-        over = np.asarray(self._recorded(step, command, before).over) | ends[place]
-        self._leave_out(over)
-        return not bool(over.all())
-
-    def _recorded(self, step: int, command: np.ndarray, before: tuple[np.ndarray, np.ndarray]) -> Verdict:
-        """Record the action of the running attempts and return the verdict."""
-        block, done, running = self.block, self.done, self._running
-        place, ids = np.searchsorted(self._shown, running), self.ids[running]
-        end = self.brain.end(self.memory, block.packed(), self.setting, step + 1)
-        tip, peg, sensed = jax.tree.map(lambda leaf: np.asarray(leaf)[place], end)
-        row = attempt_rules.trace_row(tip, block.wrench.swapaxes(0, 1)[running], command[place])
-        for stored, now in zip(jax.tree.leaves(done.felt.trace), jax.tree.leaves(row), strict=True):
-            stored[ids, step] = now
-        at_limit, limited = block.at_limit()[running], self._limited[running]
-        hole = np.asarray(self.setting.hole_pos_world)[place]
-        verdict = attempt_rules.judge(
-            peg, hole, block.finite()[running], at_limit, limited, self.brain.config
-        ).as_sensed(sensed)
-        self._limited[running] = verdict.limited
-        done.felt.length[ids] = step + 1
-        ends = (done.truth.valid, done.truth.inserted, done.sensed)
-        for stored, now in zip(ends, (verdict.valid, verdict.inserted, verdict.sensed), strict=True):
-            if stored is not None:
-                stored[ids] = now
-        end = (done.truth.end_qpos, block.qpos, before[0]), (done.truth.end_qvel, block.qvel, before[1])
-        for stored, now, old in end:
-            stored[ids] = np.where(verdict.valid[:, None], now[running], old[running])
-        return verdict
-
-    def _leave_out(self, over: Bool[np.ndarray, "r"]) -> None:
-        """Freeze the finished attempts, and reduce the number of controller rows where possible."""
-        if not over.any() or over.all():
-            return
-        self._running = self._running[~over]
-        self.block.run_only(self._running)
-        rows = rows_for(len(self._running))
-        if rows < len(self.memory.key):
-            kept = np.searchsorted(self._shown, self._running)
-            self.memory, self.setting = padded(self.memory, kept), padded(self.setting, kept)
-            self._shown = self._running
-            self.block.show(self._shown, rows)
+        return Part(self._brain, block, own, memory, setting, ids, done, self._on_step)
