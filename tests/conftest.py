@@ -33,7 +33,7 @@ LONG = {
     "hostile_results", "hostile_runs", "insertion_envs", "interrupts", "levelling", "loss",
     "machine_paths", "memory", "mirror", "newton_solver", "numerics", "package", "paper", "parity", "parts",
     "parts_parity", "placement", "plausible", "policy_hooks", "posed_pictures", "poses", "press", "public",
-    "reader", "requests", "seek_poses", "sensed_success", "single_hole", "sliding", "slip",
+    "reader", "requests", "revisits", "seek_poses", "sensed_success", "single_hole", "sliding", "slip",
     "torch_twin", "tracker", "training", "turning", "types", "video", "viewer", "viser_access",
     "watchdog", "windows",
 }  # fmt: skip

@@ -17,8 +17,9 @@ from mjx_fit.data.schedule import draw_attempts, draw_later_attempts
 from mjx_fit.engines.failures import report
 from mjx_fit.engines.interface import Engine
 from mjx_fit.filters.updates import detected_belief
-from mjx_fit.task.attempt_loop import Tried, Try, attempt_rounds, placed_as
+from mjx_fit.task.attempt_loop import Tried, Try, attempt_rounds
 from mjx_fit.task.estimator import Update
+from mjx_fit.task.revisits import Revisits
 from mjx_fit.types import Array, Attempt, Belief, Felt, Rollout
 from mjx_fit.utils.randomness import root_key
 
@@ -82,7 +83,7 @@ class _Batch:
         self._noise_keys = jax.vmap(partial(jax.random.fold_in, root_key(plan.seed, "collect: noise")))
         self._sequences = np.arange(start, start + plan.worlds)
         self._wanted = self._sequences < plan.sequences
-        self._forgets = config.task.revisit_from == "detection"
+        self._revisits: Revisits | None = None
         self._going, self._number = self._wanted, 0
         self._detected = self._belief = self._left = None
 
@@ -98,7 +99,9 @@ class _Batch:
         if self._belief is None or not self._learns:
             drawn = detected_belief(attempts.estimate_world[:, :2], self._config)
             self._belief = replace(drawn, mean_world=attempts.estimate_world, cov=jnp.asarray(self._cov))
-            self._detected = self._belief if self._detected is None else self._detected
+            if self._detected is None:
+                self._detected = self._belief
+                self._revisits = Revisits(self._detected, self._config)
         goes_on = self._learns and self._number + 1 < self._plan.sequence
         keys = self._noise_keys(jnp.asarray(self.ids)) if goes_on else None
         return Try(attempts, self._going, self._belief, keys)
@@ -112,8 +115,11 @@ class _Batch:
         self._going = self._going & done.truth.valid & ~done.taken
         self._left = done.truth.physics if self._config.placement.slips else None
         self._belief, self._number = tried.beliefs, self._number + 1
-        if self._forgets and self._detected is not None:
-            self._belief = placed_as(self._belief, self._detected, np.ones(len(self.ids), bool))
+        if self._revisits is not None and self._detected is not None:
+            rows = np.arange(len(self.ids))
+            match = np.exp(np.asarray(self._belief.type_logp))[rows, np.asarray(done.felt.peg_type)]
+            self._revisits.note((rows,), self._going, tried, match)
+            self._belief = self._revisits.started(self._belief, self._detected, rows >= 0)
         return jax.tree.map(lambda leaf: leaf[: self._wanted.sum()], one)
 
     def _attempts(self) -> tuple[Attempt, Float[Array, "n D D"]]:

@@ -24,11 +24,12 @@ from mjx_fit.scene.scenarios import Trials
 from mjx_fit.scene.slip import with_grasp
 from mjx_fit.task.assembly_snapshot import EMPTY, KEPT_FROM, Choice, State
 from mjx_fit.task.attempt_log import Diary, about, believed
-from mjx_fit.task.attempt_loop import Tried, Try, placed_as, spirals_at
+from mjx_fit.task.attempt_loop import Tried, Try, spirals_at
 from mjx_fit.task.effort import COLUMNS, Travel, effort_of
-from mjx_fit.task.hole_choice import Situation, by_chance, by_rate, of_a_human
+from mjx_fit.task.hole_choice import Situation, choose, of_a_human
 from mjx_fit.task.methods import Method, of_rows
 from mjx_fit.task.oracle import reveal_hole, reveal_match, reveal_place
+from mjx_fit.task.revisits import Revisits
 from mjx_fit.task.shared_grasp import SharedGrasp, in_hand, places_for_tool, regrasped
 from mjx_fit.types import Belief, Rollout
 from mjx_fit.types.physics import Physics
@@ -57,11 +58,11 @@ class Table:
         self._world["place_world"] = self._places[:, 0].copy()
         self._trial, shares = self._world["trial"], config.filter.shares_grasp
         self._detected, self._beliefs = self._initial_beliefs(), self._initial_beliefs()
+        self._revisits = Revisits(self._detected, config)
         self._shared = SharedGrasp(self._world["estimate_world"], config) if shares else None
         self._content = np.full((n_rows, n), EMPTY)
         self._revealed = np.repeat(self._of("knows_truth")[:, None], n, 1)
-        self._tries = np.zeros((n_rows, n), np.int32)
-        self._attempts = np.zeros((n_rows, n), int)
+        self._tries, self._attempts = np.zeros((n_rows, n), np.int32), np.zeros((n_rows, n), int)
         self._human, self._wrongly = np.zeros((n_rows, n), bool), np.zeros((n_rows, n), bool)
         self._pulled_out = np.zeros((n_rows, n), int)
         self._travel = Travel(np.asarray(self._beliefs.mean_world).mean(1), config.moves)
@@ -81,31 +82,27 @@ class Table:
 
     def now(self) -> State:
         """Return a copy of the current state."""
-        beliefs = jax.tree.map(np.copy, self._beliefs)
-        return State(self.active, self._peg_number(), beliefs, self._content.copy())
+        copied = jax.tree.map(np.copy, (self._beliefs, self._content))
+        return State(self.active, self._peg_number(), *copied)
 
     def next_try(self) -> Try | None:
         """Choose a hole per row and return the next attempts; None once all pegs are inserted."""
         if not self.active.any():
             return None
-        choice = by_rate if self._config.task.next_hole == "rate" else by_chance
-        beliefs = self._beliefs
-        if self._config.task.revisit_from == "detection":
-            detected, shared = self._detected, self._shared
-            if shared is not None:
-                detected = shared.detections(detected, self._of("learns_position"))
-            beliefs = placed_as(beliefs, detected, self._tries > 0)
+        detected = self._detected
+        if self._shared is not None:
+            detected = self._shared.detections(detected, self._of("learns_position"))
+        beliefs = self._revisits.started(self._beliefs, detected, self._tries > 0)
         here = self._travel.here_world[:, :2]
         now = Situation(beliefs, self._peg(), self._content != EMPTY, self._tries, here)
-        self.choice, elsewhere = choice(now, self._config)
+        self.choice, elsewhere = choose(now, self._config)
         hole, rows = self.choice.hole, np.arange(len(self._trial))
         wiggle_keys, noise_keys = self._keys(self._trial, self._peg_number(), self._attempt_number())
         hole_type, hole_pos = (self._world[name][rows, hole] for name in ("hole_type", "hole_pos_world"))
         beliefs = about(beliefs, hole)
         physics = in_hand(self._world["physics"], self._peg_number(), hole)
         attempts = spirals_at(self._peg(), hole_type, hole_pos, beliefs.mean_world, wiggle_keys, physics)
-        attempts = replace(attempts, elsewhere_per_s=elsewhere)
-        return Try(attempts, self.active, beliefs, noise_keys)
+        return Try(replace(attempts, elsewhere_per_s=elsewhere), self.active, beliefs, noise_keys)
 
     def learn(self, tried: Tried) -> None:
         """Store the posteriors about the tried holes, and reveal the truth to the upper-bound methods."""
@@ -115,6 +112,8 @@ class Table:
         if tried.confirmed is not None:
             self._store(rows[self.active & np.asarray(happened.taken) & ~kept], tried.confirmed)
         failed = self.active & np.asarray(happened.truth.valid) & ~kept
+        match = np.exp(self._beliefs.type_logp)[rows, chosen, self._peg()]
+        self._revisits.note((rows, chosen), failed & ~np.asarray(happened.taken), tried, match)
         told, match_told = (rows[failed & self._of(trait)] for trait in ("learns_truth", "learns_match"))
         for beliefs in (self._beliefs, self._detected):
             reveal_hole(beliefs, self._world, (told, chosen[told]))
@@ -142,6 +141,7 @@ class Table:
         done = inserted[rows] | helped
         self._content[rows[done], hole[done]] = self._peg()[rows[done]]
         self._tries[rows[done]] = 0
+        self._revisits.forget(rows[done])
         self.pegs_done[rows[done]] += 1
         self._take_peg(rows[done])
 

@@ -42,6 +42,11 @@ class Situation(NamedTuple):
     from_world: Float[np.ndarray, "R 2"]
 
 
+def choose(now: Situation, config: Config) -> tuple[Choice, Float[np.ndarray, "R"] | None]:
+    """Choose a hole for each row by ``task.next_hole``; see ``by_chance`` and ``by_rate``."""
+    return (by_rate if config.task.next_hole == "rate" else by_chance)(now, config)
+
+
 def by_chance(now: Situation, config: Config) -> tuple[Choice, None]:
     """Choose the hole with the highest success chance; the paper's greedy policy."""
     return Choice(*map(np.asarray, _most_likely(now._replace(from_world=np.zeros(0)), config))), None

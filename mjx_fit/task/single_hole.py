@@ -21,11 +21,12 @@ from mjx_fit.filters.kalman import scale_tril
 from mjx_fit.filters.updates import detected_belief, initial_belief
 from mjx_fit.scene.placement import place_for_tool
 from mjx_fit.scene.slip import carried_on
-from mjx_fit.task.attempt_loop import Tried, Try, attempt_rounds, placed_as, spirals_at
+from mjx_fit.task.attempt_loop import Tried, Try, attempt_rounds, spirals_at
 from mjx_fit.task.effort import COLUMNS, Effort, Travel, effort_of
 from mjx_fit.task.estimator import Update
 from mjx_fit.task.holes import Holes, Outcome
 from mjx_fit.task.methods import KNOWN_VARIANCE_M2, HoleMethod, of_rows
+from mjx_fit.task.revisits import Revisits
 from mjx_fit.types import Array, Belief, Felt
 
 
@@ -50,7 +51,7 @@ class HoleTable:
         self._places = [self._true_place()]
         self._knows = of_rows(methods, self._n_trials, lambda method: method.knows_truth)
         self._detected = self._belief = _first_belief(config, methods, holes, self._places[0])
-        self._forgets = config.task.revisit_from == "detection"
+        self._revisits = Revisits(self._detected, config)
         n_rows = len(self._samples)
         self._inserted_at, self._attempts = np.zeros(n_rows, int), np.zeros(n_rows, int)
         self._done = np.zeros(n_rows, bool)
@@ -65,9 +66,8 @@ class HoleTable:
         if number == self._max_attempts or not active.any():
             return None
         wiggle, noise, sample = _keys(self._keys, number)
-        belief, world = self._belief, self._world
-        if self._forgets:
-            belief = placed_as(belief, self._detected, np.ones(len(active), bool))
+        world = self._world
+        belief = self._revisits.started(self._belief, self._detected, np.ones(len(active), bool))
         start = np.where(self._samples[:, None], _drawn(belief, sample, self._names), belief.mean_world)
         kinds = world["peg_type"], world["hole_type"]
         attempts = spirals_at(*kinds, world["hole_pos_world"], start, wiggle, world["physics"])
@@ -91,12 +91,18 @@ class HoleTable:
         taken = active & tried.rollouts.taken
         self._inserted_at[taken & tried.rollouts.truth.inserted] = len(self._efforts)
         self._done |= taken
-        self._belief = jax.tree.map(latest, self._belief, tried.beliefs)
-        now = np.where(self._knows[:, None], self._places[-1], self._belief.mean_world)
-        self._belief = replace(self._belief, mean_world=now)
+        self._belief = self._told(jax.tree.map(latest, self._belief, tried.beliefs))
+        self._detected = self._told(self._detected)
+        failed = active & tried.rollouts.truth.valid & ~taken
+        self._revisits.note((np.arange(len(active)),), failed, tried, self._match_probability())
         self._means.append(self._belief.mean_world)
         self._covs.append(self._belief.cov)
         self._matches.append(self._match_probability())
+
+    def _told(self, belief: Belief) -> Belief:
+        """Return beliefs that have the true place where the method knows it."""
+        known = np.where(self._knows[:, None], self._places[-1], belief.mean_world)
+        return replace(belief, mean_world=known)
 
     def _true_place(self) -> Float[np.ndarray, "R D"]:
         world = self._world

@@ -34,6 +34,9 @@ class FilterConfig:
             less (``mjx_fit.filters.kalman.correlated``); 0: independent, as in the paper.
         match_temperature: Divisor of the logits of h_match. Above 1, the match classification counts less.
         position_temperature: Factor of R. Above 1, the measured position counts less.
+        capture_m: Distance at which a peg drops. One that passes its hole this close may go in; for second
+            visits (``task.revisit_from: unsearched``).
+        capture_chance: Probability that it does. Of a peg that passes right over its hole.
     """
 
     coordinates: Annotated[tuple[Coordinate, ...], Field(min_length=2, max_length=6)] = PLANAR
@@ -43,6 +46,8 @@ class FilterConfig:
     correlation: Annotated[float, Field(ge=0, le=0.95)] = 0.1
     match_temperature: Annotated[float, Field(ge=0.1, le=100)] = 1.14
     position_temperature: Annotated[float, Field(ge=0.1, le=100)] = 1.0
+    capture_m: Annotated[float, Field(ge=0.0001, le=0.01)] = 0.0008
+    capture_chance: Annotated[float, Field(ge=0.01, le=0.999)] = 0.8
 
     @property
     def shares_grasp(self) -> bool:

@@ -1,0 +1,99 @@
+"""Where second visits start: elsewhere than was searched in vain, and anew with another peg."""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from mjx_fit.config.files import read_config
+from mjx_fit.data.schedule import draw_places
+from mjx_fit.engines.native.engine import NativeEngine
+from mjx_fit.evaluation.single_hole_runner import holes_at
+from mjx_fit.filters.updates import detected_belief
+from mjx_fit.task import methods, single_hole
+from mjx_fit.task.attempt_loop import Tried
+from mjx_fit.task.revisits import Revisits
+
+N = 3
+UNSEARCHED, DETECTION = (
+    read_config(None, [f"task.revisit_from={kind}", "task.attempt_actions=25", "seek.speed_mps=0.1"])
+    for kind in ("unsearched", "detection")
+)
+FULL = methods.chosen("full", methods.INSERTION)
+
+
+def certain(beliefs, felt, keys):
+    """Move the belief away, and take each hole for that of the first shape."""
+    logp = np.log(np.tile(np.array([0.98, 0.01, 0.01], np.float32), (len(felt.length), 1)))
+    return replace(beliefs, mean_world=beliefs.mean_world + np.float32(0.01), type_logp=logp)
+
+
+def rounds_of(config) -> list[Tried]:
+    places = draw_places(jax.random.key(0), jnp.arange(N), config)
+    holes = holes_at(np.zeros(N, int), np.ones(N, int), places)
+    table = single_hole.HoleTable(config, FULL, holes, 3)
+    engine, seen = NativeEngine(config, 1), []
+    while (asked := table.next_try()) is not None:
+        rollouts = engine.run(asked.attempts, config.task.attempt_actions, asked.active)
+        after = certain(asked.beliefs, rollouts.felt, asked.noise_keys)
+        seen.append(Tried(asked, rollouts, after))
+        table.record(seen[-1])
+    return seen
+
+
+@pytest.fixture(scope="module")
+def visits():
+    return {"unsearched": rounds_of(UNSEARCHED), "detection": rounds_of(DETECTION)}
+
+
+def starts(seen: list[Tried]) -> np.ndarray:
+    return np.stack([np.asarray(tried.asked.attempts.estimate_world) for tried in seen])
+
+
+def test_the_first_visit_starts_from_the_detection(visits):
+    np.testing.assert_allclose(starts(visits["unsearched"])[0], starts(visits["detection"])[0], atol=1e-7)
+
+
+def test_later_visits_start_away_from_where_pegs_have_been(visits):
+    detection = starts(visits["detection"])
+    np.testing.assert_allclose(detection[1:], detection[:1].repeat(2, 0), atol=1e-7)
+    seen = visits["unsearched"]
+    second = starts(seen)[1]
+    for i in range(N):
+        n = int(seen[0].rollouts.felt.length[i])
+        path = np.asarray(seen[0].rollouts.felt.trace.tip_pos_world)[i, 5:n, :2]
+        from_detection = np.linalg.norm(path - detection[0, i], axis=1).mean()
+        from_second = np.linalg.norm(path - second[i], axis=1).mean()
+        assert from_second > from_detection
+    third = starts(seen)[2]
+    assert np.linalg.norm(third - second, axis=1).min() > 0.001
+
+
+def test_another_peg_begins_anew_and_other_holes_keep_what_was_searched(visits):
+    tried = visits["unsearched"][0]
+    detected = detected_belief(
+        jnp.zeros((N, 2, 2)) + tried.asked.attempts.estimate_world[:, None], UNSEARCHED
+    )
+    detected = jax.tree.map(np.asarray, detected)
+    revisits, everywhere = Revisits(detected, UNSEARCHED), np.ones((N, 2), bool)
+    rows, failed = np.arange(N), np.array([True, True, False])
+    revisits.note((rows, np.array([1, 0, 1])), failed, tried, np.full(N, 0.98))
+
+    def moved() -> np.ndarray:
+        now = revisits.started(detected, detected, everywhere)
+        return np.linalg.norm(now.mean_world - detected.mean_world, axis=-1) > 1e-4
+
+    np.testing.assert_array_equal(moved(), [[False, True], [True, False], [False, False]])
+    revisits.forget(np.array([0]))
+    np.testing.assert_array_equal(moved(), [[False, False], [True, False], [False, False]])
+
+
+def test_a_hole_that_does_not_match_was_not_searched(visits):
+    tried = visits["unsearched"][0]
+    detected = detected_belief(jnp.asarray(tried.asked.attempts.estimate_world), UNSEARCHED)
+    revisits = Revisits(jax.tree.map(np.asarray, detected), UNSEARCHED)
+    revisits.note((np.arange(N),), np.ones(N, bool), tried, np.zeros(N))
+    now = revisits.started(detected, detected, np.ones(N, bool))
+    np.testing.assert_allclose(now.mean_world, detected.mean_world, atol=2e-4)
