@@ -18,7 +18,15 @@ from mjx_fit.task.revisits import Revisits
 
 N = 3
 UNSEARCHED, DETECTION = (
-    read_config(None, [f"task.revisit_from={kind}", "task.attempt_actions=25", "seek.speed_mps=0.1"])
+    read_config(
+        None,
+        [
+            f"task.revisit_from={kind}",
+            "task.attempt_actions=25",
+            "filter.capture_m=0.006",
+            "filter.capture_chance=0.99",
+        ],
+    )
     for kind in ("unsearched", "detection")
 )
 FULL = methods.chosen("full", methods.INSERTION)
