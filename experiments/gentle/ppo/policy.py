@@ -18,6 +18,7 @@ from mjx_fit.config.worlds import preset
 from mjx_fit.control.policies import Policy, PolicyInput
 from mjx_fit.envs.observation import commanded, observed
 from mjx_fit.types import Array
+from mjx_fit.utils.errors import RequestError
 
 ACTOR = ("lstm_actor.", "mlp_extractor.policy_net.", "action_net.")
 """Parts of the model that choose the action."""
@@ -60,5 +61,11 @@ def policy(weights: Weights) -> Policy:
     return Policy(lambda start, key: (begun(weights), jnp.zeros(3)), act, "ppo")
 
 
-_FILE = Path(os.environ.get("PPO_WEIGHTS", Path(__file__).parent / "policy.npz"))
-ppo = policy(np.load(_FILE)) if _FILE.exists() else None
+def __getattr__(name: str) -> Policy:
+    """Load the weights when ``ppo`` is asked for: they do not exist before the training."""
+    if name != "ppo":
+        raise AttributeError(name)
+    file = Path(os.environ.get("PPO_WEIGHTS", Path(__file__).parent / "policy.npz"))
+    if not file.exists():
+        raise RequestError(f"PPO_WEIGHTS: {file} does not exist: expected a file of ppo/train.py")
+    return policy(np.load(file))
