@@ -12,7 +12,7 @@ from mjx_fit.config.quantities import MEASURED, QUANTITIES
 from mjx_fit.config.schema import Config, config_to_tree, in_words
 from mjx_fit.config.schema_errors import members, plain_and_limits
 
-WIDTH, LEAST = 110, 24
+WIDTH, LEAST = 110, 22
 """Width of a line, and the room that a description gets even in a wider line, characters."""
 SUFFIXES = {"m": "m", "s": "s", "n": "N", "nm": "N·m", "rad": "rad"}
 """Units by the suffixes of names such as ``clearance_m``; other keys state theirs in the schema."""

@@ -21,7 +21,7 @@ _AT_ONCE = 16
 
 
 class Revisits:
-    """Starts of later visits; with ``unsearched``, maps of what was searched in vain.
+    """Starts of later visits; with ``map``, maps of what was searched in vain.
 
     Args:
         detected: Beliefs about the holes before any visit, (*b).
@@ -36,7 +36,7 @@ class Revisits:
         self._shape = np.shape(detected.type_logp)[:-1]
         self._missed = np.zeros(self._shape, bool)
         self._maps: SearchMap | None = None
-        if self._kind == "unsearched":
+        if self._kind == "map":
             flat = _flat(detected)
             self._begun = jax.tree.map(np.asarray, _begun(flat.pos_mean_world, flat.pos_cov))
             self._maps = jax.tree.map(np.copy, self._begun)

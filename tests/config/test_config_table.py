@@ -20,6 +20,7 @@ PURE = {
         "filter.match_temperature",
         "filter.position_temperature",
         "filter.correlation",
+        "filter.capture_chance",
         "seek.astray_share",
         "seek.rock",
     ),

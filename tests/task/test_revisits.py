@@ -17,7 +17,7 @@ from mjx_fit.task.attempt_loop import Tried
 from mjx_fit.task.revisits import Revisits
 
 N = 3
-UNSEARCHED, DETECTION = (
+MAP, DETECTION = (
     read_config(
         None,
         [
@@ -27,7 +27,7 @@ UNSEARCHED, DETECTION = (
             "filter.capture_chance=0.99",
         ],
     )
-    for kind in ("unsearched", "detection")
+    for kind in ("map", "detection")
 )
 FULL = methods.chosen("full", methods.INSERTION)
 
@@ -53,7 +53,7 @@ def rounds_of(config) -> list[Tried]:
 
 @pytest.fixture(scope="module")
 def visits():
-    return {"unsearched": rounds_of(UNSEARCHED), "detection": rounds_of(DETECTION)}
+    return {"map": rounds_of(MAP), "detection": rounds_of(DETECTION)}
 
 
 def starts(seen: list[Tried]) -> np.ndarray:
@@ -61,24 +61,22 @@ def starts(seen: list[Tried]) -> np.ndarray:
 
 
 def test_the_first_visit_starts_from_the_detection(visits):
-    np.testing.assert_allclose(starts(visits["unsearched"])[0], starts(visits["detection"])[0], atol=1e-7)
+    np.testing.assert_allclose(starts(visits["map"])[0], starts(visits["detection"])[0], atol=1e-7)
 
 
 def test_later_visits_start_away_from_where_pegs_have_been(visits):
     detection = starts(visits["detection"])
     np.testing.assert_allclose(detection[1:], detection[:1].repeat(2, 0), atol=1e-7)
-    first, second, third = starts(visits["unsearched"])
+    first, second, third = starts(visits["map"])
     for one, other in ((first, second), (second, third), (first, third)):
         assert np.linalg.norm(one - other, axis=1).min() > 0.001
 
 
 def test_another_peg_begins_anew_and_other_holes_keep_what_was_searched(visits):
-    tried = visits["unsearched"][0]
-    detected = detected_belief(
-        jnp.zeros((N, 2, 2)) + tried.asked.attempts.estimate_world[:, None], UNSEARCHED
-    )
+    tried = visits["map"][0]
+    detected = detected_belief(jnp.zeros((N, 2, 2)) + tried.asked.attempts.estimate_world[:, None], MAP)
     detected = jax.tree.map(np.asarray, detected)
-    revisits, everywhere = Revisits(detected, UNSEARCHED), np.ones((N, 2), bool)
+    revisits, everywhere = Revisits(detected, MAP), np.ones((N, 2), bool)
     rows, failed = np.arange(N), np.array([True, True, False])
     revisits.note((rows, np.array([1, 0, 1])), failed, tried, np.full(N, 0.98))
 
@@ -92,9 +90,9 @@ def test_another_peg_begins_anew_and_other_holes_keep_what_was_searched(visits):
 
 
 def test_a_hole_that_does_not_match_was_not_searched(visits):
-    tried = visits["unsearched"][0]
-    detected = detected_belief(jnp.asarray(tried.asked.attempts.estimate_world), UNSEARCHED)
-    revisits = Revisits(jax.tree.map(np.asarray, detected), UNSEARCHED)
+    tried = visits["map"][0]
+    detected = detected_belief(jnp.asarray(tried.asked.attempts.estimate_world), MAP)
+    revisits = Revisits(jax.tree.map(np.asarray, detected), MAP)
     revisits.note((np.arange(N),), np.ones(N, bool), tried, np.zeros(N))
     now = revisits.started(detected, detected, np.ones(N, bool))
     np.testing.assert_allclose(now.mean_world, detected.mean_world, atol=2e-4)

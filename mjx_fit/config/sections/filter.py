@@ -35,7 +35,7 @@ class FilterConfig:
         match_temperature: Divisor of the logits of h_match. Above 1, the match classification counts less.
         position_temperature: Factor of R. Above 1, the measured position counts less.
         capture_m: Distance at which a peg drops. One that passes its hole this close may go in; for second
-            visits (``task.revisit_from: unsearched``).
+            visits (``task.revisit_from: map``).
         capture_chance: Probability that it does. Of a peg that passes right over its hole.
     """
 

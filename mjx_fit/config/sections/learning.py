@@ -17,7 +17,7 @@ class SensorConfig:
     """Learned sensors: encoders e1 and e2, heads h_pos and h_match.
 
     Attributes:
-        width: Size of encoder outputs and tokens.
+        width: Size of codes and tokens.
         conv_channels: Channels of the wrench encoder. One number for each of its five layers.
         layers: Number of transformer layers.
         heads: Number of attention heads.

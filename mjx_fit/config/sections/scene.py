@@ -32,10 +32,10 @@ class SceneConfig:
         robot: Name of the arm. It is defined in ``mjx_fit.scene.robot``.
         shapes: Cross-sections of pegs and holes. One per type, 1 to 12, with distinct names.
         clearance_m: Gap between peg and hole per side. A shape may have its own.
-        plate_half_width_m: Half the side of the square socket. It must cover the largest detector error
+        plate_half_width_m: Half the side of the socket. It must cover the largest detector error
             (2.83 cm), the spiral radius (1.5 cm) and half a peg (2 cm for the default shapes).
         hole_depth_m: Depth of the hole to its floor.
-        peg_length_m: Length of the peg below the sensor.
+        peg_length_m: Length below the F/T sensor.
         start_height_m: Height of starts. Of the TCP above the plate, at rest, before an attempt.
         friction: Coulomb friction, peg and socket. The default is typical of two dry, smooth plastics or
             metals.

@@ -18,7 +18,7 @@ class SeekConfig:
     Attributes:
         pitch_m: Distance between turns. Twice the clearance leaves no gap; more is faster.
         speed_mps: Speed along the spiral.
-        slide_mps: Speed of a slide to another centre. The peg is not lifted.
+        slide_mps: Speed of a change of centre. The peg is not lifted.
         turn_radps: Speed of turns. The tool follows the believed rotation, where one is believed.
         rock: Size of the search in rotation. In contact the tool rocks about the believed rotation by
             this many believed standard deviations, where a rotation is believed.
@@ -27,8 +27,8 @@ class SeekConfig:
         sink_s: Time to push the peg in.
         drop_m: Depth that tells the hole. A TCP this far below its first contact has dropped into something;
             the goal then waits there. It lies above the noise of heights, and above what an edge yields.
-        raster_m: Half width of the square of raster. This policy sweeps it with the same pitch, speeds and
-            pushes, without a belief.
+        raster_m: Half width of what raster sweeps. This policy sweeps its square with the same pitch, speeds
+            and pushes, without a belief.
         lean_rad: Angle of policy tilt. Its peg leans by it in the direction of its motion until it drops;
             pitch, speeds and pushes are those of seek, without a belief.
         approach_push_m: Vertical command before contact. It sets the speed of the touch-down.

@@ -79,7 +79,7 @@ class TaskConfig:
             ``seek`` also leaves a hole.
         revisit_from: Position for a second visit. A peg that comes back to a hole starts from the ``belief``,
             or from the ``detection``: a visit misled to a wrong place would only repeat itself; or where the
-            hole may be and was not searched for, ``unsearched`` (``mjx_fit.filters.search_map``). The type is
+            hole may be and was not searched for, ``map`` (``mjx_fit.filters.search_map``). The type is
             what the visits said, and other pegs start from the belief.
         success: Who tells that the peg is in. The ``truth`` of the simulator does, as in the paper, or what
             the robot ``sensed``: a TCP ``insertion_depth_m`` and ``sensed_margin_m`` below where it takes the
@@ -100,7 +100,7 @@ class TaskConfig:
     success_by_error: tuple[Rates, ...] | None = None
     hard_match: bool = False
     next_hole: Literal["chance", "rate"] = "chance"
-    revisit_from: Literal["belief", "detection", "unsearched"] = "belief"
+    revisit_from: Literal["belief", "detection", "map"] = "belief"
     success: Literal["truth", "sensed"] = "truth"
     sensed_margin_m: Annotated[float, Field(ge=0, le=0.01)] = 0.0015
 

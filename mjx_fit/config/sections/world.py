@@ -35,7 +35,7 @@ class ControlConfig:
             force follows from the stiffness; ``force``: it is a force, ``press_n`` for each 4 mm
             (``mjx_fit.control.force_control``).
         press_n: Force of a push of 4 mm. It applies to ``push: force``.
-        press_speed_mps: Speed of such a push in free space. It limits the impact on touch-down.
+        press_speed_mps: Its speed in free space. It limits the impact on touch-down.
         slide_n: Largest lateral pull. It applies to ``push: force`` and limits the impact on edges.
         tilt_radps: Tilting speed at 0.1 N·m. In contact the tool gives way to torques at the TCP: a peg
             that leans then comes to lie flat (``mjx_fit.control.levelling``).
@@ -86,7 +86,7 @@ class SpiralConfig:
     Attributes:
         radius_m: Final radius r_max.
         turns: Revolutions n_rot in one attempt. 40 are already more than the end effector can follow.
-        push_m: Depth δz of the goal below the TCP.
+        push_m: Goal δz below the TCP.
         wiggle_m: Exploration noise σ per axis. At most ``push_m``, since its mean upward component is 0.8 σ.
         yaw_rad: Amplitude of a search in yaw. The tool swings by it to both sides; 0: none, as in the paper.
         tilt_rad: Angle of a search in tilt. The tool leans by it, in a direction that goes round.
@@ -105,7 +105,7 @@ class RandomConfig:
     """Random policy of data collection: sweeps between random way-points, pressed on the socket.
 
     Attributes:
-        reach_m: Half width of the way-point square. Way-points are uniform in it, around the estimate.
+        reach_m: Half width of the way-points. Way-points are uniform in it, around the estimate.
         actions_per_sweep: Actions between two way-points.
         push_m: Depth of the goal below the TCP.
         wiggle_m: Exploration noise σ per axis.
