@@ -117,8 +117,7 @@ class _Batch:
         self._belief, self._number = tried.beliefs, self._number + 1
         if self._revisits is not None and self._detected is not None:
             rows = np.arange(len(self.ids))
-            match = np.exp(np.asarray(self._belief.type_logp))[rows, np.asarray(done.felt.peg_type)]
-            self._revisits.note((rows,), self._going, tried, match)
+            self._revisits.note((rows,), self._going, tried)
             self._belief = self._revisits.started(self._belief, self._detected, rows >= 0)
         return jax.tree.map(lambda leaf: leaf[: self._wanted.sum()], one)
 

@@ -3,10 +3,10 @@
 A Gaussian cannot say that a hole is somewhere around the place that was searched, but not there. The map
 starts with the Gaussian of the detection, and a failed visit along a path multiplies it by
 
-    p(missed | h) = 1 - p(match) a exp(-d(h)² / 2 w²)
+    p(missed | h, match) = 1 - a exp(-d(h)² / 2 w²)
 
 with d(h) the distance of a hole at h from the path of the peg in contact, a = ``filter.capture_chance`` and
-w = ``filter.capture_m``.
+w = ``filter.capture_m``. All of it is given that the hole matches the peg: where to search matters only then.
 """
 
 import jax
@@ -65,7 +65,6 @@ def missed(
     searched: SearchMap,
     path_world: Float[Array, "J 2"],
     contact: Bool[Array, "J"],
-    match: Float[Array, ""],
     config: FilterConfig,
 ) -> SearchMap:
     """Return the map after a visit without an insertion.
@@ -74,7 +73,6 @@ def missed(
         searched: Map before the visit.
         path_world: Positions of the TCP at the ends of the actions, m.
         contact: Whether the peg touched; padding does not.
-        match: Probability that the hole matches the peg.
         config: Defines the capture.
     """
     start, step = path_world[:-1, None], jnp.diff(path_world, axis=0)[:, None]
@@ -83,7 +81,7 @@ def missed(
     away = searched.cells_world[:, :, None] - points.reshape(-1, 2)
     squared = jnp.where(both.reshape(-1), (away**2).sum(-1), jnp.inf).min(-1)
     width = jnp.maximum(config.capture_m, searched.half_m / CELLS)
-    hit = match * config.capture_chance * jnp.exp(-squared / (2 * width**2))
+    hit = config.capture_chance * jnp.exp(-squared / (2 * width**2))
     logp = searched.logp + jnp.log1p(-hit)
     return SearchMap(searched.centre_world, searched.half_m, jax.nn.log_softmax(logp, (0, 1)))
 

@@ -112,8 +112,7 @@ class Table:
         if tried.confirmed is not None:
             self._store(rows[self.active & np.asarray(happened.taken) & ~kept], tried.confirmed)
         failed = self.active & np.asarray(happened.truth.valid) & ~kept
-        match = np.exp(self._beliefs.type_logp)[rows, chosen, self._peg()]
-        self._revisits.note((rows, chosen), failed & ~np.asarray(happened.taken), tried, match)
+        self._revisits.note((rows, chosen), failed & ~np.asarray(happened.taken), tried)
         told, match_told = (rows[failed & self._of(trait)] for trait in ("learns_truth", "learns_match"))
         for beliefs in (self._beliefs, self._detected):
             reveal_hole(beliefs, self._world, (told, chosen[told]))

@@ -62,7 +62,6 @@ class Revisits:
         where: tuple[np.ndarray, ...],
         failed: Bool[np.ndarray, "n"],
         tried: Tried,
-        match: Float[np.ndarray, "n"],
     ) -> None:
         """Note the visits of a round (n,) that failed.
 
@@ -70,7 +69,6 @@ class Revisits:
             where: Indices of their rows, one array (n,) for each axis of the rows.
             failed: Whether each visit was made and ended without an insertion.
             tried: The round. The noise of what it measured is that with which it was read.
-            match: Probability that the hole matches the peg.
         """
         (lost,), keys = np.nonzero(failed), tried.asked.noise_keys
         if self._maps is None or keys is None or not len(lost):
@@ -81,8 +79,7 @@ class Revisits:
         padded = np.minimum(np.arange(1 << (k - 1).bit_length()), k - 1)
         before, felt = jax.tree.map(lambda leaf: leaf[rows[padded]], self._maps), tried.rollouts.felt
         padded = lost[padded]
-        chance = jnp.asarray(match[padded], jnp.float32)
-        after = _missed(before, felt[padded], chance, keys[padded], self._config)
+        after = _missed(before, felt[padded], keys[padded], self._config)
         logp = np.array(self._maps.logp)
         logp[rows] = np.asarray(after.logp)[:k]
         self._maps = replace(self._maps, logp=logp)
@@ -112,20 +109,18 @@ def _best(maps: SearchMap, reach_m: float) -> Float[Array, "n 2"]:
     return jax.lax.map(partial(search_map.best_place, reach_m=reach_m), maps, batch_size=_AT_ONCE)
 
 
-@partial(jax.jit, static_argnums=4)
-def _missed(
-    maps: SearchMap, felt: Felt, match: Float[Array, "n"], keys: Key[Array, "n"], config: Config
-) -> SearchMap:
+@partial(jax.jit, static_argnums=3)
+def _missed(maps: SearchMap, felt: Felt, keys: Key[Array, "n"], config: Config) -> SearchMap:
     window = Window(felt.trace.action_world.shape[1])
 
     def one(of):
-        before, own, chance, key = of
+        before, own, key = of
         reading = read_window(own, key, config, window)
         path = reading.tip_pos_estimate[:, :2]
         if not frame.is_world(config.filter.coordinates):
             here = frame.frame_of(own.estimate_world, config.filter.coordinates).rotation_world
             path = (here.as_matrix() @ reading.tip_pos_estimate.T).T[:, :2]
         path = path + own.estimate_world[:2]
-        return search_map.missed(before, path, reading.contact > 0, chance, config.filter)
+        return search_map.missed(before, path, reading.contact > 0, config.filter)
 
-    return jax.lax.map(one, (maps, felt, match, keys), batch_size=_AT_ONCE)
+    return jax.lax.map(one, (maps, felt, keys), batch_size=_AT_ONCE)

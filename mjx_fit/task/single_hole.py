@@ -94,7 +94,7 @@ class HoleTable:
         self._belief = self._told(jax.tree.map(latest, self._belief, tried.beliefs))
         self._detected = self._told(self._detected)
         failed = active & tried.rollouts.truth.valid & ~taken
-        self._revisits.note((np.arange(len(active)),), failed, tried, self._match_probability())
+        self._revisits.note((np.arange(len(active)),), failed, tried)
         self._means.append(self._belief.mean_world)
         self._covs.append(self._belief.cov)
         self._matches.append(self._match_probability())

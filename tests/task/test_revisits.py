@@ -78,7 +78,7 @@ def test_another_peg_begins_anew_and_other_holes_keep_what_was_searched(visits):
     detected = jax.tree.map(np.asarray, detected)
     revisits, everywhere = Revisits(detected, MAP), np.ones((N, 2), bool)
     rows, failed = np.arange(N), np.array([True, True, False])
-    revisits.note((rows, np.array([1, 0, 1])), failed, tried, np.full(N, 0.98))
+    revisits.note((rows, np.array([1, 0, 1])), failed, tried)
 
     def moved() -> np.ndarray:
         now = revisits.started(detected, detected, everywhere)
@@ -87,12 +87,3 @@ def test_another_peg_begins_anew_and_other_holes_keep_what_was_searched(visits):
     np.testing.assert_array_equal(moved(), [[False, True], [True, False], [False, False]])
     revisits.forget(np.array([0]))
     np.testing.assert_array_equal(moved(), [[False, False], [True, False], [False, False]])
-
-
-def test_a_hole_that_does_not_match_was_not_searched(visits):
-    tried = visits["map"][0]
-    detected = detected_belief(jnp.asarray(tried.asked.attempts.estimate_world), MAP)
-    revisits = Revisits(jax.tree.map(np.asarray, detected), MAP)
-    revisits.note((np.arange(N),), np.ones(N, bool), tried, np.zeros(N))
-    now = revisits.started(detected, detected, np.ones(N, bool))
-    np.testing.assert_allclose(now.mean_world, detected.mean_world, atol=2e-4)
