@@ -130,7 +130,7 @@ def test_presets_mean_what_they_meant():
     ]
     demo = read_config(folder / "demo.yaml")
     assert config_differences(Config(), demo) == [
-        "task.max_attempts is 30 there and 10 here",
+        "task.max_attempts is 30 there and 8 here",
         "task.outcome_model is constant there and covariance here",
     ]
     gentle = read_config(folder / "gentle.yaml")

@@ -116,7 +116,7 @@ def test_presets_and_files_are_parts_of_any_command(tmp_path, capsys):
     assert main.main(["config", "--parts", "nist", "--json"]) == 0
     assert '"rj45"' in capsys.readouterr().out
     assert main.main(["config", "--parts", "bolts"]) == 2
-    assert "expected paper, nist, shafts or a YAML file" in capsys.readouterr().err
+    assert "expected paper, nist, shafts, nonconvex or a YAML file" in capsys.readouterr().err
 
 
 def test_a_picture_of_something_else_is_not_replaced(tmp_path, capsys):
