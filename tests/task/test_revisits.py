@@ -17,17 +17,9 @@ from mjx_fit.task.attempt_loop import Tried
 from mjx_fit.task.revisits import Revisits
 
 N = 3
+SETTINGS = ["task.attempt_actions=25", "filter.capture_m=0.006", "filter.capture_chance=0.99"]
 MAP, DETECTION = (
-    read_config(
-        None,
-        [
-            f"task.revisit_from={kind}",
-            "task.attempt_actions=25",
-            "filter.capture_m=0.006",
-            "filter.capture_chance=0.99",
-        ],
-    )
-    for kind in ("map", "detection")
+    read_config(None, [f"task.revisit_from={kind}", *SETTINGS]) for kind in ("map", "detection")
 )
 FULL = methods.chosen("full", methods.INSERTION)
 
@@ -87,3 +79,21 @@ def test_another_peg_begins_anew_and_other_holes_keep_what_was_searched(visits):
     np.testing.assert_array_equal(moved(), [[False, True], [True, False], [False, False]])
     revisits.forget(np.array([0]))
     np.testing.assert_array_equal(moved(), [[False, False], [True, False], [False, False]])
+
+
+def test_a_turned_frame_tells_the_same_path(visits):
+    """The path is read in the frame of the estimate, and searched in the world's."""
+    tried = visits["map"][0]
+    turned = read_config(None, ["task.revisit_from=map", *SETTINGS, "filter.coordinates=[x, y, yaw]"])
+    felt, rows = tried.rollouts.felt, (np.arange(N),)
+    estimate = np.column_stack([felt.estimate_world, np.full(N, 0.5, np.float32)])
+    askew = replace(tried, rollouts=replace(tried.rollouts, felt=replace(felt, estimate_world=estimate)))
+    found = []
+    for config, one, place in ((MAP, tried, felt.estimate_world), (turned, askew, estimate)):
+        mean = jnp.asarray(place[:, :2])
+        detected = detected_belief(mean, config)
+        revisits = Revisits(jax.tree.map(np.asarray, detected), config)
+        revisits.note(rows, np.ones(N, bool), one)
+        found.append(revisits.started(detected, detected, np.ones(N, bool)).mean_world[:, :2])
+    np.testing.assert_allclose(found[1], found[0], atol=1e-3)
+    assert np.linalg.norm(found[0] - felt.estimate_world, axis=1).min() > 0.005
