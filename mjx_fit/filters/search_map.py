@@ -4,10 +4,15 @@ A Gaussian cannot say that a hole is somewhere around the place that was searche
 starts with the Gaussian of the detection, and a failed visit along a path multiplies it by
 
     p(missed | h, match) = 1 - a exp(-d(h)² / 2 w²)
+    p(felt | h) ∝ ε + (1 - ε) l(h) / Σ p l,   l(h) = N(h; μ, Σ) / N(h; μ₀, Σ₀)
 
 with d(h) the distance of a hole at h from the path of the peg in contact, a = ``filter.capture_chance`` and
-w = ``filter.capture_m``. All of it is given that the hole matches the peg: where to search matters only then.
+w = ``filter.capture_m``; and with the beliefs before the visit (μ₀, Σ₀) and at its end (μ, Σ): of visits in
+vain, a share ε = ``filter.misled_chance`` was misled, and tells nothing. All of it is given that the hole
+matches the peg: where to search matters only then.
 """
+
+from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
@@ -15,7 +20,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from mjx_fit.config.sections.filter import FilterConfig
-from mjx_fit.types import Array
+from mjx_fit.types import Array, Belief
 from mjx_fit.utils.pytrees import pytree
 
 CELLS, REACH_STD = 61, 3.0
@@ -55,10 +60,18 @@ def begun(pos_mean_world: Float[Array, "2"], pos_cov: Float[Array, "2 2"]) -> Se
     """
     half = REACH_STD * jnp.sqrt(jnp.trace(pos_cov) / 2)
     empty = SearchMap(jnp.asarray(pos_mean_world), half, jnp.zeros((CELLS, CELLS)))
-    off = empty.cells_world - pos_mean_world
-    xx, yy, xy = pos_cov[0, 0], pos_cov[1, 1], pos_cov[0, 1]
+    exponent = _exponent(empty.cells_world, pos_mean_world, pos_cov)
+    return SearchMap(empty.centre_world, half, jax.nn.log_softmax(exponent, (0, 1)))
+
+
+def _exponent(
+    at_world: Float[Array, "61 61 2"], mean_world: Float[Array, "2"], cov: Float[Array, "2 2"]
+) -> Float[Array, "61 61"]:
+    """Return the exponent of a Gaussian at these places."""
+    off = at_world - mean_world
+    xx, yy, xy = cov[0, 0], cov[1, 1], cov[0, 1]
     squared = yy * off[..., 0] ** 2 - 2 * xy * off[..., 0] * off[..., 1] + xx * off[..., 1] ** 2
-    return SearchMap(empty.centre_world, half, jax.nn.log_softmax(-squared / (2 * (xx * yy - xy**2)), (0, 1)))
+    return -squared / (2 * (xx * yy - xy**2))
 
 
 def missed(
@@ -83,7 +96,29 @@ def missed(
     width = jnp.maximum(config.capture_m, searched.half_m / CELLS)
     hit = config.capture_chance * jnp.exp(-squared / (2 * width**2))
     logp = searched.logp + jnp.log1p(-hit)
-    return SearchMap(searched.centre_world, searched.half_m, jax.nn.log_softmax(logp, (0, 1)))
+    return replace(searched, logp=jax.nn.log_softmax(logp, (0, 1)))
+
+
+def felt(searched: SearchMap, prior: Belief, posterior: Belief, config: FilterConfig) -> SearchMap:
+    """Return the map after what a visit without an insertion felt.
+
+    Args:
+        searched: Map before.
+        prior: Belief before the visit.
+        posterior: Belief at its end.
+        config: Defines how many of these visits are misled.
+    """
+    cells = searched.cells_world
+    told = _exponent(cells, posterior.pos_mean_world, posterior.pos_cov) - _exponent(
+        cells, prior.pos_mean_world, prior.pos_cov
+    )
+    after = jax.nn.log_softmax(searched.logp + told, (0, 1))
+    return replace(
+        searched,
+        logp=jnp.logaddexp(
+            searched.logp + jnp.log(config.misled_chance), after + jnp.log1p(-config.misled_chance)
+        ),
+    )
 
 
 def best_place(searched: SearchMap, reach_m: float) -> Float[Array, "2"]:

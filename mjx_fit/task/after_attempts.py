@@ -21,7 +21,7 @@ def after_failures(update: Update, beliefs: Belief, rollouts: Rollout, keys: Key
     """
     failed = np.asarray(rollouts.truth.valid & ~rollouts.taken)
     if isinstance(rollouts.report, Belief):
-        learnt = _last(rollouts)
+        learnt = last_report(rollouts)
         refuted = np.asarray(rollouts.felt.length) == rollouts.report.cov.shape[1]
         place = failed & ~refuted
         return Belief(
@@ -34,7 +34,7 @@ def after_failures(update: Update, beliefs: Belief, rollouts: Rollout, keys: Key
     return jax.tree.map(lambda new, old: where_rows(failed, new, old), learnt, beliefs)
 
 
-def _last(rollouts: Rollout) -> Any:
+def last_report(rollouts: Rollout) -> Any:
     """Return what a policy reported with the last action of each attempt."""
     last = np.maximum(np.asarray(rollouts.felt.length) - 1, 0)
     return jax.tree.map(lambda leaf: np.asarray(leaf)[np.arange(len(last)), last], rollouts.report)

@@ -12,6 +12,7 @@ from mjx_fit.config.schema import Config
 from mjx_fit.filters import frame, search_map
 from mjx_fit.filters.search_map import SearchMap
 from mjx_fit.sensors.reading import Window, read_window
+from mjx_fit.task.after_attempts import last_report
 from mjx_fit.task.attempt_loop import Tried, placed_as
 from mjx_fit.types import Array, Belief, Felt
 from mjx_fit.utils.rates import ACTION_S
@@ -79,7 +80,8 @@ class Revisits:
         padded = np.minimum(np.arange(1 << (k - 1).bit_length()), k - 1)
         before, felt = jax.tree.map(lambda leaf: leaf[rows[padded]], self._maps), tried.rollouts.felt
         padded = lost[padded]
-        after = _missed(before, felt[padded], keys[padded], self._config)
+        beliefs = _taken((tried.asked.beliefs, _learnt(tried)), padded)
+        after = _after(before, beliefs, (felt[padded], keys[padded]), self._config)
         logp = np.array(self._maps.logp)
         logp[rows] = np.asarray(after.logp)[:k]
         self._maps = replace(self._maps, logp=logp)
@@ -109,18 +111,33 @@ def _best(maps: SearchMap, reach_m: float) -> Float[Array, "n 2"]:
     return jax.lax.map(partial(search_map.best_place, reach_m=reach_m), maps, batch_size=_AT_ONCE)
 
 
+def _learnt(tried: Tried) -> Belief:
+    """Return the beliefs at the ends of the attempts, also of those that refuted them."""
+    if isinstance(tried.rollouts.report, Belief):
+        return last_report(tried.rollouts)
+    return tried.beliefs
+
+
+def _taken(beliefs: tuple[Belief, Belief], rows: np.ndarray) -> tuple[Belief, Belief]:
+    return jax.tree.map(lambda leaf: np.asarray(leaf)[rows], beliefs)
+
+
 @partial(jax.jit, static_argnums=3)
-def _missed(maps: SearchMap, felt: Felt, keys: Key[Array, "n"], config: Config) -> SearchMap:
-    window = Window(felt.trace.action_world.shape[1])
+def _after(
+    maps: SearchMap, beliefs: tuple[Belief, Belief], read: tuple[Felt, Key[Array, "n"]], config: Config
+) -> SearchMap:
+    """Return the maps after visits in vain, given the beliefs before and at the end of each."""
+    window = Window(read[0].trace.action_world.shape[1])
 
     def one(of):
-        before, own, key = of
+        before, (prior, posterior), (own, key) = of
         reading = read_window(own, key, config, window)
         path = reading.tip_pos_estimate[:, :2]
         if not frame.is_world(config.filter.coordinates):
             here = frame.frame_of(own.estimate_world, config.filter.coordinates).rotation_world
             path = (here.as_matrix() @ reading.tip_pos_estimate.T).T[:, :2]
         path = path + own.estimate_world[:2]
-        return search_map.missed(before, path, reading.contact > 0, config.filter)
+        felt = search_map.felt(before, prior, posterior, config.filter)
+        return search_map.missed(felt, path, reading.contact > 0, config.filter)
 
-    return jax.lax.map(one, (maps, felt, keys), batch_size=_AT_ONCE)
+    return jax.lax.map(one, (maps, beliefs, read), batch_size=_AT_ONCE)

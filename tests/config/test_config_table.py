@@ -21,6 +21,7 @@ PURE = {
         "filter.position_temperature",
         "filter.correlation",
         "filter.capture_chance",
+        "filter.misled_chance",
         "seek.astray_share",
         "seek.rock",
     ),

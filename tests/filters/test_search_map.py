@@ -8,6 +8,7 @@ from scipy.stats import multivariate_normal
 
 from mjx_fit.config.sections.filter import FilterConfig
 from mjx_fit.filters import search_map
+from mjx_fit.types import Belief
 
 CONFIG = FilterConfig(capture_m=0.0009, capture_chance=0.7)
 CENTRE, COV = np.array([0.5, 0.1]), np.array([[9e-6, 2e-6], [2e-6, 6e-6]])
@@ -52,6 +53,31 @@ def test_a_visit_in_vain_multiplies_by_what_it_would_have_missed(begun, path):
         away = np.min(np.sum((points - cell) ** 2, 1))
         want[i] *= 1 - CONFIG.capture_chance * np.exp(-away / (2 * width**2))
     np.testing.assert_allclose(after, want / want.sum(), rtol=5e-3, atol=1e-9)
+
+
+@pytest.mark.parametrize("misled", [0.01, 0.5])
+def test_what_was_felt_counts_by_the_chance_that_it_misled(begun, misled):
+    """Against the densities: a mixture of the map and of the map times the ratio of the beliefs."""
+    config = FilterConfig(misled_chance=misled)
+    prior, posterior = (
+        Belief(jnp.asarray(mean), jnp.asarray(cov), jnp.zeros(3))
+        for mean, cov in ((CENTRE, COV), (CENTRE + np.array([0.002, -0.003]), COV / 3))
+    )
+    after = jax.jit(search_map.felt, static_argnums=3)(begun, prior, posterior, config)
+    cells, p = np.asarray(begun.cells_world, float), np.exp(np.asarray(begun.logp, float))
+    of_prior, of_posterior = (
+        multivariate_normal(one.pos_mean_world, cov=np.asarray(one.pos_cov)).pdf(cells)
+        for one in (prior, posterior)
+    )
+    ratio = of_posterior / of_prior
+    want = misled * p + (1 - misled) * p * ratio / (p * ratio).sum()
+    np.testing.assert_allclose(np.exp(after.logp), want, rtol=5e-3, atol=1e-9)
+
+
+def test_a_belief_that_did_not_change_tells_nothing(begun):
+    same = Belief(jnp.asarray(CENTRE), jnp.asarray(COV), jnp.zeros(3))
+    after = search_map.felt(begun, same, same, CONFIG)
+    np.testing.assert_allclose(after.logp, begun.logp, atol=1e-5)
 
 
 def test_a_peg_that_never_touched_has_searched_nothing(begun, path):

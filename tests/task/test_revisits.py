@@ -64,6 +64,21 @@ def test_later_visits_start_away_from_where_pegs_have_been(visits):
         assert np.linalg.norm(one - other, axis=1).min() > 0.001
 
 
+def test_what_a_visit_felt_draws_the_next_one_unless_it_misled(visits):
+    tried = visits["map"][0]
+    first = np.asarray(tried.asked.attempts.estimate_world)
+    detected = jax.tree.map(np.asarray, detected_belief(jnp.asarray(first), MAP))
+    towards = []
+    for misled in (0.01, 0.99):
+        config = read_config(None, ["task.revisit_from=map", *SETTINGS, f"filter.misled_chance={misled}"])
+        revisits = Revisits(detected, config)
+        revisits.note((np.arange(N),), np.ones(N, bool), tried)
+        now = revisits.started(detected, detected, np.ones(N, bool))
+        towards.append((now.mean_world - first).sum(1))
+    assert (towards[0] > 0.01).all()
+    assert (towards[0] > towards[1]).all()
+
+
 def test_another_peg_begins_anew_and_other_holes_keep_what_was_searched(visits):
     tried = visits["map"][0]
     detected = detected_belief(jnp.zeros((N, 2, 2)) + tried.asked.attempts.estimate_world[:, None], MAP)

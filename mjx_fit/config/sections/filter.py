@@ -37,6 +37,8 @@ class FilterConfig:
         capture_m: Distance at which a peg drops. One that passes its hole this close may go in; for second
             visits (``task.revisit_from: map``).
         capture_chance: Probability that it does. Of a peg that passes right over its hole.
+        misled_chance: Share of visits misled. Of those in vain; the map of second visits doubts what
+            was felt by as much (``mjx_fit.filters.search_map``).
     """
 
     coordinates: Annotated[tuple[Coordinate, ...], Field(min_length=2, max_length=6)] = PLANAR
@@ -48,6 +50,7 @@ class FilterConfig:
     position_temperature: Annotated[float, Field(ge=0.1, le=100)] = 1.0
     capture_m: Annotated[float, Field(ge=0.0001, le=0.01)] = 0.0008
     capture_chance: Annotated[float, Field(ge=0.01, le=0.999)] = 0.8
+    misled_chance: Annotated[float, Field(ge=0.01, le=0.99)] = 0.5
 
     @property
     def shares_grasp(self) -> bool:
