@@ -66,7 +66,7 @@ def test_what_was_felt_counts_by_the_chance_that_it_misled(begun, misled):
     after = jax.jit(search_map.felt, static_argnums=3)(begun, prior, posterior, config)
     cells, p = np.asarray(begun.cells_world, float), np.exp(np.asarray(begun.logp, float))
     of_prior, of_posterior = (
-        multivariate_normal(one.pos_mean_world, cov=np.asarray(one.pos_cov)).pdf(cells)
+        multivariate_normal(one.pos_mean_world, cov=np.asarray(one.pos_cov).tolist()).pdf(cells)
         for one in (prior, posterior)
     )
     ratio = of_posterior / of_prior
