@@ -170,12 +170,15 @@ def turned_to_belief(turn: Float[Array, "3"], belief: Belief, config: Config) ->
 def rocking(step: Int[Array, ""], belief: Belief, config: Config) -> Float[Array, "3"]:
     """Return the rotation of the search in rotation at an action, a rotation vector, rad.
 
-    Its phases are those of ``control.open_loop.spiral_turn``: yaw and tilt meet in all combinations.
+    Its phases are those of ``control.open_loop.spiral_turn``: yaw and tilt meet in all combinations. The rim
+    of a peg that tilts all around feels where the plate ends: hence more tilt while the hole may be far.
     """
     names, spread = config.filter.coordinates, jnp.sqrt(jnp.diagonal(belief.cov))
     size = jnp.stack([spread[names.index(name)] if name in names else jnp.zeros(()) for name in chart.AXIS])
+    probe = config.seek.probe_radpm * jnp.sqrt(jnp.trace(belief.pos_cov) / 2)
+    size = config.seek.rock * size + probe * jnp.array([1.0, 1.0, 0.0])
     yaw, tilt = (2 * jnp.pi * ACTION_S * step / period for period in (YAW_S, TILT_S))
-    return config.seek.rock * size * jnp.stack([jnp.cos(tilt), jnp.sin(tilt), jnp.sin(yaw)])
+    return size * jnp.stack([jnp.cos(tilt), jnp.sin(tilt), jnp.sin(yaw)])
 
 
 def decided_or_astray(thought: Thought, seen: PolicyInput, config: Config) -> Thought:

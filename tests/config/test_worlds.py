@@ -67,7 +67,9 @@ def test_the_bench_is_forge_with_poses():
         "scene.start_height_m",
         "filter.coordinates",
         "seek.rock",
-        "control.tilt_radps",
+        "seek.probe_radpm",
+        "spiral.tilt_rad",
+        "spiral.yaw_rad",
         *(f"detector.prior_std_{of}" for of in ("m", "z_m", "yaw_rad", "tilt_rad")),
     }
     drawn = {name: one.uniform for name, one in vars(bench.randomize).items() if one is not None}

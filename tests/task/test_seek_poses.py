@@ -119,6 +119,14 @@ def test_the_tool_rocks_by_believed_standard_deviations():
     np.testing.assert_allclose(alone, [0, 0, turns[7, 2]], rtol=1e-5)
 
 
+def test_the_tool_tilts_more_while_the_hole_may_be_far():
+    config = read_config(None, ["filter.coordinates=[x, y, yaw]", "seek.probe_radpm=5"])
+    belief = Belief(jnp.zeros(3), jnp.diag(jnp.array([1e-4, 3e-4, 0.01])), jnp.zeros(3))
+    turns = np.asarray(jax.vmap(lambda step: rocking(step, belief, config))(jnp.arange(100)))
+    np.testing.assert_allclose(np.hypot(turns[:, 0], turns[:, 1]), 5 * np.sqrt(2e-4), rtol=1e-5)
+    np.testing.assert_array_equal(turns[:, 2], 0)
+
+
 def test_a_peg_in_the_air_does_not_rock():
     config = replace(poses(), seek=replace(poses().seek, rock=3.0))
     drawn = draw_attempts(jax.random.key(1), 1, config=config)

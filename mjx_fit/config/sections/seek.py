@@ -22,6 +22,8 @@ class SeekConfig:
         turn_radps: Speed of turns. The tool follows the believed rotation, where one is believed.
         rock: Size of the search in rotation. In contact the tool rocks about the believed rotation by
             this many believed standard deviations, where a rotation is believed.
+        probe_radpm: Tilt for each metre of doubt. The tool rocks by as much more, times the standard
+            deviation of the believed position: the rim of the peg feels where the plate ends.
         change_s: Time that a new centre costs. The rule adds it for slowing down and starting anew.
         feel_s: Longest search that is expected. Contact then tells where the hole is, for any belief.
         sink_s: Time to push the peg in.
@@ -44,6 +46,7 @@ class SeekConfig:
     slide_mps: Annotated[float, Field(ge=0.001, le=0.1, json_schema_extra=_SPEED)] = 0.03
     turn_radps: Annotated[float, Field(ge=0.01, le=3, json_schema_extra={"unit": "rad/s"})] = 0.3
     rock: Annotated[float, Field(ge=0, le=5)] = 0.0
+    probe_radpm: Annotated[float, Field(ge=0, le=20, json_schema_extra={"unit": "rad/m"})] = 0.0
     change_s: Annotated[float, Field(ge=0, le=10)] = 0.2
     feel_s: Annotated[float, Field(ge=0.1, le=100)] = 2.0
     sink_s: Annotated[float, Field(ge=0, le=100)] = 1.0
