@@ -14,7 +14,6 @@ from mjx_fit.config.schema import Config
 from mjx_fit.config.sections.filter import PLANAR
 from mjx_fit.config.sections.learning import SensorConfig
 from mjx_fit.filters import chart
-from mjx_fit.filters.updates import prior_stds
 from mjx_fit.sensors.encoder import WRENCH_AXES, Past, TraceEncoder
 from mjx_fit.sensors.features import (
     CONTACT_FEATURES,
@@ -30,7 +29,6 @@ from mjx_fit.types import Array, Observation, Reading
 from mjx_fit.utils.errors import RequestError
 
 METRES_PER_CM = 0.01
-HIGHEST = jax.lax.Precision.HIGHEST
 MIN_INPUT_STD = 1e-4
 """Smallest input standard deviation, SI units: inputs with less variation are not scaled up further."""
 
@@ -56,7 +54,6 @@ class ContactSensor(nnx.Module):
         rngs: nnx.Rngs,
         n_types: int = 3,
         coordinates: Sequence[str] = PLANAR,
-        detection_std: Sequence[float] | None = None,
     ):
         """Build the network; call ``fit_input_scale`` with training readings before training.
 
@@ -65,8 +62,6 @@ class ContactSensor(nnx.Module):
             rngs: Random keys of the weights.
             n_types: Number of shapes.
             coordinates: What the innovation is about (``filter.coordinates``).
-            detection_std: Standard deviation of each before any attempt, m and rad, for
-                ``sensor.position: shift``; None: the head's output is the innovation.
 
         Raises:
             RequestError: The width is not divisible by the number of heads.
@@ -80,7 +75,6 @@ class ContactSensor(nnx.Module):
         code_width = self.trace_encoder.out_features + config.width
         self.peg_encoder = nnx.Embed(n_types, config.width, rngs=rngs)
         d, self.units = len(coordinates), chart.units(coordinates)
-        self.detection_std = None if detection_std is None else tuple(detection_std)
         self.position = SkipMLP(code_width, d, rngs)
         self.match = SkipMLP(code_width, 2, rngs)
         self.position_noise = PositionNoise(n_types, code_width, config.noise == "trace", rngs, d)
@@ -89,9 +83,7 @@ class ContactSensor(nnx.Module):
     @staticmethod
     def of(config: Config, rngs: nnx.Rngs) -> "ContactSensor":
         """Build the network for a scene and the coordinates of its beliefs."""
-        shifts = config.sensor.position == "shift" and config.sensor.reference == "estimate"
-        known = config.scene.n_types, config.filter.coordinates
-        return ContactSensor(config.sensor, rngs, *known, prior_stds(config) if shifts else None)
+        return ContactSensor(config.sensor, rngs, config.scene.n_types, config.filter.coordinates)
 
     def __call__(
         self, reading: Reading, rngs: nnx.Rngs | None = None, *, every_row: bool = False
@@ -179,13 +171,9 @@ class ContactSensor(nnx.Module):
             origin = origin[:, None]
         units, squared = (np.asarray(x, np.float32) for x in (self.units, np.outer(self.units, self.units)))
         offset = jnp.pad(origin, [(0, 0)] * (origin.ndim - 1) + [(0, len(units) - 2)])
-        told, noise_cov = self.position(code) * units, self.position_noise(peg_type, code) * squared
-        if self.detection_std is not None:
-            scaled = told / np.square(np.asarray(self.detection_std, np.float32))
-            told = told + jnp.einsum("...ij,...j->...i", noise_cov, scaled, precision=HIGHEST)
         return Observation(
-            innovation=offset + told,
-            pos_noise_cov=noise_cov,
+            innovation=offset + self.position(code) * units,
+            pos_noise_cov=self.position_noise(peg_type, code) * squared,
             match_logits=self.match(code),
             match_model_logp=self.match_model(peg_type),
         )

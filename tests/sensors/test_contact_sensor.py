@@ -25,7 +25,6 @@ SMALL = SensorConfig(
     width=16, conv_channels=(4, 4, 8, 8, 8), layers=1, heads=2, feedforward=16, **PAPER_SENSOR
 )
 ROWS = 12
-DETECTOR = replace(Config().detector, prior_std_m=0.0115)
 
 
 def make_reading(episodes: int = 6, rows: int = ROWS, seed: int = 0) -> Reading:
@@ -261,29 +260,3 @@ def test_the_noise_is_the_product_of_a_lower_triangle_with_a_floor():
     below = raw[:, 2]
     want = np.array([[xx**2, xx * below], [xx * below, below**2 + yy**2]]).transpose(2, 0, 1)
     np.testing.assert_allclose(noise(jnp.arange(3), jnp.zeros((3, 4))), want, rtol=1e-4, atol=1e-7)
-
-
-def test_a_shift_is_that_of_the_detections_belief():
-    """The same weights: what one head calls the innovation, the filter makes of the other's as the shift."""
-    std = (0.012, 0.012, 0.003, 0.1)
-    names = ("x", "y", "z", "yaw")
-    plain, shifts = (ContactSensor(SMALL, nnx.Rngs(0), 3, names, of) for of in (None, std))
-    reading = make_reading()
-    for sensor in (plain, shifts):
-        sensor.fit_input_scale(reading)
-        sensor.position.last.kernel[...] = sensor.position.last.kernel[...] * 30
-    told, seen = observe(plain, reading), observe(shifts, reading)
-    np.testing.assert_array_equal(told.pos_noise_cov, seen.pos_noise_cov)
-    assert np.abs(told.innovation).max() > 1e-4
-    for innovation, cov, shift in zip(seen.innovation, seen.pos_noise_cov, told.innovation, strict=True):
-        prior = np.diag(np.square(std))
-        gain = prior @ np.linalg.inv(prior + np.asarray(cov, float))
-        np.testing.assert_allclose(gain @ innovation, shift, rtol=1e-3, atol=1e-6)
-
-
-def test_the_configuration_says_what_the_head_tells():
-    for wanted, known in (("innovation", None), ("shift", (0.0115, 0.0115))):
-        sensor = ContactSensor.of(
-            replace(Config(), sensor=replace(SMALL, position=wanted), detector=DETECTOR), nnx.Rngs(0)
-        )
-        assert sensor.detection_std == known

@@ -37,9 +37,6 @@ class SensorConfig:
         places: Weighted mean positions; 0: none. Each is an attention-weighted mean, over the attempt, of the
             TCP position and the centre of pressure; they are appended to the maximum over time. The paper has
             none.
-        position: Output of the head. Either the ``innovation`` z itself, or the ``shift`` m by which it moves
-            the belief of the detection, of covariance Σ₀: z = m + R Σ₀⁻¹ m. Where traces tell little, R is
-            large, the filter hardly listens, and z learns nothing; m goes on learning.
     """
 
     width: Annotated[int, Field(ge=4, le=512, multiple_of=4)] = 64
@@ -55,7 +52,6 @@ class SensorConfig:
     contact_features: bool = True
     pose: Literal["world", "start"] = "start"
     places: Annotated[int, Field(ge=0, le=64)] = 8
-    position: Literal["innovation", "shift"] = "innovation"
 
 
 @dataclass(frozen=True, config=STRICT)
