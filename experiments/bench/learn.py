@@ -3,10 +3,10 @@
     python experiments/bench/learn.py OUT [--stage N]
 
 The same command resumes where it was; `--stage` ends after stage N of 3, each of about an hour on two cores.
-All attempts are in the world `bench`. The first spirals and sweeps turn the tool, so that yaw and tilt meet
-the hole in many ways; later spirals and `seek` start from the sensor's beliefs, up to five attempts at a
-hole. In the last attempts of `seek` half of the spells are led astray, as in experiments/gentle/learn.py.
-Each sensor starts anew and reads all data so far.
+All attempts are in the world `bench`, whose searches rock the tool. The second set does so more, so that yaw
+and tilt meet the hole in many ways; later spirals and `seek` start from the sensor's beliefs, up to five
+attempts at a hole. In the last attempts of `seek` half of the spells are led astray, as in
+experiments/gentle/learn.py. Each sensor starts anew and reads all data so far.
 """
 
 import argparse
@@ -18,7 +18,7 @@ HERE = Path(__file__).parent
 TASK = "--world", "bench", "--config", "configs/gentle.yaml"
 AS_SAID = ("filter.position_temperature=1", "filter.match_temperature=1", "task.revisit_from=belief")
 """Beliefs of the data are the sensor's own: the factors of the preset belong to another one."""
-TURNING = ("spiral.yaw_rad=0.1", "spiral.tilt_rad=0.03", "random.yaw_rad=0.15", "random.tilt_rad=0.05")
+TURNING = ("spiral.yaw_rad=0.15", "spiral.tilt_rad=0.15", "random.yaw_rad=0.15", "random.tilt_rad=0.1")
 
 
 def main(out: Path, stage: int) -> None:
