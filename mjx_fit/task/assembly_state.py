@@ -112,7 +112,8 @@ class Table:
         if tried.confirmed is not None:
             self._store(rows[self.active & np.asarray(happened.taken) & ~kept], tried.confirmed)
         failed = self.active & np.asarray(happened.truth.valid) & ~kept
-        self._revisits.note((rows, chosen), failed & ~np.asarray(happened.taken), tried)
+        in_vain = failed & ~np.asarray(happened.taken) & self._of("learns_position")
+        self._revisits.note((rows, chosen), in_vain, tried)
         told, match_told = (rows[failed & self._of(trait)] for trait in ("learns_truth", "learns_match"))
         for beliefs in (self._beliefs, self._detected):
             reveal_hole(beliefs, self._world, (told, chosen[told]))

@@ -50,6 +50,7 @@ class HoleTable:
         self._samples = of_rows(methods, self._n_trials, lambda method: method.starts == "sample")
         self._places = [self._true_place()]
         self._knows = of_rows(methods, self._n_trials, lambda method: method.knows_truth)
+        self._reads = of_rows(methods, self._n_trials, lambda method: method.reads != "")
         self._detected = self._belief = _first_belief(config, methods, holes, self._places[0])
         self._revisits = Revisits(self._detected, config)
         n_rows = len(self._samples)
@@ -93,7 +94,8 @@ class HoleTable:
         self._done |= taken
         self._belief = self._told(jax.tree.map(latest, self._belief, tried.beliefs))
         self._detected = self._told(self._detected)
-        failed = active & tried.rollouts.truth.valid & ~taken
+        # Only methods that learn from attempts remember where they were in vain.
+        failed = active & tried.rollouts.truth.valid & ~taken & self._reads
         self._revisits.note((np.arange(len(active)),), failed, tried)
         self._means.append(self._belief.mean_world)
         self._covs.append(self._belief.cov)

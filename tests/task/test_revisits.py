@@ -30,10 +30,10 @@ def certain(beliefs, felt, keys):
     return replace(beliefs, mean_world=beliefs.mean_world + np.float32(0.01), type_logp=logp)
 
 
-def rounds_of(config) -> list[Tried]:
+def rounds_of(config, compared=FULL) -> list[Tried]:
     places = draw_places(jax.random.key(0), jnp.arange(N), config)
     holes = holes_at(np.zeros(N, int), np.ones(N, int), places)
-    table = single_hole.HoleTable(config, FULL, holes, 3)
+    table = single_hole.HoleTable(config, compared, holes, 3)
     engine, seen = NativeEngine(config, 1), []
     while (asked := table.next_try()) is not None:
         rollouts = engine.run(asked.attempts, config.task.attempt_actions, asked.active)
@@ -62,6 +62,12 @@ def test_later_visits_start_away_from_where_pegs_have_been(visits):
     first, second, third = starts(visits["map"])
     for one, other in ((first, second), (second, third), (first, third)):
         assert np.linalg.norm(one - other, axis=1).min() > 0.001
+
+
+def test_methods_that_learn_nothing_start_where_they_did():
+    """Those that know the place, and those that always start from the detection, search by no map."""
+    begun = starts(rounds_of(MAP, methods.chosen("no_update,oracle", methods.INSERTION)))
+    np.testing.assert_allclose(begun[1:], begun[:1].repeat(2, 0), atol=1e-7)
 
 
 def test_what_a_visit_felt_draws_the_next_one_unless_it_misled(visits):
