@@ -153,9 +153,11 @@ def policy_of(args: argparse.Namespace, config: Config) -> "tuple[Config, Policy
     from mjx_fit.control.leaning import lean_search
     from mjx_fit.control.policy_file import is_policy_file, load_policy
     from mjx_fit.control.search import raster_search
-    from mjx_fit.task.seek import seek_with
+    from mjx_fit.task.seek import seek_by_geometry, seek_with
     from mjx_fit.training.sensor_loader import load_trained_sensor
 
+    if args.policy == SEEK and config.filter.reads == "geometry":
+        return config, seek_by_geometry(config)
     if args.policy == SEEK:
         return seek_with(load_trained_sensor(run_of(args)), config)
     if args.policy == RASTER:

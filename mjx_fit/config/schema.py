@@ -17,6 +17,7 @@ from mjx_fit.config.sections.first import FIRST_VALUES
 from mjx_fit.config.sections.learning import SensorConfig, TrainConfig
 from mjx_fit.config.sections.measurement import PoseConfig, WristConfig
 from mjx_fit.config.sections.moves import MovesConfig
+from mjx_fit.config.sections.particles import ParticlesConfig
 from mjx_fit.config.sections.placement import PlacementConfig
 from mjx_fit.config.sections.randomize import RandomizeConfig
 from mjx_fit.config.sections.scene import SceneConfig
@@ -59,6 +60,7 @@ class Config:
     task: TaskConfig = TaskConfig()
     moves: MovesConfig = MovesConfig()
     filter: FilterConfig = FilterConfig()
+    particles: ParticlesConfig = ParticlesConfig()
     sensor: SensorConfig = SensorConfig()
     train: TrainConfig = TrainConfig()
 

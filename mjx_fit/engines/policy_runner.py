@@ -15,6 +15,7 @@ from mjx_fit.filters import frame
 from mjx_fit.scene.parts import plate_top_m
 from mjx_fit.scene.randomization import draw_errors, with_arrays
 from mjx_fit.sensors import distortion, force_torque
+from mjx_fit.sensors.contact_rows import with_world_poses
 from mjx_fit.sensors.pose import is_exact, measured_trace
 from mjx_fit.sensors.reading import read_action
 from mjx_fit.types import Array, Attempt, Felt, Reading, Trace, pytree
@@ -169,6 +170,8 @@ def _read(memory: Memory, tip: Tip, config: Config, step: Int[Array, ""]) -> Rea
         estimate_world=memory.start.estimate_world,
         peg_type=memory.start.peg_type,
     )
+    if config.filter.reads == "geometry":
+        config = with_world_poses(config)
     return read_action(felt, jax.random.fold_in(memory.key, _READING), config, step)
 
 

@@ -32,6 +32,8 @@ def assembly(request: Request) -> Result:
     picked = chosen(request.methods, ASSEMBLY)
     result_file.require_trials(request.trials, len(picked))
     reading = [method.name for method in picked if method.needs_sensor]
+    if request.config.filter.reads == "geometry":
+        reading = []
     sensor = request.sensor if reading else None
     if reading and sensor is None:
         raise RequestError(f"--run is required: method {reading[0]!r} needs a trained sensor")

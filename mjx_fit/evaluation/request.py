@@ -5,6 +5,7 @@ from pathlib import Path
 
 from mjx_fit.config.schema import Config
 from mjx_fit.engines.interface import Engine, stored_policy_name
+from mjx_fit.task.seek import GEOMETRIC
 from mjx_fit.task.seek import NAME as SEEK
 from mjx_fit.training.checkpoint import FRAME_BY_FRAME
 from mjx_fit.training.sensor_loader import TrainedSensor, load_baseline, load_trained_sensor
@@ -47,7 +48,7 @@ class Request:
             RequestError: The policy has no name, or it updates the belief itself, and a method must not.
         """
         name = stored_policy_name(self.engine)
-        if name is not None and name.partition("@")[0] == SEEK:
+        if name is not None and (name == GEOMETRIC or name.partition("@")[0] == SEEK):
             for method in filter(None, self.methods.split(",")):
                 if method not in SEEKING:
                     raise RequestError(

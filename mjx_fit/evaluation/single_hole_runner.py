@@ -123,7 +123,7 @@ def _sensors(
     """Return sensors by method, the configuration with the run's network, and differences from training."""
     sensors, config, differs = {}, request.config, []
     for method in methods:
-        if not method.reads:
+        if not method.reads or _reads_geometry(method, config):
             continue
         sensor = request.baseline if method.reads == "frame" else request.sensor
         if sensor is None and method.reads == "frame" and request.sensor:
@@ -147,6 +147,12 @@ def _updates(
     kinds = {"filter": filter_update, "position": position_update, "frame": frame_update}
     return {
         method.name: kinds[method.reads](config, sensors[method.name].network)
+        if method.name in sensors
+        else filter_update(config, None)
         for method in methods
         if method.reads
     }
+
+
+def _reads_geometry(method: HoleMethod, config: Config) -> bool:
+    return method.reads == "filter" and config.filter.reads == "geometry"

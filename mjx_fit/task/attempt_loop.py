@@ -12,6 +12,7 @@ from mjx_fit.control.policies import SPIRAL
 from mjx_fit.engines.interface import Engine
 from mjx_fit.task.after_attempts import after_failures, after_insertions
 from mjx_fit.task.estimator import Update
+from mjx_fit.task.seek import GEOMETRIC
 from mjx_fit.types import Array, Attempt, Belief, Rollout
 from mjx_fit.types.physics import AS_CONFIGURED, Physics
 
@@ -71,7 +72,8 @@ def attempt_rounds(
         rollouts = engine.run(_with_beliefs(asked), actions, asked.active)
         beliefs, confirmed = asked.beliefs, None
         if asked.noise_keys is not None:
-            beliefs = after_failures(update, asked.beliefs, rollouts, asked.noise_keys)
+            refutes = engine.policy_name != GEOMETRIC
+            beliefs = after_failures(update, asked.beliefs, rollouts, asked.noise_keys, refutes=refutes)
             if confirm is not None:
                 confirmed = after_insertions(confirm, asked.beliefs, rollouts, asked.noise_keys)
         yield Tried(asked, rollouts, beliefs, confirmed)

@@ -19,6 +19,7 @@ from mjx_fit.sensors.contact_sensor import ContactSensor
 from mjx_fit.sensors.reading import Window, read_window
 from mjx_fit.sensors.traces import require_readable
 from mjx_fit.task.estimator_input import require_update
+from mjx_fit.task.geometry import geometry_update
 from mjx_fit.types import Array, Belief, Felt, Observation, Reading
 from mjx_fit.utils import numerics
 from mjx_fit.utils.errors import RequestError
@@ -42,7 +43,8 @@ def filter_update(
 
     Args:
         config: Defines α, the noise of the F/T sensor and the height of the socket.
-        sensor: The trained sensor; None: no row uses its trace.
+        sensor: The trained sensor; None: no row uses its trace, or the parts' geometry reads it
+            (``filter.reads``).
         learns_position: Whether the trace updates the position; one value for all rows, or one per row.
         learns_type: Whether the trace updates the type, likewise; the outcome itself always does.
         inserted: Outcome of the attempts: False for failures; True for insertions, to tell whether the hole
@@ -58,17 +60,23 @@ def filter_update(
     """
     numerics.require()
     graph, state = nnx.split(sensor) if sensor is not None else (None, None)
+    by_geometry = geometry_update(config) if config.filter.reads == "geometry" else None
 
     def learn(state, beliefs, felt, keys, learns_position, learns_type):
         alpha = success_probability(config, beliefs.pos_cov)
         updated = update_type(
             beliefs, None, felt.peg_type, alpha, hard=config.task.hard_match, inserted=inserted
         )
-        if graph is None:
+        if by_geometry is not None:
+            learnt = by_geometry(beliefs, felt, keys)
+            hard = config.task.hard_match
+            learnt = update_type(learnt, None, felt.peg_type, alpha, hard=hard, inserted=inserted)
+        elif graph is None:
             return updated
-        observation = nnx.merge(graph, state)(readings(felt, keys, config))
-        observation = observation_in_world(observation, felt.estimate_world, config.filter.coordinates)
-        learnt = posterior(beliefs, observation, felt.peg_type, alpha, config, inserted=inserted)
+        else:
+            observation = nnx.merge(graph, state)(readings(felt, keys, config))
+            observation = observation_in_world(observation, felt.estimate_world, config.filter.coordinates)
+            learnt = posterior(beliefs, observation, felt.peg_type, alpha, config, inserted=inserted)
         return Belief(
             mean_world=where_rows(learns_position, learnt.mean_world, beliefs.mean_world),
             cov=where_rows(learns_position, learnt.cov, beliefs.cov),

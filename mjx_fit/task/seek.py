@@ -16,7 +16,6 @@ from functools import partial
 
 import jax
 import jax.numpy as jnp
-from flax import nnx
 from jaxtyping import Bool, Float, Int, Key
 
 from mjx_fit.config.schema import Config
@@ -29,13 +28,13 @@ from mjx_fit.filters.kalman import scale_tril
 from mjx_fit.filters.outcome_model import half_normal
 from mjx_fit.filters.updates import detected_belief
 from mjx_fit.sensors.contact_sensor import ContactSensor
-from mjx_fit.sensors.encoder import Past
 from mjx_fit.sensors.trained_sensor import TrainedSensor
-from mjx_fit.task.estimator import posterior
+from mjx_fit.task.attempt_readers import Past, Reader, reader_of
 from mjx_fit.types import Array, Belief, pytree
 from mjx_fit.utils.rates import ACTION_S
 
 NAME = "seek"
+GEOMETRIC = f"{NAME}_geometry"
 SPELL_ACTIONS = 20
 """Actions of a spell that may be led astray."""
 _SPELLS = 2**22
@@ -47,7 +46,7 @@ class Thought:
     """State of ``seek``.
 
     Attributes:
-        past: What the sensor keeps of the trace so far; None without a sensor.
+        past: What the reader keeps of the attempt so far; None without a reader.
         prior: Belief before the attempt.
         belief: Belief after the trace so far.
         search: The search.
@@ -56,7 +55,7 @@ class Thought:
             rotation is believed.
     """
 
-    past: Past | None
+    past: Past
     prior: Belief
     belief: Belief
     search: Search
@@ -70,46 +69,45 @@ def seek(config: Config, sensor: ContactSensor | None = None, name: str = NAME) 
     Args:
         config: Defines pitch and speeds (section ``seek``), the filters, and the most actions of an attempt
             that are read: ``task.attempt_actions``.
-        sensor: Sensor that reads attempts in progress; None: the belief stays the prior, and is not reported.
+        sensor: Sensor that reads attempts in progress; None: the geometry of the parts does, or, as
+            ``filter.reads`` has it, the belief stays the prior and is not reported.
         name: Name in data sets and results.
 
     Raises:
         RequestError: The sensor cannot read an attempt in progress.
     """
-    rows, turns = config.task.attempt_actions, frame.turns(config.filter.coordinates)
-    network = None if sensor is None else _copies_of(sensor)
-    if sensor is not None:
-        sensor.begin(rows)  # raises for a sensor that cannot
+    turns = frame.turns(config.filter.coordinates)
+    reader = reader_of(config, sensor)
 
     def init(start: PolicyStart, key: Key[Array, ""]) -> Thought:
         prior = start.belief
         if prior is None:
             prior = detected_belief(start.estimate_world, config)
-        past = None if network is None else network().begin(rows)
+        past = None if reader is None else reader.begin(prior, start, key)
         begun, upright = search.begin(start.estimate_world), jnp.zeros(3) if turns else None
         return Thought(past, prior, prior, begun, jnp.zeros((), bool), upright)
 
     return Policy(
         init,
-        _act(network, config),
+        _act(reader, config),
         name,
-        reads=sensor is not None,
-        report=None if network is None else _belief,
+        reads=reader is not None,
+        report=None if reader is None else _belief,
         gives_up=lambda thought: thought.leaves,
         turns=turns,
     )
 
 
 def _act(
-    network: Callable[[], ContactSensor] | None, config: Config
+    reader: Reader | None, config: Config
 ) -> Callable[[Thought, PolicyInput], tuple[Thought, Float[Array, "k"]]]:
     """Return the function that reads, decides and moves on."""
 
     def act(thought: Thought, seen: PolicyInput) -> tuple[Thought, Float[Array, "k"]]:
-        if network is not None:
-            felt = _felt(network, config)
+        if reader is not None:
             reads = (seen.step > 0) & (seen.step <= config.task.attempt_actions)
-            thought = jax.lax.cond(reads, felt, lambda thought, seen: thought, thought, seen)
+            read, kept = partial(_read, reader), lambda thought, seen: thought
+            thought = jax.lax.cond(reads, read, kept, thought, seen)
             thought = decided_or_astray(thought, seen, config)
         now, command = search.step(thought.search, seen, config.seek)
         thought = replace(thought, search=now)
@@ -120,6 +118,17 @@ def _act(
         return replace(thought, turn=turn), jnp.concatenate([command, rocked])
 
     return act
+
+
+def _read(reader: Reader, thought: Thought, seen: PolicyInput) -> Thought:
+    """Read the previous action and update the belief."""
+    past, belief = reader.add(thought.past, thought.prior, seen)
+    return replace(thought, past=past, belief=belief)
+
+
+def seek_by_geometry(config: Config) -> Policy:
+    """Return the policy whose belief comes from the geometry of contact."""
+    return seek(config, None, GEOMETRIC)
 
 
 def seek_with(sensor: TrainedSensor, config: Config) -> tuple[Config, Policy]:
@@ -134,30 +143,6 @@ def seek_with(sensor: TrainedSensor, config: Config) -> tuple[Config, Policy]:
 
 def _belief(thought: Thought) -> Belief:
     return thought.belief
-
-
-def _copies_of(sensor: ContactSensor) -> Callable[[], ContactSensor]:
-    """Return a function that makes a copy of the sensor: one for each trace of JAX."""
-    graph, state = nnx.split(sensor)
-    return lambda: nnx.merge(graph, state)
-
-
-def _felt(network: Callable[[], ContactSensor], config: Config) -> Callable[[Thought, PolicyInput], Thought]:
-    """Return the function that reads the previous action and updates the belief."""
-
-    def felt(thought: Thought, seen: PolicyInput) -> Thought:
-        assert thought.past is not None
-        assert seen.reading is not None
-        past, observation = network().add(thought.past, seen.reading, seen.step - 1)
-        # The sensor answers relative to the start, the filter asks relative to the mean.
-        start = frame.padded(seen.start.estimate_world, config.filter.coordinates)
-        offset = chart.step_between(thought.prior.mean_world, start, config.filter.coordinates)
-        observation = replace(observation, innovation=observation.innovation + offset)
-        n_types = config.scene.n_types
-        belief = posterior(thought.prior, observation, seen.start.peg_type, jnp.zeros((n_types,) * 2), config)
-        return replace(thought, past=past, belief=belief)
-
-    return felt
 
 
 def turned_to_belief(turn: Float[Array, "3"], belief: Belief, config: Config) -> Float[Array, "3"]:

@@ -34,6 +34,7 @@ PURE = {
         "task.success_probability",
         "task.success_by_error",
     ),
+    *(f"particles.{key}" for key in ["count", "moves", "least_share", "outlier_chance", "row_weight"]),
     *(
         f"sensor.{key}"
         for key in ["width", "conv_channels", "layers", "heads", "feedforward", "dropout", "places"]

@@ -66,6 +66,9 @@ def test_the_bench_is_forge_with_poses():
     assert {name for name in differing if not name.startswith(("randomize.socket_", "randomize.grasp_"))} == {
         "scene.start_height_m",
         "filter.coordinates",
+        "filter.reads",
+        "particles.grasp_std_m",
+        "particles.grasp_std_rad",
         "seek.rock",
         "seek.probe_radpm",
         "spiral.tilt_rad",

@@ -23,6 +23,8 @@ class FilterConfig:
         coordinates: What is believed of a socket. The paper's x and y, then any others: z is its height over
             the nominal one; yaw, roll and pitch are rotations about the world's z, x and y
             (``mjx_fit.filters.chart``). What is not believed is taken to be nominal.
+        reads: What reads an attempt. The trained ``sensor``; or the ``geometry`` of the parts, which needs no
+            training: a particle filter (section ``particles``) asks which places explain the contact.
         grasp_std_m: Spread σ of grasps. That of positions, per axis, as part of the detector's initial σ.
             Above 0, the holes of an assembly share the grasp of the peg in hand: what is felt at one corrects
             the others (``mjx_fit.filters.joint``); 0: they share nothing, as in the paper.
@@ -42,6 +44,7 @@ class FilterConfig:
     """
 
     coordinates: Annotated[tuple[Coordinate, ...], Field(min_length=2, max_length=6)] = PLANAR
+    reads: Literal["sensor", "geometry"] = "sensor"
     grasp_std_m: Annotated[float, Field(ge=0, le=0.02)] = 0.0
     grasp_std_rad: Annotated[float, Field(ge=0, le=0.2)] = 0.0
     gate: Annotated[float, Field(ge=0, le=0.99999)] = 0.99

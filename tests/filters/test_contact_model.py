@@ -1,0 +1,126 @@
+"""Gaps between peg and socket, against shapely's intersection of their sections and against dense points."""
+
+from dataclasses import replace
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import shapely
+from scipy.spatial.transform import Rotation
+from shapely.affinity import affine_transform
+
+import mjx_fit as mf
+from mjx_fit.config.files import read_config
+from mjx_fit.config.part_sets import parts_file
+from mjx_fit.config.sections.particles import ParticlesConfig
+from mjx_fit.filters.contact_model import Pose, Rows, gaps_of, row_logp
+from mjx_fit.scene.outline import grown, hole_outline, inset, peg_outline
+from mjx_fit.scene.surfaces import SPACING_M, surfaces_of
+
+PARTS = {name: read_config(parts_file(name)).scene for name in ("nonconvex", "nist")}
+SCENES = {"paper": mf.Config().scene, **PARTS}
+
+
+def of_part(scene, i):
+    return jax.tree.map(lambda leaf: jnp.asarray(leaf[i]), surfaces_of(scene))
+
+
+@partial(jax.jit, static_argnums=4)
+def gap_at(pose, row, peg, hole, _):
+    return gaps_of(pose, row, peg, hole)[0].min()
+
+
+def drawn(rng):
+    """A tool over a socket, both askew, with a peg askew in the hand; row, pose, and their matrices."""
+    most_rad = {"tool": [0.1, 0.1, 0.2], "place": [0.05, 0.05, 0.2], "grasp": [0.05, 0.05, 0.05]}
+    turns = {name: Rotation.from_rotvec(rng.uniform(-1, 1, 3) * most) for name, most in most_rad.items()}
+    tip, place, grasp = (rng.uniform(-1, 1, 3) * np.array(most) for most in
+                         ([0.02, 0.02, 0.005], [0.015, 0.015, 0.004], [0.002, 0.002, 0.002]))  # fmt: skip
+    matrix = {name: turn.as_matrix() for name, turn in turns.items()}
+    row = Rows(tip, matrix["tool"], np.array(5.0), np.zeros(2), np.array(1.0))
+    pose = Pose(place, matrix["place"], grasp, matrix["grasp"], np.array(0.0002))
+    return row, pose, matrix
+
+
+def peg_in_socket(row, pose, matrix):
+    """Rotation and translation from the peg's axes to the socket's, by homogeneous matrices."""
+
+    def rigid(turn, shift):
+        whole = np.eye(4)
+        whole[:3, :3], whole[:3, 3] = turn, shift
+        return whole
+
+    grasp = rigid(matrix["grasp"], pose.grasp)
+    tool = rigid(matrix["tool"], row.tip + np.array([0, 0, pose.height_error]))
+    # The peg fits where the tool is at its place: the socket is the place times the grasp.
+    return np.linalg.inv(rigid(matrix["place"], pose.place) @ grasp) @ tool @ grasp
+
+
+@pytest.mark.parametrize(
+    ("name", "peg", "hole"), [("paper", 0, 1), ("paper", 2, 2), ("nonconvex", 0, 3), ("nonconvex", 2, 1)]
+)
+def test_gaps_are_those_of_the_faces_outside_of_the_hole(name, peg, hole):
+    scene, rng = SCENES[name], np.random.default_rng(peg)
+    shapes = scene.shapes
+    face, opening = peg_outline(shapes[peg], scene), hole_outline(shapes[hole], scene)
+    for _ in range(25):
+        row, pose, matrix = drawn(rng)
+        t = peg_in_socket(row, pose, matrix)
+        over = affine_transform(face, [t[0, 0], t[0, 1], t[1, 0], t[1, 1], t[0, 3], t[1, 3]]).difference(
+            opening
+        )
+        corners = shapely.get_coordinates(over)
+        local = np.linalg.solve(t[:2, :2], (corners - t[:2, 3]).T).T
+        exact = (t[2, 3] + local @ t[2, :2]).min()
+        found = float(gap_at(pose, row, of_part(scene, peg), of_part(scene, hole), name))
+        slope = np.linalg.norm(t[2, :2])
+        assert exact - 2e-6 <= found <= exact + slope * SPACING_M
+
+
+def test_chamfers_let_a_peg_sink_as_dense_points_do():
+    """NIST's parts, with chamfers on their sockets: heights of both surfaces on a fine grid, by shapely."""
+    shapes = [replace(one, socket=replace(one.socket, chamfer_m=0.0004)) for one in SCENES["nist"].shapes]
+    scene, rng = replace(SCENES["nist"], shapes=tuple(shapes)), np.random.default_rng(3)
+    shape = scene.shapes[5]
+    outer = peg_outline(shape, scene)
+    inner, opening = inset(outer, shape.chamfer_m), hole_outline(shape, scene)
+    mouth = grown(opening, shape.socket.chamfer_m)
+    for _ in range(4):
+        row, pose, matrix = drawn(rng)
+        row = Rows(pose.place + rng.uniform(-0.002, 0.002, 3), row.turn, row.press, row.pressure, row.weight)
+        t = peg_in_socket(row, pose, matrix)
+        half = shape.half_width_m
+        u, v = (axis.ravel() for axis in np.meshgrid(*[np.linspace(-half, half, 201)] * 2))
+        points = np.asarray(shapely.points(u, v))
+        keep = shapely.contains(outer, points)
+        u, v, points = u[keep], v[keep], points[keep]
+        rise = np.clip(shape.chamfer_m - shapely.distance(points, outer.boundary), 0, None)
+        rise[shapely.contains(inner, points)] = 0
+        x, y = (t[i, 3] + t[i, 0] * u + t[i, 1] * v for i in range(2))
+        there = np.asarray(shapely.points(x, y))
+        falls = np.where(shapely.contains(mouth, there), shapely.distance(there, mouth.boundary), 0)
+        falls[shapely.contains(opening, there)] = 1
+        exact = (t[2, 3] + t[2, 0] * u + t[2, 1] * v + rise + falls).min()
+        found = float(gap_at(pose, row, of_part(scene, 5), of_part(scene, 5), "nist"))
+        assert found == pytest.approx(exact, abs=3.5e-4)
+
+
+def test_a_row_is_most_probable_where_the_peg_just_touches():
+    scene, config = SCENES["paper"], ParticlesConfig()
+    peg = hole = of_part(scene, 1)
+    level = Pose(jnp.zeros(3), jnp.eye(3), jnp.zeros(3), jnp.eye(3), jnp.zeros(()))
+
+    def logp(height, press, pressure=(0.0, 0.0)):
+        row = Rows(
+            jnp.array([0.05, 0.0, height]), jnp.eye(3), jnp.asarray(press), jnp.array(pressure), jnp.ones(())
+        )
+        return float(row_logp(level, row, peg, hole, config))
+
+    touching = logp(0.0, 5.0)
+    assert touching > logp(0.001, 5.0) + 2
+    assert touching > logp(-0.001, 5.0) + 2
+    assert logp(0.003, 0.0) > logp(-0.003, 0.0) + 2
+    assert touching > logp(0.0, 5.0, (0.035, 0.0)) + 1
+    assert logp(0.0, 1.0) == 0

@@ -1,0 +1,143 @@
+"""Particles against enumeration: the posterior of a place and of a type on a grid."""
+
+from dataclasses import replace
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import mjx_fit as mf
+from mjx_fit.filters import particles, tempering
+from mjx_fit.filters.contact_model import Pose, Rows, gaps_of, row_logp
+from mjx_fit.filters.particles import Prior
+from mjx_fit.scene.surfaces import surfaces_of
+
+STD = np.array([0.006, 0.004])
+TRUE, TRUE_TYPE, PEG = np.array([0.004, -0.003]), 1, 2
+N_ROWS = 20
+
+
+def of_part(config, i):
+    return jax.tree.map(lambda leaf: jnp.asarray(leaf[i]), surfaces_of(config.scene))
+
+
+@pytest.fixture(scope="module")
+def config():
+    base = mf.Config()
+    few = replace(base.particles, count=2048, moves=4, gap_std_m=0.0005)
+    return replace(base, particles=few, pose=base.pose.without_errors())
+
+
+@pytest.fixture(scope="module")
+def rows(config):
+    """A tool that rocks and goes around, and touches wherever the geometry lets it."""
+    rng, touched = np.random.default_rng(0), []
+    for k in range(N_ROWS):
+        angle = 2 * np.pi * k / 8
+        turn = Rotation.from_rotvec([0.1 * np.cos(angle), 0.1 * np.sin(angle), 0]).as_matrix()
+        xy = 0.006 * np.array([np.cos(k), np.sin(k)])
+        row = Rows(np.append(xy, 0.0), turn, np.array(5.0), np.zeros(2), np.array(0.5))
+        gap, (u, v) = gaps_of(pose_at(TRUE), row, of_part(config, PEG), of_part(config, TRUE_TYPE))
+        at = int(np.argmin(gap))
+        height = -float(gap[at]) + 0.0003 * rng.standard_normal()
+        pressure = np.array([u[at], v[at]]) + 0.002 * rng.standard_normal(2)
+        touched.append(replace(row, tip=np.append(xy, height), pressure=pressure))
+    return jax.tree.map(lambda *leaves: jnp.asarray(np.stack(leaves), jnp.float32), *touched)
+
+
+def pose_at(place):
+    level = jnp.eye(3)
+    return Pose(jnp.append(jnp.asarray(place), 0.0), level, jnp.zeros(3), level, jnp.zeros(()))
+
+
+@pytest.fixture(scope="module")
+def prior():
+    return Prior(
+        jnp.array([0.001, 0.0]),
+        jnp.diag(jnp.asarray(STD)),
+        jnp.log(jnp.array([0.5, 0.2, 0.3])),
+        jnp.asarray(PEG),
+    )
+
+
+def enumerated(config, prior, rows):
+    """Mean, covariance and type probabilities on a grid of ±4 σ."""
+    axes = [float(m) + s * np.linspace(-4, 4, 97) for m, s in zip(prior.mean, STD, strict=True)]
+    grid = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 2).astype(np.float32)
+    peg, logp = of_part(config, PEG), []
+    for kind in range(config.scene.n_types):
+        hole = of_part(config, kind)
+
+        def of_place(place, hole=hole):
+            one = partial(row_logp, pose_at(place), peg=peg, hole=hole, config=config.particles)
+            return jax.vmap(one)(rows).sum()
+
+        logp.append(np.asarray(jax.jit(lambda g, f=of_place: jax.lax.map(f, g, batch_size=64))(grid), float))
+    weighed = np.stack(logp) + np.asarray(prior.type_logp)[:, None]
+    weighed = weighed - 0.5 * (((grid - np.asarray(prior.mean)) / STD) ** 2).sum(1)
+    chance = np.exp(weighed - weighed.max())
+    chance /= chance.sum()
+    place = chance.sum(0)
+    mean = place @ grid
+    return mean, (place[:, None] * (grid - mean)).T @ (grid - mean), chance.sum(1)
+
+
+def test_the_posterior_is_that_of_enumeration(config, prior, rows):
+    mean, cov, chance = enumerated(config, prior, rows)
+    assert np.linalg.norm(mean - TRUE) < np.linalg.norm(np.asarray(prior.mean) - TRUE)
+
+    @jax.jit
+    def learn(key):
+        drawn = particles.drawn(prior, key, config)
+        found = particles.conditioned(drawn, prior, rows, 0, key, config)
+        return particles.summarised(found, prior, config)
+
+    runs = [learn(jax.random.key(seed)) for seed in range(4)]
+    std = np.sqrt(np.diag(cov))
+    for run in runs:
+        assert np.abs(np.asarray(run.mean_world) - mean).max() < 0.4 * std.max()
+    got = jax.tree.map(lambda *leaves: np.mean(np.stack(leaves), 0), *runs)
+    np.testing.assert_allclose(got.mean_world, mean, atol=0.2 * std.max())
+    np.testing.assert_allclose(np.sqrt(np.diag(got.cov)), std, rtol=0.2)
+    np.testing.assert_allclose(np.exp(got.type_logp), chance, atol=0.08)
+
+
+def test_rows_in_two_parts_give_what_they_give_at_once(config, prior, rows):
+    """Those to come have no weight, those that are known are not counted twice."""
+
+    @jax.jit
+    def in_parts(key):
+        now = particles.drawn(prior, key, config)
+        first = replace(rows, weight=jnp.where(jnp.arange(N_ROWS) < 7, rows.weight, 0))
+        now = particles.conditioned(now, prior, first, 0, key, config)
+        now = particles.conditioned(now, prior, rows, 7, jax.random.fold_in(key, 1), config)
+        return particles.summarised(now, prior, config)
+
+    mean, cov, _ = enumerated(config, prior, rows)
+    runs = [in_parts(jax.random.key(seed)) for seed in range(3)]
+    got = np.mean([run.mean_world for run in runs], 0)
+    np.testing.assert_allclose(got, mean, atol=0.3 * np.sqrt(np.diag(cov)).max())
+
+
+def test_without_rows_the_prior_is_the_posterior(config, prior, rows):
+    nothing = replace(rows, weight=jnp.zeros(N_ROWS))
+    drawn = particles.drawn(prior, jax.random.key(0), config)
+    after = particles.conditioned(drawn, prior, nothing, 0, jax.random.key(1), config)
+    for old, new in zip(jax.tree.leaves(drawn), jax.tree.leaves(after), strict=True):
+        np.testing.assert_array_equal(old, new)
+    told = particles.summarised(after, prior, config)
+    np.testing.assert_allclose(np.exp(told.type_logp), np.exp(prior.type_logp), atol=1e-3)
+    np.testing.assert_allclose(np.sqrt(np.diag(told.cov)), STD, rtol=0.1)
+
+
+def test_resampling_keeps_shares_and_steps_keep_the_effective_number():
+    logp = jnp.asarray(np.random.default_rng(1).normal(0, 30, 500))
+    step = tempering.largest_step(logp, jnp.asarray(1.0), 0.4)
+    weight = np.asarray(jax.nn.softmax(step * logp), float)
+    assert 1 / (weight**2).sum() / 500 == pytest.approx(0.4, abs=0.01)
+    kept = np.bincount(tempering.resampled(jnp.asarray(weight), jax.random.key(2)), minlength=500)
+    assert (np.abs(kept - 500 * weight) < 1).all()
+    assert float(tempering.largest_step(jnp.zeros(500), jnp.asarray(0.3), 0.4)) == pytest.approx(0.3)
