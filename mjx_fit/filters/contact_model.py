@@ -11,6 +11,7 @@ bears it, and there is the centre of pressure. A peg that does not press has a g
 hole are not modelled: rows that they explain are outliers.
 """
 
+import math
 from collections.abc import Sequence
 from functools import reduce
 from typing import NamedTuple
@@ -32,7 +33,9 @@ _OUTLIER_GAP_M, _OUTLIER_SIDE_M = 0.001, 0.04
 _OUTLIER_PRESSURE, _OUTLIER_FREE = 0.3, 0.05
 """Chance that the centre of pressure is not that of the plate, and that the peg hangs on something else."""
 _FAR_DOWN_M = 0.1
+_HALF_LOG_2PI = 0.5 * math.log(2 * math.pi)
 _Matrix = list[list[Array]]
+_Points = tuple[Float[Array, "n"], Float[Array, "n"]]
 
 
 @pytree
@@ -85,40 +88,40 @@ def row_logp(
         config: Errors and outliers.
     """
     gaps, points = gaps_of(pose, row, peg, hole)
-    gap = gaps.min()
-    bears = jax.nn.softmax((gap - gaps) / _BEARS_M)
+    gap, std = gaps.min(), config.gap_std_m
     touches = _mixed(
-        1 - config.outlier_chance, -0.5 * (gap / config.gap_std_m) ** 2 - jnp.log(2.5066 * config.gap_std_m),
-        config.outlier_chance, -jnp.abs(gap) / _OUTLIER_GAP_M - jnp.log(2 * _OUTLIER_GAP_M),
-    )  # fmt: skip
+        -0.5 * (gap / std) ** 2 - jnp.log(std) - _HALF_LOG_2PI,
+        -jnp.abs(gap) / _OUTLIER_GAP_M - jnp.log(2 * _OUTLIER_GAP_M),
+        config.outlier_chance,
+    )
+    presses = _mixed(
+        _pressure_logp(pose, row, jax.nn.softmax((gap - gaps) / _BEARS_M), points, config.pressure_std_m),
+        -2 * jnp.log(_OUTLIER_SIDE_M),
+        _OUTLIER_PRESSURE,
+    )
+    free = jnp.log(_OUTLIER_FREE + (1 - _OUTLIER_FREE) * jax.scipy.special.ndtr(gap / std))
+    in_air = jnp.where(row.press < config.free_n, free, 0.0)
+    return row.weight * jnp.where(row.press > config.touch_n, touches + presses, in_air)
+
+
+def _pressure_logp(
+    pose: Pose, row: Rows, bears: Float[Array, "n"], points: _Points, std_m: float
+) -> Float[Array, ""]:
+    """Return the log density of the centre of pressure: that of the points, by how much each bears."""
     # Sums, not products of matrices: a CPU multiplies small ones one after the other.
     u, v = points
     mean_u, mean_v = (bears * u).sum(), (bears * v).sum()
-    extra = config.pressure_std_m**2
-    a = jnp.maximum((bears * u * u).sum() - mean_u**2, 0) + extra
-    c = jnp.maximum((bears * v * v).sum() - mean_v**2, 0) + extra
+    a = jnp.maximum((bears * u * u).sum() - mean_u**2, 0) + std_m**2
+    c = jnp.maximum((bears * v * v).sum() - mean_v**2, 0) + std_m**2
     b = (bears * u * v).sum() - mean_u * mean_v
-    at_x, at_y = (
-        turn[0] * mean_u + turn[1] * mean_v + shift
-        for turn, shift in zip(pose.grasp_turn, pose.grasp[:2], strict=False)
-    )
-    x, y, det = row.pressure[0] - at_x, row.pressure[1] - at_y, a * c - b * b
-    squared = (c * x * x - 2 * b * x * y + a * y * y) / det
-    presses = _mixed(
-        1 - _OUTLIER_PRESSURE, -0.5 * squared - 0.5 * jnp.log(det) - jnp.log(2 * jnp.pi),
-        _OUTLIER_PRESSURE, -2 * jnp.log(_OUTLIER_SIDE_M),
-    )  # fmt: skip
-    above = jax.scipy.special.ndtr(gap / config.gap_std_m)
-    free = jnp.log(_OUTLIER_FREE + (1 - _OUTLIER_FREE) * above)
-    found = jnp.where(
-        row.press > config.touch_n, touches + presses, jnp.where(row.press < config.free_n, free, 0)
-    )
-    return row.weight * found
+    (m, n, _), (o, p, _), _ = _entries(pose.grasp_turn)
+    x = row.pressure[0] - pose.grasp[0] - m * mean_u - n * mean_v
+    y = row.pressure[1] - pose.grasp[1] - o * mean_u - p * mean_v
+    det = a * c - b * b
+    return -0.5 * ((c * x * x - 2 * b * x * y + a * y * y) / det + jnp.log(det)) - 2 * _HALF_LOG_2PI
 
 
-def gaps_of(
-    pose: Pose, row: Rows, peg: Surfaces, hole: Surfaces
-) -> tuple[Float[Array, "n"], tuple[Float[Array, "n"], Float[Array, "n"]]]:
+def gaps_of(pose: Pose, row: Rows, peg: Surfaces, hole: Surfaces) -> tuple[Float[Array, "n"], _Points]:
     """Return the gaps at points along all edges, m, and x and y of the points in the axes of the peg, m."""
     # Peg relative to socket: the tool's pose times the grasp, seen from the place times the grasp. Entry by
     # entry: a CPU multiplies small matrices one after the other.
@@ -181,7 +184,6 @@ def _along(one: Sequence[Array], other: Sequence[Array] | Array) -> Array:
     return one[0] * other[0] + one[1] * other[1] + one[2] * other[2]
 
 
-def _mixed(
-    chance: float, logp: Float[Array, ""], other_chance: float, other_logp: Float[Array, ""] | float
-) -> Float[Array, ""]:
-    return jnp.logaddexp(jnp.log(chance) + logp, jnp.log(other_chance) + other_logp)
+def _mixed(logp: Array, outlier_logp: Array, outlier_chance: float) -> Float[Array, ""]:
+    """Return the log density of a mixture with outliers."""
+    return jnp.logaddexp(math.log1p(-outlier_chance) + logp, math.log(outlier_chance) + outlier_logp)

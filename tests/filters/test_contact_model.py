@@ -124,3 +124,23 @@ def test_a_row_is_most_probable_where_the_peg_just_touches():
     assert logp(0.003, 0.0) > logp(-0.003, 0.0) + 2
     assert touching > logp(0.0, 5.0, (0.035, 0.0)) + 1
     assert logp(0.0, 1.0) == 0
+
+
+def test_the_pressure_is_at_the_corner_that_touches_in_the_axes_of_the_tool():
+    """A peg that is held off the axis, and tilted so that its corner at (u, v) is the lowest."""
+    scene, config = SCENES["paper"], ParticlesConfig(pressure_std_m=0.001)
+    peg = hole = of_part(scene, 2)
+    corner, shift = np.array([0.015, 0.015]), np.array([0.006, -0.004, 0.0])
+    grasp = Rotation.from_rotvec([0, 0, 0.3]).as_matrix()
+    pose = Pose(jnp.array([0.1, 0.0, 0.0]), jnp.eye(3), jnp.asarray(shift), jnp.asarray(grasp), jnp.zeros(()))
+    turn = jnp.asarray(Rotation.from_rotvec([-0.1, 0.1, 0]).as_matrix())
+
+    @jax.jit
+    def logp(pressure):
+        row = Rows(jnp.array([0.0, 0.0, 0.003]), turn, jnp.asarray(5.0), pressure, jnp.ones(()))
+        return row_logp(pose, row, peg, hole, config)
+
+    axis = np.linspace(-0.03, 0.03, 61)
+    places = np.stack(np.meshgrid(axis, axis), -1).reshape(-1, 2)
+    best = places[np.argmax(jax.vmap(logp)(jnp.asarray(places)))]
+    np.testing.assert_allclose(best, grasp[:2, :2] @ corner + shift[:2], atol=0.0021)
