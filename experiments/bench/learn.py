@@ -15,7 +15,7 @@ from pathlib import Path
 from mjx_fit.report import script
 
 HERE = Path(__file__).parent
-TASK = "--world", "bench", "--config", "configs/gentle.yaml"
+TASK = "--world", "bench", "--config", "configs/gentle.yaml", "--set", "filter.reads=sensor"
 AS_SAID = ("filter.position_temperature=1", "filter.match_temperature=1", "task.revisit_from=belief")
 """Beliefs of the data are the sensor's own: the factors of the preset belong to another one."""
 TURNING = ("spiral.yaw_rad=0.15", "spiral.tilt_rad=0.15", "random.yaw_rad=0.15", "random.tilt_rad=0.1")
