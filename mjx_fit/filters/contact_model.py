@@ -5,7 +5,8 @@ that of the peg's lower end over its lower face, a peg whose face is the plane f
 
     g = min over points (x, y) of f(x, y) + k(u(x, y)) - h(x, y).
 
-Where f, h and k are planes, the least value is at an edge of one of them, so points along the edges suffice.
+Where f, h and k are planes, the least value is at an edge of one of them, or where edges of both cross, so
+points along the edges and their crossings suffice.
 A peg that presses has a gap of zero, up to the errors of measured poses; where it is smallest, the plate
 bears it, and there is the centre of pressure. A peg that does not press has a gap above zero. Walls of the
 hole are not modelled: rows that they explain are outliers.
@@ -66,6 +67,7 @@ class Pose(NamedTuple):
         grasp: Shift of the peg in the hand, in the axes of a tool that points straight down, m.
         grasp_turn: Rotation of the peg in the hand.
         height_error: Error of all measured heights, m.
+        noise: Factor of the spread of gaps in this attempt.
     """
 
     place: Float[Array, "3"]
@@ -73,6 +75,7 @@ class Pose(NamedTuple):
     grasp: Float[Array, "3"]
     grasp_turn: Float[Array, "3 3"]
     height_error: Float[Array, ""]
+    noise: Float[Array, ""]
 
 
 def row_logp(
@@ -88,7 +91,7 @@ def row_logp(
         config: Errors and outliers.
     """
     gaps, points = gaps_of(pose, row, peg, hole)
-    gap, std = gaps.min(), config.gap_std_m
+    gap, std = gaps.min(), config.gap_std_m * pose.noise
     touches = _mixed(
         -0.5 * (gap / std) ** 2 - jnp.log(std) - _HALF_LOG_2PI,
         -jnp.abs(gap) / _OUTLIER_GAP_M - jnp.log(2 * _OUTLIER_GAP_M),
@@ -135,18 +138,27 @@ def gaps_of(pose: Pose, row: Rows, peg: Surfaces, hole: Surfaces) -> tuple[Float
     on_peg = peg.peg_points
     u, v, w = on_peg[:, 0], on_peg[:, 1], on_peg[:, 2]
     x, y, z = (at[i] + k * u + m * v + n * w for i, (k, m, n) in enumerate(((a, b, c), (d, e, f), (p, q, r))))
-    over_socket = z - _socket_height(x, y, hole)
+    depth = _depth(x, y, hole.mouth_sides)
+    over_socket = z - _socket_height(x, y, depth, hole)
+    # Where the peg's edge crosses that of the mouth: both are straight between neighbouring points.
+    nearer, further = depth, jnp.roll(depth, -1)
+    crosses = peg.peg_joins & ((nearer > 0) != (further > 0))
+    share = jnp.where(crosses, nearer / jnp.where(crosses, nearer - further, 1.0), 0.0)
+    crossing = jnp.where(crosses, z + share * (jnp.roll(z, -1) - z), _AWAY_M)
+    crossing_u, crossing_v = (one + share * (jnp.roll(one, -1) - one) for one in (u, v))
     # Points of the socket, below the peg's face: its coordinates (u, v), to first order in the tilt.
     on_hole = hole.hole_points
     dx, dy, det = on_hole[:, 0] - at[0], on_hole[:, 1] - at[1], a * e - b * d
     s, t = (e * dx - b * dy) / det, (a * dy - d * dx) / det
     under_peg = at[2] + p * s + q * t + _peg_height(s, t, peg) - on_hole[:, 2]
-    return jnp.concatenate([over_socket, under_peg]), (jnp.concatenate([u, s]), jnp.concatenate([v, t]))
+    at_u, at_v = jnp.concatenate([u, crossing_u, s]), jnp.concatenate([v, crossing_v, t])
+    return jnp.concatenate([over_socket, crossing, under_peg]), (at_u, at_v)
 
 
-def _socket_height(x: Float[Array, "n"], y: Float[Array, "n"], hole: Surfaces) -> Float[Array, "n"]:
-    """Return the height of the socket's surface, m: far down in the hole."""
-    mouth = _depth(x, y, hole.mouth_sides)
+def _socket_height(
+    x: Float[Array, "n"], y: Float[Array, "n"], mouth: Float[Array, "n"], hole: Surfaces
+) -> Float[Array, "n"]:
+    """Return the height of the socket's surface, m, given how far inside its mouth: far down in the hole."""
     if hole.hole_sides is None:
         return jnp.where(mouth > 0, -_FAR_DOWN_M, 0.0)
     inside = _depth(x, y, hole.hole_sides) > 0

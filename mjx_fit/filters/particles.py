@@ -7,7 +7,7 @@ differential evolution (ter Braak, 2006), whose steps are differences between pa
 ridges and pass between modes.
 
 A particle is a vector of independent standard normals before the attempt: one for each believed coordinate,
-six for the grasp where it varies, and one for the error of heights.
+six for the grasp where it varies, one for the error of heights and one for the logarithm of the noise.
 """
 
 from collections.abc import Callable
@@ -77,7 +77,7 @@ def drawn(prior: Prior, key: Key[Array, ""], config: Config) -> Particles:
     """Draw particles from a prior; the shares of types are as exact as their number allows."""
     count, own = config.particles.count, config.particles
     at, of_values = jax.random.split(key)
-    d = prior.mean.shape[-1] + 6 * _grasp_varies(own) + 1
+    d = prior.mean.shape[-1] + 6 * _grasp_varies(own) + 2
     share = (jax.random.uniform(at) + jnp.arange(count)) / count
     below = jnp.cumsum(jax.nn.softmax(prior.type_logp))
     types = jnp.minimum(jnp.searchsorted(below, share), config.scene.n_types - 1)
@@ -194,7 +194,8 @@ def _pose(value: Float[Array, "d"], prior: Prior, config: Config) -> Pose:
         SO3.exp(turn).as_matrix(),
         own.grasp_std_m * grasp[:3],
         SO3.exp(own.grasp_std_rad * grasp[3:]).as_matrix(),
-        config.pose.height_offset_m * value[-1],
+        config.pose.height_offset_m * value[-2],
+        jnp.exp(own.gap_spread * value[-1]),
     )
 
 

@@ -9,7 +9,7 @@ from functools import lru_cache
 
 import numpy as np
 import shapely
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from shapely import MultiPolygon
 
 from mjx_fit.config.sections.scene import SceneConfig
@@ -19,7 +19,7 @@ from mjx_fit.types import Array, pytree
 
 FACET_M = 5e-5
 """Largest distance of a section's sides from those of the simulated part: fewer facets are quicker."""
-SPACING_M = 3e-3
+SPACING_M = 4e-3
 """Largest distance between neighbouring points of an edge."""
 _EVERYWHERE, _NOWHERE = (0.0, 0.0, 1.0), (0.0, 0.0, -1.0)
 """Half-planes that fill up pieces, and pieces that fill up sections."""
@@ -31,6 +31,7 @@ class Surfaces:
 
     Attributes:
         peg_points: Points along the edges of the peg's lower end: x, y, and the height above its lower face.
+        peg_joins: Whether an edge goes on from a point to the next one.
         hole_points: Points along the edges of the socket: x, y, and the height above its upper face.
         peg_sides: Half-planes (n_x, n_y, d) of the pieces of the peg's section.
         face_sides: The same of its lower face, inside of the chamfer; None: no peg has one.
@@ -41,6 +42,7 @@ class Surfaces:
     """
 
     peg_points: Float[Array, "*C P 3"]
+    peg_joins: Bool[Array, "*C P"]
     hole_points: Float[Array, "*C Q 3"]
     peg_sides: Float[Array, "*C k s 3"]
     face_sides: Float[Array, "*C k s 3"] | None
@@ -63,8 +65,8 @@ def surfaces_of(scene: SceneConfig) -> Surfaces:
     mouths = [grown(one, by) for one, by in zip(holes, on_hole, strict=True)]
     level, below = [0.0] * len(shapes), [-by for by in on_hole]
     return Surfaces(
-        _points([(faces, level), (pegs, on_peg)] if any(on_peg) else [(faces, level)]),
-        _points([(mouths, level), (holes, below)] if any(on_hole) else [(mouths, level)]),
+        *_points([(faces, level), (pegs, on_peg)] if any(on_peg) else [(faces, level)]),
+        _points([(mouths, level), (holes, below)] if any(on_hole) else [(mouths, level)])[0],
         _sides(pegs),
         _sides(faces) if any(on_peg) else None,
         _sides(mouths),
@@ -79,23 +81,33 @@ def _simple(figure: MultiPolygon) -> MultiPolygon:
     return MultiPolygon([part for part in parts if isinstance(part, shapely.Polygon)])
 
 
-def _points(edges: list[tuple[list[MultiPolygon], list[float]]]) -> Float[np.ndarray, "C n 3"]:
-    """Return the points along the edges of all parts; repeated points fill up shorter lists.
+def _points(
+    edges: list[tuple[list[MultiPolygon], list[float]]],
+) -> tuple[Float[np.ndarray, "C n 3"], Bool[np.ndarray, "C n"]]:
+    """Return the points along the edges of all parts, and which are joined to the next one.
+
+    Repeated points fill up shorter lists.
 
     Args:
         edges: Outlines and heights of each edge, part by part.
     """
-    along = [[_along(*one) for one in zip(*edge, strict=True)] for edge in edges]
-    parts = [np.concatenate(of_part) for of_part in zip(*along, strict=True)]
-    most = max(map(len, parts))
-    return np.stack([np.resize(one, (most, 3)) for one in parts]).astype(np.float32)
+    rings = [
+        [ring for edge in edges for ring in _along(edge[0][i], edge[1][i])] for i in range(len(edges[0][0]))
+    ]
+    most = max(sum(map(len, one)) for one in rings)
+    points, joins = np.zeros((len(rings), most, 3), np.float32), np.zeros((len(rings), most), bool)
+    for i, one in enumerate(rings):
+        points[i] = np.resize(np.concatenate(one), (most, 3))
+        ends = np.cumsum([len(ring) for ring in one])
+        joins[i, : ends[-1]] = True
+        joins[i, ends - 1] = False
+    return points, joins
 
 
-def _along(figure: MultiPolygon, height_m: float) -> Float[np.ndarray, "n 3"]:
-    """Return the corners of all rings and points between them, no further apart than ``SPACING_M``."""
-    rings = [shapely.get_coordinates(shapely.segmentize(ring, SPACING_M))[:-1] for ring in rings_of(figure)]
-    xy = np.concatenate(rings)
-    return np.column_stack([xy, np.full(len(xy), height_m)])
+def _along(figure: MultiPolygon, height_m: float) -> list[Float[np.ndarray, "n 3"]]:
+    """Return the corners of each ring, closed, and points between them, at most ``SPACING_M`` apart."""
+    rings = [shapely.get_coordinates(shapely.segmentize(ring, SPACING_M)) for ring in rings_of(figure)]
+    return [np.column_stack([xy, np.full(len(xy), height_m)]) for xy in rings]
 
 
 def _sides(figures: list[MultiPolygon]) -> Float[np.ndarray, "C k s 3"]:

@@ -34,7 +34,10 @@ PURE = {
         "task.success_probability",
         "task.success_by_error",
     ),
-    *(f"particles.{key}" for key in ["count", "moves", "least_share", "outlier_chance", "row_weight"]),
+    *(
+        f"particles.{key}"
+        for key in ["count", "moves", "least_share", "outlier_chance", "row_weight", "gap_spread"]
+    ),
     *(
         f"sensor.{key}"
         for key in ["width", "conv_channels", "layers", "heads", "feedforward", "dropout", "places"]

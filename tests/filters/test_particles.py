@@ -27,7 +27,7 @@ def of_part(config, i):
 @pytest.fixture(scope="module")
 def config():
     base = mf.Config()
-    few = replace(base.particles, count=2048, moves=4, gap_std_m=0.0005)
+    few = replace(base.particles, count=2048, moves=4, gap_std_m=0.0005, gap_spread=0.0)
     return replace(base, particles=few, pose=base.pose.without_errors())
 
 
@@ -50,7 +50,7 @@ def rows(config):
 
 def pose_at(place):
     level = jnp.eye(3)
-    return Pose(jnp.append(jnp.asarray(place), 0.0), level, jnp.zeros(3), level, jnp.zeros(()))
+    return Pose(jnp.append(jnp.asarray(place), 0.0), level, jnp.zeros(3), level, jnp.zeros(()), jnp.ones(()))
 
 
 @pytest.fixture(scope="module")

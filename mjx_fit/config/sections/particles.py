@@ -18,7 +18,9 @@ class ParticlesConfig:
         least_share: Effective share of particles. The next temperature leaves this share of them.
         every: Actions to a row. The wrench and the pose of the last of them are read.
         think_every: Actions to an update. That of an attempt in progress, by the policy seek.
-        gap_std_m: Spread of the gap in contact. That between peg and socket, as measured poses give it.
+        gap_std_m: Spread of the gap in contact. That between peg and socket, as measured poses give it; in
+            the median of attempts.
+        gap_spread: Spread of its logarithm. Between attempts, whose measurements are more or less noisy.
         pressure_std_m: Spread of the centre of pressure. About the points that touch.
         outlier_chance: Chance of a wrong row. Contact that the geometry of plate and edges does not explain,
             such as with the walls of the hole.
@@ -35,7 +37,8 @@ class ParticlesConfig:
     least_share: Annotated[float, Field(ge=0.1, le=0.9)] = 0.5
     every: Annotated[int, Field(ge=1, le=20, json_schema_extra=ACTIONS_UNIT)] = 2
     think_every: Annotated[int, Field(ge=1, le=1000, json_schema_extra=ACTIONS_UNIT)] = 10
-    gap_std_m: Annotated[float, Field(ge=0.00002, le=0.005)] = 0.0002
+    gap_std_m: Annotated[float, Field(ge=0.00002, le=0.005)] = 0.0001
+    gap_spread: Annotated[float, Field(ge=0, le=3)] = 0.6
     pressure_std_m: Annotated[float, Field(ge=0.0005, le=0.05)] = 0.004
     outlier_chance: Annotated[float, Field(ge=0.001, le=0.9)] = 0.15
     row_weight: Annotated[float, Field(ge=0.01, le=1)] = 0.5
