@@ -29,7 +29,7 @@ from mjx_fit.types import Array, Belief, pytree
 
 _RETYPED = 0.2
 """Share of moves that draw the type as well."""
-_AT_ONCE, _CHUNK = 32, 10
+_AT_ONCE, _CHUNK = 128, 10
 """Particles and rows whose likelihood is computed at once: as much as fits a processor's cache."""
 _Likelihood = Callable[["Particles"], Float[Array, "N 2"]]
 
