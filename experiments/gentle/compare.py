@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from mjx_fit.config.schema import config_from_stored
 from mjx_fit.evaluation import results
 from mjx_fit.evaluation.effort_summary import summarise_effort, totals
 from mjx_fit.evaluation.statistics import bootstrap_mean, holm, sign_flip
@@ -35,7 +36,7 @@ def main(out: Path, sources: list[str]) -> None:
         name, _, place = source.partition("=")
         file, _, method = place.rpartition(":")
         result = results.read(Path(file))
-        drawn.append((result.seed, result.config["detector"]))
+        drawn.append((result.seed, config_from_stored(result.config).detector))
         own = [row for row in result.trials if row["method"] == method]
         own = sorted(own, key=lambda row: (row["trial"], row["seed"]))
         rows += [row | {"method": name} for row in own]
