@@ -75,7 +75,7 @@ def test_gaps_are_those_of_the_faces_outside_of_the_hole(name, peg, hole):
         local = np.linalg.solve(t[:2, :2], (corners - t[:2, 3]).T).T
         exact = (t[2, 3] + local @ t[2, :2]).min()
         found = float(gap_at(pose, row, of_part(scene, peg), of_part(scene, hole), name))
-        slope = np.linalg.norm(t[2, :2])
+        slope = float(np.linalg.norm(t[2, :2]))
         # Crossings lie between points 4 mm apart, by the distance to the nearest side of a piece.
         assert found == pytest.approx(exact, abs=2e-6 + slope * 0.4 * SPACING_M)
 

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -102,7 +103,7 @@ def test_a_belief_by_geometry_outlives_a_search_in_vain(sought, name):
     before = jax.tree.map(np.asarray, detected_belief(attempts.estimate_world, exact))
     keys, asked = jax.random.split(jax.random.key(0), 2), iter([True])
     once = Try(attempts, np.ones(2, bool), before, keys)
-    engine = SimpleNamespace(policy_name=name, run=lambda *_: replace(done, report=done.report[0]))
+    engine: Any = SimpleNamespace(policy_name=name, run=lambda *_: replace(done, report=done.report[0]))
     rounds = attempt_rounds(lambda: once if next(asked, False) else None, engine, lambda *_: before, 20)
     (tried,) = list(rounds)
     told = np.asarray(done.report[0].mean_world)[:, -1]
