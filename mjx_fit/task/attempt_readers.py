@@ -15,6 +15,7 @@ from mjx_fit.filters import chart, frame
 from mjx_fit.sensors.contact_sensor import ContactSensor
 from mjx_fit.task import geometry
 from mjx_fit.task.estimator import posterior
+from mjx_fit.task.estimator_input import require_no_sensor
 from mjx_fit.types import Array, Belief
 
 Past = Any
@@ -41,9 +42,10 @@ def reader_of(config: Config, sensor: ContactSensor | None) -> Reader | None:
     """Return the reader that a configuration asks for (``filter.reads``); None: there is no sensor.
 
     Raises:
-        RequestError: The sensor cannot read an attempt in progress.
+        RequestError: The sensor cannot read an attempt in progress, or geometry is asked for beside it.
     """
     if config.filter.reads == "geometry":
+        require_no_sensor(sensor)
         return by_geometry(config)
     return None if sensor is None else by_sensor(sensor, config)
 

@@ -18,7 +18,7 @@ from mjx_fit.filters.updates import prior_stds, update_position, update_type
 from mjx_fit.sensors.contact_sensor import ContactSensor
 from mjx_fit.sensors.reading import Window, read_window
 from mjx_fit.sensors.traces import require_readable
-from mjx_fit.task.estimator_input import require_update
+from mjx_fit.task.estimator_input import require_no_sensor, require_update
 from mjx_fit.task.geometry import geometry_update
 from mjx_fit.types import Array, Belief, Felt, Observation, Reading
 from mjx_fit.utils import numerics
@@ -50,6 +50,9 @@ def filter_update(
         inserted: Outcome of the attempts: False for failures; True for insertions, to tell whether the hole
             is the peg's own.
 
+    Raises:
+        RequestError: There is a sensor, and the geometry of the parts is to read the traces.
+
     Example:
         >>> import mjx_fit as mf
         >>> sensor, holes = mf.load_sensor(), mf.draw_holes(0, 2)
@@ -59,8 +62,11 @@ def filter_update(
         (2, 2, 2)
     """
     numerics.require()
+    reads_geometry = config.filter.reads == "geometry" and (np.any(learns_position) or np.any(learns_type))
+    if reads_geometry:
+        require_no_sensor(sensor)
     graph, state = nnx.split(sensor) if sensor is not None else (None, None)
-    by_geometry = geometry_update(config) if config.filter.reads == "geometry" else None
+    by_geometry = geometry_update(config) if reads_geometry else None
 
     def learn(state, beliefs, felt, keys, learns_position, learns_type):
         alpha = success_probability(config, beliefs.pos_cov)

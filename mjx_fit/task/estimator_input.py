@@ -55,3 +55,12 @@ def require_places(detections: Any, reach: tuple[float, float]) -> Float[np.ndar
             f"{reach[1]} m from the robot's base"
         )
     return places
+
+
+def require_no_sensor(sensor: object | None) -> None:
+    """Refuse a sensor beside the geometry of the parts, which would silently read in its place."""
+    if sensor is not None:
+        raise RequestError(
+            "config: filter.reads: geometry cannot be combined with a trained sensor: set "
+            "filter.reads=sensor, or leave the sensor out"
+        )

@@ -69,8 +69,8 @@ def seek(config: Config, sensor: ContactSensor | None = None, name: str = NAME) 
     Args:
         config: Defines pitch and speeds (section ``seek``), the filters, and the most actions of an attempt
             that are read: ``task.attempt_actions``.
-        sensor: Sensor that reads attempts in progress; None: the geometry of the parts does, or, as
-            ``filter.reads`` has it, the belief stays the prior and is not reported.
+        sensor: Sensor that reads attempts in progress. None: the geometry of the parts reads them if
+            ``filter.reads`` asks for it; otherwise the belief stays the prior, and is not reported.
         name: Name in data sets and results.
 
     Raises:

@@ -19,7 +19,8 @@ from mjx_fit.sensors.contact_rows import every, rows_of, with_world_poses
 from mjx_fit.sensors.reading import Window, read_window
 from mjx_fit.task.attempt_loop import Try, attempt_rounds
 from mjx_fit.task.estimator import filter_update
-from mjx_fit.task.seek import GEOMETRIC, NAME, seek_by_geometry
+from mjx_fit.task.seek import GEOMETRIC, NAME, seek, seek_by_geometry
+from mjx_fit.utils.errors import RequestError
 
 N, PLACED, TYPED = 10, slice(0, 8), slice(4, None)
 """Attempts, those whose contact tells the place, and those whose contact tells the type."""
@@ -37,7 +38,7 @@ def errors(config, beliefs, attempts):
 
 
 def test_contact_tells_where_the_hole_is(config):
-    """Of rocking spirals: position, height and tilt come nearer, and the truth is where it is believed."""
+    """Rocking spirals: position, height and tilt come nearer, and the truth is where it is believed."""
     attempts = mf.draw_attempts(jax.random.key(5), N, config=config)
     done = mf.make_engine("native", config).run(attempts)
     places, types = np.arange(N) < PLACED.stop, np.arange(N) >= TYPED.start
@@ -109,3 +110,11 @@ def test_a_belief_by_geometry_outlives_a_search_in_vain(sought, name):
     told = np.asarray(done.report[0].mean_world)[:, -1]
     np.testing.assert_array_equal(tried.beliefs.mean_world, told if name == GEOMETRIC else before.mean_world)
     assert np.abs(told - before.mean_world).max() > 1e-4
+
+
+def test_a_sensor_beside_the_geometry_is_refused(config):
+    """It would be named in data and results, and never read."""
+    sensor: Any = object()
+    for refused in (lambda: filter_update(config, sensor), lambda: seek(config, sensor)):
+        with pytest.raises(RequestError, match=r"^config: filter\.reads: geometry cannot be combined"):
+            refused()
