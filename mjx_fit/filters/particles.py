@@ -2,9 +2,8 @@
 
 Particles are drawn from the belief before an attempt and conditioned on its rows by sequential Monte Carlo
 with tempering (Del Moral, Doucet and Jasra, 2006): the likelihood of new rows is raised to exponents that
-grow to 1, each as large as the particles' weights allow; after each they are resampled and moved by
-differential evolution (ter Braak, 2006), whose steps are differences between particles, so that they follow
-ridges and pass between modes.
+grow to 1, each as large as the particles' weights allow; after each they are resampled and moved, by
+proposals that follow the particles' own mean and covariance and differences (``mjx_fit.filters.tempering``).
 
 A particle is a vector of independent standard normals before the attempt: one for each believed coordinate,
 six for the grasp where it varies, one for the error of heights and one for the logarithm of the noise.
@@ -29,8 +28,8 @@ from mjx_fit.types import Array, Belief, pytree
 
 _RETYPED = 0.2
 """Share of moves that draw the type as well."""
-_AT_ONCE, _CHUNK = 128, 10
-"""Particles and rows whose likelihood is computed at once: as much as fits a processor's cache."""
+_BLOCK = 256
+"""Particles whose likelihood is computed at once: as many as fit a processor's cache with their sockets."""
 _Likelihood = Callable[["Particles"], Float[Array, "N 2"]]
 
 
@@ -111,7 +110,8 @@ def conditioned(
         weight, beta = jax.nn.softmax(step * old_new[:, 1]), jnp.where(step < 1 - beta, beta + step, 1.0)
         kept = tempering.resampled(weight, to_resample)
         state = jax.tree.map(lambda leaf: leaf[kept], (particles, old_new))
-        move = partial(_moved, logp=logp, beta=beta, prior=prior)
+        reference = tempering.reference_of(state[0].values)
+        move = partial(_moved, logp=logp, beta=beta, prior=prior, reference=reference)
         state, _ = jax.lax.scan(move, state, jax.random.split(to_move, own.moves))
         return *state, beta, key
 
@@ -147,36 +147,34 @@ def _least_std(name: str, config: Config) -> float:
 def _likelihood(prior: Prior, rows: Rows, known: Int[Array, ""] | int, config: Config) -> _Likelihood:
     """Return the function from particles to the log likelihoods of the known rows and of the others.
 
-    Rows that are still to come take no time: those that count are read in chunks.
+    Rows that are still to come take no time.
     """
     surfaces = jax.tree.map(jnp.asarray, surfaces_of(config.scene))
     peg = jax.tree.map(lambda leaf: leaf[prior.peg_type], surfaces)
-    rows = jax.tree.map(lambda leaf: _padded(leaf, _CHUNK), rows)
     read = jnp.where(rows.weight > 0, jnp.arange(len(rows.weight)) + 1, 0).max()
-    chunks = (read + _CHUNK - 1) // _CHUNK
 
-    def one(value: Float[Array, "d"], kind: Int[Array, ""]) -> Float[Array, "2"]:
-        hole, pose = jax.tree.map(lambda leaf: leaf[kind], surfaces), _pose(value, prior, config)
+    def of_block(values: Float[Array, "n d"], types: Int[Array, "n"]) -> Float[Array, "n 2"]:
+        hole = jax.tree.map(lambda leaf: jnp.moveaxis(leaf[types], 0, -1), surfaces)
+        poses = jax.vmap(lambda value: _pose(value, prior, config), out_axes=-1)(values)
 
-        def chunk(i: Int[Array, ""], found: Float[Array, "2"]) -> Float[Array, "2"]:
-            at = i * _CHUNK
-            part = jax.tree.map(lambda leaf: jax.lax.dynamic_slice_in_dim(leaf, at, _CHUNK), rows)
-            logp = jax.vmap(lambda row: row_logp(pose, row, peg, hole, config.particles))(part)
-            old = at + jnp.arange(_CHUNK) < known
-            return found + jnp.stack([jnp.where(old, logp, 0).sum(), jnp.where(old, 0, logp).sum()])
+        def add(i: Int[Array, ""], found: Float[Array, "2 n"]) -> Float[Array, "2 n"]:
+            logp = row_logp(poses, jax.tree.map(lambda leaf: leaf[i], rows), peg, hole, config.particles)
+            return found + jnp.where(i < known, jnp.stack([logp, 0 * logp]), jnp.stack([0 * logp, logp]))
 
-        return jax.lax.fori_loop(0, chunks, chunk, jnp.zeros(2))
+        return jax.lax.fori_loop(0, read, add, jnp.zeros((2, len(types)))).T
 
     def logp(particles: Particles) -> Float[Array, "N 2"]:
-        values = particles.values, particles.types
-        return jax.lax.map(lambda one_of: one(*one_of), values, batch_size=_AT_ONCE)
+        count = len(particles.types)
+        blocks = jax.tree.map(lambda leaf: _in_blocks(leaf, min(count, _BLOCK)), particles)
+        return jax.lax.map(lambda one: of_block(one.values, one.types), blocks).reshape(-1, 2)[:count]
 
     return logp
 
 
-def _padded(leaf: Float[Array, "L *n"], chunk: int) -> Float[Array, "M *n"]:
-    """Return the rows of a leaf, and zeros up to a multiple of a chunk."""
-    return jnp.pad(leaf, [(0, -len(leaf) % chunk)] + [(0, 0)] * (leaf.ndim - 1))
+def _in_blocks(leaf: Array, size: int) -> Array:
+    """Return particles in blocks of a size, the last one filled up with zeros."""
+    padded = jnp.pad(leaf, [(0, -len(leaf) % size)] + [(0, 0)] * (leaf.ndim - 1))
+    return padded.reshape(-1, size, *leaf.shape[1:])
 
 
 def _pose(value: Float[Array, "d"], prior: Prior, config: Config) -> Pose:
@@ -204,19 +202,27 @@ def _grasp_varies(own: ParticlesConfig) -> bool:
 
 
 def _moved(
-    state: _State, key: Key[Array, ""], *, logp: _Likelihood, beta: Float[Array, ""], prior: Prior
+    state: _State,
+    key: Key[Array, ""],
+    *,
+    logp: _Likelihood,
+    beta: Float[Array, ""],
+    prior: Prior,
+    reference: tempering.Reference,
 ) -> tuple[_State, None]:
     """Propose a move of every particle, and take it by the rule of Metropolis."""
     particles, known_new = state
     of_move, of_type, of_choice = jax.random.split(key, 3)
-    values = particles.values + tempering.differences(particles.values, of_move)
+    values, ratio = tempering.proposed(particles.values, reference, of_move)
     asked = Particles(values, _some_drawn(particles.types, len(prior.type_logp), of_type))
     proposed = logp(asked)
 
     def before(of: Particles) -> Float[Array, "N"]:
         return prior.type_logp[of.types] - 0.5 * (of.values * of.values).sum(-1)
 
-    gain = (proposed - known_new) @ jnp.stack([jnp.ones(()), beta]) + before(asked) - before(particles)
+    gain = (
+        ratio + (proposed - known_new) @ jnp.stack([jnp.ones(()), beta]) + before(asked) - before(particles)
+    )
     taken = jnp.log(jax.random.uniform(of_choice, gain.shape)) < gain
 
     def pick(new: Array, old: Array) -> Array:

@@ -66,7 +66,7 @@ def surfaces_of(scene: SceneConfig) -> Surfaces:
     level, below = [0.0] * len(shapes), [-by for by in on_hole]
     return Surfaces(
         *_points([(faces, level), (pegs, on_peg)] if any(on_peg) else [(faces, level)]),
-        _points([(mouths, level), (holes, below)] if any(on_hole) else [(mouths, level)])[0],
+        _points([(mouths, level), (holes, below)] if any(on_hole) else [(mouths, level)], np.inf)[0],
         _sides(pegs),
         _sides(faces) if any(on_peg) else None,
         _sides(mouths),
@@ -82,7 +82,7 @@ def _simple(figure: MultiPolygon) -> MultiPolygon:
 
 
 def _points(
-    edges: list[tuple[list[MultiPolygon], list[float]]],
+    edges: list[tuple[list[MultiPolygon], list[float]]], spacing_m: float = SPACING_M
 ) -> tuple[Float[np.ndarray, "C n 3"], Bool[np.ndarray, "C n"]]:
     """Return the points along the edges of all parts, and which are joined to the next one.
 
@@ -90,9 +90,11 @@ def _points(
 
     Args:
         edges: Outlines and heights of each edge, part by part.
+        spacing_m: Largest distance between neighbouring points.
     """
     rings = [
-        [ring for edge in edges for ring in _along(edge[0][i], edge[1][i])] for i in range(len(edges[0][0]))
+        [ring for edge in edges for ring in _along(edge[0][i], edge[1][i], spacing_m)]
+        for i in range(len(edges[0][0]))
     ]
     most = max(sum(map(len, one)) for one in rings)
     points, joins = np.zeros((len(rings), most, 3), np.float32), np.zeros((len(rings), most), bool)
@@ -104,9 +106,9 @@ def _points(
     return points, joins
 
 
-def _along(figure: MultiPolygon, height_m: float) -> list[Float[np.ndarray, "n 3"]]:
-    """Return the corners of each ring, closed, and points between them, at most ``SPACING_M`` apart."""
-    rings = [shapely.get_coordinates(shapely.segmentize(ring, SPACING_M)) for ring in rings_of(figure)]
+def _along(figure: MultiPolygon, height_m: float, spacing_m: float) -> list[Float[np.ndarray, "n 3"]]:
+    """Return the corners of each ring, closed, and points between them, at most this far apart."""
+    rings = [shapely.get_coordinates(shapely.segmentize(ring, spacing_m)) for ring in rings_of(figure)]
     return [np.column_stack([xy, np.full(len(xy), height_m)]) for xy in rings]
 
 

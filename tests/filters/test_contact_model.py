@@ -15,7 +15,8 @@ import mjx_fit as mf
 from mjx_fit.config.files import read_config
 from mjx_fit.config.part_sets import parts_file
 from mjx_fit.config.sections.particles import ParticlesConfig
-from mjx_fit.filters.contact_model import Pose, Rows, gaps_of, row_logp
+from mjx_fit.filters.contact_model import Pose, Rows, peg_pose, row_logp
+from mjx_fit.filters.gaps import bearing_of
 from mjx_fit.scene.outline import grown, hole_outline, inset, peg_outline
 from mjx_fit.scene.surfaces import SPACING_M, surfaces_of
 
@@ -29,7 +30,7 @@ def of_part(scene, i):
 
 @partial(jax.jit, static_argnums=4)
 def gap_at(pose, row, peg, hole, _):
-    return gaps_of(pose, row, peg, hole)[0].min()
+    return bearing_of(peg_pose(pose, row), peg, hole).gap
 
 
 def drawn(rng):

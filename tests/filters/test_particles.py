@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 
 import mjx_fit as mf
 from mjx_fit.filters import particles, tempering
-from mjx_fit.filters.contact_model import Pose, Rows, gaps_of, row_logp
+from mjx_fit.filters.contact_model import Pose, Rows, peg_pose, row_logp
+from mjx_fit.filters.gaps import bearing_of
 from mjx_fit.filters.particles import Prior
 from mjx_fit.scene.surfaces import surfaces_of
 
@@ -40,10 +41,10 @@ def rows(config):
         turn = Rotation.from_rotvec([0.1 * np.cos(angle), 0.1 * np.sin(angle), 0]).as_matrix()
         xy = 0.006 * np.array([np.cos(k), np.sin(k)])
         row = Rows(np.append(xy, 0.0), turn, np.array(5.0), np.zeros(2), np.array(0.5))
-        gap, (u, v) = gaps_of(pose_at(TRUE), row, of_part(config, PEG), of_part(config, TRUE_TYPE))
-        at = int(np.argmin(gap))
-        height = -float(gap[at]) + 0.0003 * rng.standard_normal()
-        pressure = np.array([u[at], v[at]]) + 0.002 * rng.standard_normal(2)
+        pose = peg_pose(pose_at(TRUE), row)
+        found = bearing_of(pose, of_part(config, PEG), of_part(config, TRUE_TYPE))
+        height = -float(found.gap) + 0.0003 * rng.standard_normal()
+        pressure = np.array([found.u, found.v]) / float(found.total) + 0.002 * rng.standard_normal(2)
         touched.append(replace(row, tip=np.append(xy, height), pressure=pressure))
     return jax.tree.map(lambda *leaves: jnp.asarray(np.stack(leaves), jnp.float32), *touched)
 
@@ -141,3 +142,46 @@ def test_resampling_keeps_shares_and_steps_keep_the_effective_number():
     kept = np.bincount(tempering.resampled(jnp.asarray(weight), jax.random.key(2)), minlength=500)
     assert (np.abs(kept - 500 * weight) < 1).all()
     assert float(tempering.largest_step(jnp.zeros(500), jnp.asarray(0.3), 0.4)) == pytest.approx(0.3)
+
+
+def test_moves_leave_a_distribution_as_it_is():
+    """A ridge with two modes, from exact draws: shares and moments stay, whatever the reference is."""
+    rng = np.random.default_rng(3)
+
+    def logp(values):
+        x, y = values[:, 0], values[:, 1]
+        return jnp.logaddexp(-0.5 * (x - 2) ** 2, -0.5 * (x + 2) ** 2 + jnp.log(3.0)) - 2 * (y - x) ** 2
+
+    x = np.where(rng.random(4000) < 0.25, 2.0, -2.0) + rng.standard_normal(4000)
+    exact = np.column_stack([x, x + 0.5 * rng.standard_normal(4000)])
+    reference = tempering.reference_of(jnp.asarray(exact[:200] + np.array([0.3, 0.0])))
+
+    def move(values, key):
+        of_move, of_choice = jax.random.split(key)
+        asked, ratio = tempering.proposed(values, reference, of_move)
+        gain = logp(asked) - logp(values) + ratio
+        taken = jnp.log(jax.random.uniform(of_choice, gain.shape)) < gain
+        return jnp.where(taken[:, None], asked, values), taken.mean()
+
+    start = jnp.asarray(exact, jnp.float32)
+    after, taken = jax.jit(partial(jax.lax.scan, move))(start, jax.random.split(jax.random.key(0), 60))
+    assert float(taken.mean()) > 0.2
+    assert float(jnp.abs(after - start).mean()) > 0.5
+    assert float((after[:, 0] > 0).mean()) == pytest.approx((x > 0).mean(), abs=0.04)
+    np.testing.assert_allclose(np.cov(after.T), np.cov(exact.T), rtol=0.1)
+
+
+def test_crank_nicolson_takes_its_own_gaussian_with_certainty():
+    values = jax.random.normal(jax.random.key(0), (1000, 3)) @ jnp.array([[1, 0, 0], [2, 1, 0], [0, 1, 3.0]])
+    reference = tempering.reference_of(values)
+    asked, ratio = tempering.proposed(values, reference, jax.random.key(1))
+    cov = np.linalg.inv(np.cov(values.T, bias=True) + 1e-5 * np.eye(3))
+
+    def logq(at):
+        away = np.asarray(at, float) - np.asarray(values.mean(0))
+        return -0.5 * np.einsum("ni,ij,nj->n", away, cov, away)
+
+    by_differences = np.asarray(ratio) == 0
+    assert 0.1 < by_differences.mean() < 0.3
+    gain = (logq(asked) - logq(values) + np.asarray(ratio))[~by_differences]
+    np.testing.assert_allclose(gain, 0, atol=2e-3)

@@ -32,16 +32,16 @@ class ParticlesConfig:
         grasp_std_rad: Spread of its turn. Per axis.
     """
 
-    count: Annotated[int, Field(ge=64, le=65536)] = 1024
-    moves: Annotated[int, Field(ge=1, le=100)] = 5
+    count: Annotated[int, Field(ge=64, le=65536)] = 512
+    moves: Annotated[int, Field(ge=1, le=100)] = 6
     least_share: Annotated[float, Field(ge=0.1, le=0.9)] = 0.5
     every: Annotated[int, Field(ge=1, le=20, json_schema_extra=ACTIONS_UNIT)] = 2
-    think_every: Annotated[int, Field(ge=1, le=1000, json_schema_extra=ACTIONS_UNIT)] = 10
+    think_every: Annotated[int, Field(ge=1, le=1000, json_schema_extra=ACTIONS_UNIT)] = 20
     gap_std_m: Annotated[float, Field(ge=0.00002, le=0.005)] = 0.0001
     gap_spread: Annotated[float, Field(ge=0, le=3)] = 0.6
     pressure_std_m: Annotated[float, Field(ge=0.0005, le=0.05)] = 0.004
     outlier_chance: Annotated[float, Field(ge=0.001, le=0.9)] = 0.15
-    row_weight: Annotated[float, Field(ge=0.01, le=1)] = 0.5
+    row_weight: Annotated[float, Field(ge=0.01, le=1)] = 0.45
     touch_n: Annotated[float, Field(ge=0.1, le=50)] = 2.0
     free_n: Annotated[float, Field(ge=0, le=50)] = 0.7
     grasp_std_m: Annotated[float, Field(ge=0, le=0.02)] = 0.0
