@@ -29,20 +29,24 @@ class Loose(FakeEngine):
         return with_truth(done, inserted=np.ones(len(done.felt.length), bool))
 
 
-def played(name: str, certainty: float, n_trials: int = 8):
-    """Assemblies with a sensor that tells the type of a hole with a peg in it, as sure as this."""
-    engine = Peeking(Loose())
-    chosen = methods.chosen(name, methods.ASSEMBLY)
-    drawn = scenarios.draw_trials(CONFIG, 0, np.arange(n_trials))
-    table = Table(CONFIG, chosen, drawn, 0)
+def confirmed(engine: Peeking, certainty: float):
+    """A sensor that tells the type of a hole with a peg in it, as sure as this."""
 
     def confirm(beliefs, felt, keys):
         true = np.arange(3) == np.asarray(engine.truth.hole_type)[:, None]
         logp = np.log(np.where(true, certainty, (1 - certainty) / 2))
         return dataclasses.replace(jax.tree.map(np.asarray, beliefs), type_logp=logp.astype(np.float32))
 
+    return confirm
+
+
+def played(name: str, certainty: float, n_trials: int = 8):
+    """Assemblies in which every peg goes into every hole."""
+    engine = Peeking(Loose())
+    drawn = scenarios.draw_trials(CONFIG, 0, np.arange(n_trials))
+    table = Table(CONFIG, methods.chosen(name, methods.ASSEMBLY), drawn, 0)
     update = estimator.filter_update(CONFIG, None)
-    *_, last = assembly.rounds(table, engine, update, confirm)
+    *_, last = assembly.rounds(table, engine, update, confirmed(engine, certainty))
     return drawn, table.rows(), last.after.content
 
 
@@ -77,3 +81,32 @@ def test_a_doubtful_sensor_pulls_pegs_out_of_their_own_holes():
     _, rows, _ = played("full", 0.4, n_trials=3)
     assert any(any(row["human"]) for row in rows)
     assert all(sum(row["pulled_out"]) > 0 for row in rows)
+
+
+def noted(engine: Peeking, name: str) -> tuple[int, int]:
+    """How many visits the maps of searches in vain learn from, and how many were made."""
+    table = Table(
+        CONFIG, methods.chosen(name, methods.ASSEMBLY), scenarios.draw_trials(CONFIG, 0, np.arange(6)), 0
+    )
+    in_vain, made = [], []
+
+    def note(where, failed, tried):
+        in_vain.append(failed)
+        made.append(table.active.copy())
+
+    table._revisits.note = note
+    for _ in assembly.rounds(table, engine, estimator.filter_update(CONFIG, None), confirmed(engine, 0.98)):
+        pass
+    assert not (np.concatenate(in_vain) & ~np.concatenate(made)).any()
+    return int(np.concatenate(in_vain).sum()), int(np.concatenate(made).sum())
+
+
+def test_a_visit_that_ended_in_a_hole_is_no_search_in_vain():
+    """Not even one whose peg is pulled out; and who learns no position learns from none."""
+    lost, made = noted(Peeking(Loose()), "full")
+    assert lost == 0
+    assert made > 24  # some pegs were pulled out
+    assert noted(Peeking(FakeEngine()), "full")[0] > 6
+    lost, made = noted(Peeking(FakeEngine()), "failure_only")
+    assert lost == 0
+    assert made > 24
