@@ -5,8 +5,9 @@ with tempering (Del Moral, Doucet and Jasra, 2006): the likelihood of new rows i
 grow to 1, each as large as the particles' weights allow; after each they are resampled and moved, by
 proposals that follow the particles' own mean and covariance and differences (``mjx_fit.filters.tempering``).
 
-A particle is a vector of independent standard normals before the attempt: one for each believed coordinate,
-six for the grasp where it varies, one for the error of heights and one for the logarithm of the noise.
+A particle is a vector of numbers in units of the prior (``mjx_fit.filters.particle_prior``): one for each
+believed coordinate, six for the grasp where it varies, one for the error of heights and one for the logarithm
+of the noise.
 """
 
 from collections.abc import Callable
@@ -22,7 +23,7 @@ from mjx_fit.config.schema import Config
 from mjx_fit.config.sections.particles import ParticlesConfig
 from mjx_fit.filters import chart, tempering
 from mjx_fit.filters.contact_model import Pose, Rows, row_logp
-from mjx_fit.filters.kalman import scale_tril
+from mjx_fit.filters.particle_prior import Prior, drawn_values, values_logp
 from mjx_fit.scene.surfaces import surfaces_of
 from mjx_fit.types import Array, Belief, pytree
 
@@ -34,28 +35,11 @@ _Likelihood = Callable[["Particles"], Float[Array, "N 2"]]
 
 
 @pytree
-class Prior:
-    """Belief before an attempt, in the frame of its estimate.
-
-    Attributes:
-        mean: Mean step from the estimate, m and rad.
-        scale: Cholesky factor of its covariance.
-        type_logp: Log probability of each type.
-        peg_type: Type of the peg in hand.
-    """
-
-    mean: Float[Array, "D"]
-    scale: Float[Array, "D D"]
-    type_logp: Float[Array, "C"]
-    peg_type: Int[Array, ""]
-
-
-@pytree
 class Particles:
     """Particles, all of equal weight.
 
     Attributes:
-        values: Standard normals of each particle before the attempt.
+        values: Numbers in units of the prior.
         types: Type of the hole.
     """
 
@@ -67,11 +51,6 @@ _State = tuple[Particles, Float[Array, "N 2"]]
 """Particles, and the log likelihoods of their known rows and of the new ones."""
 
 
-def prior_of(belief: Belief, peg_type: Int[Array, ""]) -> Prior:
-    """Return the prior of a belief that is relative to an estimate (``mjx_fit.filters.frame``)."""
-    return Prior(belief.mean_world, scale_tril(belief.cov), belief.type_logp, peg_type)
-
-
 def drawn(prior: Prior, key: Key[Array, ""], config: Config) -> Particles:
     """Draw particles from a prior; the shares of types are as exact as their number allows."""
     count, own = config.particles.count, config.particles
@@ -80,7 +59,7 @@ def drawn(prior: Prior, key: Key[Array, ""], config: Config) -> Particles:
     share = (jax.random.uniform(at) + jnp.arange(count)) / count
     below = jnp.cumsum(jax.nn.softmax(prior.type_logp))
     types = jnp.minimum(jnp.searchsorted(below, share), config.scene.n_types - 1)
-    return Particles(jax.random.normal(of_values, (count, d)), types)
+    return Particles(drawn_values(prior, count, d, of_values, config), types)
 
 
 def conditioned(
@@ -111,7 +90,7 @@ def conditioned(
         kept = tempering.resampled(weight, to_resample)
         state = jax.tree.map(lambda leaf: leaf[kept], (particles, old_new))
         reference = tempering.reference_of(state[0].values)
-        move = partial(_moved, logp=logp, beta=beta, prior=prior, reference=reference)
+        move = partial(_moved, logp=logp, beta=beta, prior=prior, reference=reference, config=config)
         state, _ = jax.lax.scan(move, state, jax.random.split(to_move, own.moves))
         return *state, beta, key
 
@@ -209,6 +188,7 @@ def _moved(
     beta: Float[Array, ""],
     prior: Prior,
     reference: tempering.Reference,
+    config: Config,
 ) -> tuple[_State, None]:
     """Propose a move of every particle, and take it by the rule of Metropolis."""
     particles, known_new = state
@@ -218,7 +198,7 @@ def _moved(
     proposed = logp(asked)
 
     def before(of: Particles) -> Float[Array, "N"]:
-        return prior.type_logp[of.types] - 0.5 * (of.values * of.values).sum(-1)
+        return prior.type_logp[of.types] + values_logp(of.values, prior, config)
 
     gain = (
         ratio + (proposed - known_new) @ jnp.stack([jnp.ones(()), beta]) + before(asked) - before(particles)

@@ -14,7 +14,8 @@ from jaxtyping import Float, Int, Key
 from mjx_fit.config.schema import Config
 from mjx_fit.filters import frame, particles
 from mjx_fit.filters.contact_model import Rows
-from mjx_fit.filters.particles import Particles, Prior
+from mjx_fit.filters.particle_prior import Prior, prior_of
+from mjx_fit.filters.particles import Particles
 from mjx_fit.sensors.contact_rows import every, rows_of, with_world_poses
 from mjx_fit.sensors.reading import Window, read_window
 from mjx_fit.types import Array, Belief, Felt, Reading, pytree
@@ -33,7 +34,7 @@ def geometry_update(config: Config) -> Callable[[Belief, Felt, Key[Array, "n"]],
         reading = read_window(felt, of_noise, posed, Window(felt.trace.action_world.shape[0]))
         rows = every(rows_of(reading, config), config)
         seen = frame.belief_in_frame(belief, felt.estimate_world, names)
-        prior = _prior(seen, felt.estimate_world, felt.peg_type)
+        prior = _prior(seen, felt.estimate_world, felt.peg_type, config)
         found = particles.drawn(prior, of_draw, config)
         found = particles.conditioned(found, prior, rows, 0, of_moves, config)
         learnt = _belief(found, prior, felt.estimate_world, config)
@@ -74,7 +75,7 @@ def begin(
         key: Random key.
         config: Defines the filter and the most actions of an attempt that are read.
     """
-    prior = _prior(belief, estimate, peg_type)
+    prior = _prior(belief, estimate, peg_type, config)
     n = config.task.attempt_actions // config.particles.every
     rows = Rows(*(jnp.zeros((n, *shape)) for shape in ((3,), (3, 3), (), (2,), ())))
     return Contact(particles.drawn(prior, key, config), prior, rows, jnp.zeros((), jnp.int32))
@@ -125,10 +126,10 @@ def belief_of(contact: Contact, estimate: Float[Array, "D"], config: Config) -> 
     return _belief(contact.particles, contact.prior, estimate, config)
 
 
-def _prior(belief: Belief, estimate: Float[Array, "D"], peg_type: Int[Array, ""]) -> Prior:
+def _prior(belief: Belief, estimate: Float[Array, "D"], peg_type: Int[Array, ""], config: Config) -> Prior:
     """Return the prior about the estimate, of a belief in its frame."""
     about = replace(belief, mean_world=belief.mean_world - frame.upright(estimate))
-    return particles.prior_of(about, peg_type)
+    return prior_of(about, peg_type, config)
 
 
 def _belief(found: Particles, prior: Prior, estimate: Float[Array, "D"], config: Config) -> Belief:

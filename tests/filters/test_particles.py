@@ -13,10 +13,10 @@ import mjx_fit as mf
 from mjx_fit.filters import particles, tempering
 from mjx_fit.filters.contact_model import Pose, Rows, peg_pose, row_logp
 from mjx_fit.filters.gaps import bearing_of
-from mjx_fit.filters.particles import Prior
+from mjx_fit.filters.particle_prior import Prior
 from mjx_fit.scene.surfaces import surfaces_of
 
-STD = np.array([0.006, 0.004])
+STD, WIDER, MISLED = np.array([0.004, 0.003]), np.array([1.6, 2.0]), 0.3
 TRUE, TRUE_TYPE, PEG = np.array([0.004, -0.003]), 1, 2
 N_ROWS = 20
 
@@ -28,7 +28,7 @@ def of_part(config, i):
 @pytest.fixture(scope="module")
 def config():
     base = mf.Config()
-    few = replace(base.particles, count=2048, moves=4, gap_std_m=0.0005, gap_spread=0.0)
+    few = replace(base.particles, count=2048, moves=4, gap_std_m=0.0005, gap_spread=0.0, misled_chance=MISLED)
     return replace(base, particles=few, pose=base.pose.without_errors())
 
 
@@ -59,14 +59,15 @@ def prior():
     return Prior(
         jnp.array([0.001, 0.0]),
         jnp.diag(jnp.asarray(STD)),
+        jnp.diag(jnp.asarray(WIDER)),
         jnp.log(jnp.array([0.5, 0.2, 0.3])),
         jnp.asarray(PEG),
     )
 
 
 def enumerated(config, prior, rows):
-    """Mean, covariance and type probabilities on a grid of ±4 σ."""
-    axes = [float(m) + s * np.linspace(-4, 4, 97) for m, s in zip(prior.mean, STD, strict=True)]
+    """Mean, covariance and type probabilities on a grid of ±4 σ of the wider Gaussian."""
+    axes = [float(m) + s * np.linspace(-4, 4, 97) for m, s in zip(prior.mean, STD * WIDER, strict=True)]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 2).astype(np.float32)
     peg, logp = of_part(config, PEG), []
     for kind in range(config.scene.n_types):
@@ -78,7 +79,9 @@ def enumerated(config, prior, rows):
 
         logp.append(np.asarray(jax.jit(lambda g, f=of_place: jax.lax.map(f, g, batch_size=64))(grid), float))
     weighed = np.stack(logp) + np.asarray(prior.type_logp)[:, None]
-    weighed = weighed - 0.5 * (((grid - np.asarray(prior.mean)) / STD) ** 2).sum(1)
+    far = (grid - np.asarray(prior.mean)) / STD
+    wide = MISLED * np.exp(-0.5 * ((far / WIDER) ** 2).sum(1)) / WIDER.prod()
+    weighed = weighed + np.log((1 - MISLED) * np.exp(-0.5 * (far**2).sum(1)) + wide)
     chance = np.exp(weighed - weighed.max())
     chance /= chance.sum()
     place = chance.sum(0)
@@ -131,7 +134,8 @@ def test_without_rows_the_prior_is_the_posterior(config, prior, rows):
         np.testing.assert_array_equal(old, new)
     told = particles.summarised(after, prior, config)
     np.testing.assert_allclose(np.exp(told.type_logp), np.exp(prior.type_logp), atol=1e-3)
-    np.testing.assert_allclose(np.sqrt(np.diag(told.cov)), STD, rtol=0.1)
+    std = STD * np.sqrt(1 - MISLED + MISLED * WIDER**2)
+    np.testing.assert_allclose(np.sqrt(np.diag(told.cov)), std, rtol=0.1)
 
 
 def test_resampling_keeps_shares_and_steps_keep_the_effective_number():

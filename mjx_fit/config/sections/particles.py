@@ -24,6 +24,8 @@ class ParticlesConfig:
         pressure_std_m: Spread of the centre of pressure. About the points that touch.
         outlier_chance: Chance of a wrong row. Contact that the geometry of plate and edges does not explain,
             such as with the walls of the hole.
+        misled_chance: Chance that the belief before an attempt is wrong. That of earlier attempts; the place
+            may then be as far off as before any.
         row_weight: Exponent of a row's likelihood. Below 1, since the errors of rows are correlated.
         touch_n: Press of a contact. From this force on, the peg touches.
         free_n: Press in the air. Below this force it does not.
@@ -41,6 +43,7 @@ class ParticlesConfig:
     gap_spread: Annotated[float, Field(ge=0, le=3)] = 0.6
     pressure_std_m: Annotated[float, Field(ge=0.0005, le=0.05)] = 0.004
     outlier_chance: Annotated[float, Field(ge=0.001, le=0.9)] = 0.15
+    misled_chance: Annotated[float, Field(ge=0, le=0.9)] = 0.1
     row_weight: Annotated[float, Field(ge=0.01, le=1)] = 0.45
     touch_n: Annotated[float, Field(ge=0.1, le=50)] = 2.0
     free_n: Annotated[float, Field(ge=0, le=50)] = 0.7

@@ -1,0 +1,72 @@
+"""What particles are drawn from: the belief before an attempt, which may be wrong.
+
+A belief that earlier contact misled is narrow and far off, and no later contact could correct it. So the
+place is distributed as
+
+    (1 - ε) N(m, Σ) + ε N(m, Σ₀),
+
+with ε the chance that the belief is wrong and Σ₀ the covariance of a detection. Before any contact both are
+the same.
+"""
+
+import math
+
+import jax
+import jax.numpy as jnp
+from jax.scipy.linalg import solve_triangular
+from jaxtyping import Float, Int, Key
+
+from mjx_fit.config.schema import Config
+from mjx_fit.filters.kalman import scale_tril
+from mjx_fit.filters.updates import prior_stds
+from mjx_fit.types import Array, Belief, pytree
+
+
+@pytree
+class Prior:
+    """Belief before an attempt, in the frame of its estimate.
+
+    Attributes:
+        mean: Mean step from the estimate, m and rad.
+        scale: Cholesky factor L of its covariance Σ.
+        wide: That of Σ₀ in units of L: L⁻¹ L₀.
+        type_logp: Log probability of each type.
+        peg_type: Type of the peg in hand.
+    """
+
+    mean: Float[Array, "D"]
+    scale: Float[Array, "D D"]
+    wide: Float[Array, "D D"]
+    type_logp: Float[Array, "C"]
+    peg_type: Int[Array, ""]
+
+
+def prior_of(belief: Belief, peg_type: Int[Array, ""], config: Config) -> Prior:
+    """Return the prior of a belief that is relative to an estimate (``mjx_fit.filters.frame``)."""
+    scale, stds = scale_tril(belief.cov), prior_stds(config)
+    wide = solve_triangular(scale, jnp.diag(jnp.asarray(stds, scale.dtype)), lower=True)
+    return Prior(belief.mean_world, scale, wide, belief.type_logp, peg_type)
+
+
+def drawn_values(
+    prior: Prior, count: int, d: int, key: Key[Array, ""], config: Config
+) -> Float[Array, "N d"]:
+    """Draw values: coordinates in units of the prior's scale, then standard normals of what else varies."""
+    of_values, of_misled = jax.random.split(key)
+    values, size = jax.random.normal(of_values, (count, d)), len(prior.mean)
+    misled = jax.random.bernoulli(of_misled, config.particles.misled_chance, (count, 1))
+    places = values[:, :size]
+    places = jnp.where(misled, places @ prior.wide.T, places)
+    return jnp.concatenate([places, values[:, size:]], 1)
+
+
+def values_logp(values: Float[Array, "N d"], prior: Prior, config: Config) -> Float[Array, "N"]:
+    """Return the log density of values, up to a constant."""
+    size, chance = len(prior.mean), config.particles.misled_chance
+    places, rest = values[:, :size], values[:, size:]
+    logp = -0.5 * (places * places).sum(-1)
+    if chance > 0:
+        far = solve_triangular(prior.wide, places.T, lower=True)
+        wide = -0.5 * (far * far).sum(0) - jnp.log(jnp.diagonal(prior.wide)).sum()
+        logp = jnp.logaddexp(math.log1p(-chance) + logp, math.log(chance) + wide)
+    return logp - 0.5 * (rest * rest).sum(-1)
