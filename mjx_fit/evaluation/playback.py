@@ -164,7 +164,8 @@ class _Assemblies:
 def _play(of: _Assemblies, pick: Pick, engine: Engine, sensor: TrainedSensor | None) -> Generator[Recording]:
     """Play one row (a method and a trial) of the batch, up to an attempt or to the end."""
     config, network, methods, ids = of.config, None, of.methods, of.ids
-    if reading := [one.name for one in methods if one.needs_sensor]:
+    reading = [one.name for one in methods if one.needs_sensor]
+    if reading and config.filter.reads != "geometry":
         # Any row may need the sensor: all beliefs are updated in one batch.
         if sensor is None:
             raise RequestError(f"--run is required: method {reading[0]!r} needs a trained sensor")

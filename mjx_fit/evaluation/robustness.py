@@ -1,6 +1,6 @@
-"""Robustness experiment: a sensor away from the world of its training, on the same holes throughout."""
+"""Robustness experiment: a sensor, or the geometry of contact, in perturbed worlds, on the same holes."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -59,11 +59,14 @@ def robustness(request: Request, names: str) -> Result:
         RequestError: A value is invalid, the sensor is missing, or the file holds another result.
     """
     asked = chosen_perturbations(names)
-    sensor = request.sensor
-    if sensor is None:
+    if request.config.filter.reads == "geometry":
+        request = replace(request, sensor=None)
+    elif request.sensor is None:
         raise RequestError(f"--run is required: method {METHOD!r} needs a trained sensor")
     result_file.require_trials(request.trials, 2 * len(asked))
-    config = sensor.adapt(request.config)
+    sensor, config = request.sensor, request.config
+    if sensor is not None:
+        config = sensor.adapt(config)
     for name, perturbation in asked.items():  # refuse before any work
         try:
             perturbation.applied_to(config)
@@ -73,8 +76,8 @@ def robustness(request: Request, names: str) -> Result:
         "methods": [METHOD],
         "trials": request.trials,
         "perturbations": list(asked),
-        "sensor": {METHOD: sensor.fingerprint},
-        "differs_from_training": sensor.differences(config),
+        "sensor": {METHOD: sensor.fingerprint} if sensor else {},
+        "differs_from_training": sensor.differences(config) if sensor else [],
     }
     here = result_file.header("robustness", config, request.seed, request.engine.name, entries)
     result = result_file.once(request.out, here, lambda: _worked_out(request, config, asked, here))
@@ -112,7 +115,6 @@ def _trials(request: Request, config: Config, perturbation: Perturbation, part: 
     engine = _engine(request, changed, perturbation)
     root = root_key(request.seed, "robustness")
     world = draw_holes(changed, part.ids, request.trials, root)  # each quantity has a draw of its own
-    assert request.sensor is not None
     update = _update(changed, request.sensor, perturbation)
     methods = tuple(method for method in POSITION if method.name == METHOD)
     table = single_hole.HoleTable(changed, methods, world, ATTEMPTS)
@@ -130,8 +132,8 @@ def _engine(request: Request, config: Config, perturbation: Perturbation) -> Eng
     return make_engine(name, config)
 
 
-def _update(config: Config, sensor: TrainedSensor, perturbation: Perturbation) -> Update:
-    learn, change = filter_update(config, sensor.network), perturbation.felt
+def _update(config: Config, sensor: TrainedSensor | None, perturbation: Perturbation) -> Update:
+    learn, change = filter_update(config, sensor.network if sensor else None), perturbation.felt
     if change is None:
         return learn
 

@@ -253,6 +253,25 @@ def test_it_resumes_at_the_perturbation_that_was_interrupted(heights, monkeypatc
     assert not (tmp_path / "r.parts").exists()
 
 
+def test_the_geometry_reads_in_place_of_a_sensor(heights, monkeypatch, tmp_path):
+    """Also where a sensor is at hand; without either there is nothing to measure."""
+    asked_for, learn = [], robustness.filter_update
+
+    def seen(config, network):
+        asked_for.append(network)
+        return learn(config, network)
+
+    monkeypatch.setattr(robustness, "filter_update", seen)
+    bench = read_config(world_file("bench")[0], ())
+    for sensor in (None, PretendSensor()):
+        request = replace(asked(tmp_path / f"{sensor is None}.json", bench), sensor=sensor)
+        result = robustness.robustness(request, "home")
+        assert result.request["sensor"] == {}
+    assert set(asked_for) == {None}
+    with pytest.raises(RequestError, match=r"^--run is required"):
+        robustness.robustness(replace(asked(tmp_path / "none.json"), sensor=None), "home")
+
+
 @pytest.mark.parametrize("name", list(PERTURBATIONS))
 def test_what_is_perturbed_is_not_drawn(name):
     """In a randomised world the perturbed quantity has the perturbation's value everywhere."""
