@@ -8,6 +8,10 @@ that of the peg's lower end over its lower face, a peg whose face is the plane f
 Where f, h and k are planes, the least value is at an edge of one of them, or where edges of both cross, so
 points along the edges and their crossings suffice.
 
+A point below the plate is in the hole or inside of the plate's material, and there the way to the wall
+counts: its distance in the hole, and the shorter one of both ways out of the material, as a negative gap.
+So a peg in its hole has a gap of about zero, and one as deep beside the hole has a gap far below it.
+
 Points are scanned, and poses lie side by side on trailing axes: a CPU works on many numbers at once only
 where they are neighbours in memory, and XLA does not where it reduces over points.
 """
@@ -27,7 +31,6 @@ AWAY_M = 1.0
 """Gap of points with nothing above or below them."""
 BEARS_M = 1e-4
 """Points whose gap is at most about this much above the smallest bear the peg: contact gives way a little."""
-_FAR_DOWN_M = 0.1
 _Matrix = list[list[Array]]
 
 
@@ -93,7 +96,7 @@ def _over_socket(found: Bearing, pose: PegPose, peg: Surfaces, hole: Surfaces) -
         (u, v, w), joined = point
         x, y = pose.at[0] + a * u + b * v + c * w, pose.at[1] + d * u + e * v + f * w
         here = _Point(u, v, pose.at[2] + p * u + q * v + r * w, _depth(x, y, hole.mouth_sides))
-        over = here.z - _socket_height(x, y, here.depth, hole)
+        over = _over(x, y, here, hole)
         return (_added(found, [(over, u, v), _crossing(last, here, joined)]), here), None
 
     zero = jnp.zeros(())
@@ -108,7 +111,8 @@ def _crossing(last: _Point, here: _Point, joined: Bool[Array, ""]) -> tuple[Arra
     crosses = joined & ((last.depth > 0) != (here.depth > 0))
     share = jnp.where(crosses, last.depth / jnp.where(crosses, last.depth - here.depth, 1.0), 0.0)
     u, v, z = (old + share * (new - old) for old, new in zip(last[:3], here[:3], strict=True))
-    return jnp.where(crosses, z, AWAY_M), u, v
+    gap = jnp.maximum(z, jnp.minimum(last.depth, here.depth))
+    return jnp.where(crosses, gap, AWAY_M), u, v
 
 
 def _under_peg(found: Bearing, pose: PegPose, peg: Surfaces, hole: Surfaces) -> Bearing:
@@ -119,7 +123,8 @@ def _under_peg(found: Bearing, pose: PegPose, peg: Surfaces, hole: Surfaces) -> 
     def add(found: Bearing, point: Float[Array, "3 *n"]) -> tuple[Bearing, None]:
         dx, dy = point[0] - pose.at[0], point[1] - pose.at[1]
         u, v = (e * dx - b * dy) * scale, (a * dy - d * dx) * scale
-        gap = pose.at[2] + p * u + q * v + _peg_height(u, v, peg) - point[2]
+        rise, outline = _peg_height(u, v, peg)
+        gap = jnp.maximum(pose.at[2] + p * u + q * v + rise - point[2], -jnp.maximum(outline, 0))
         return _added(found, [(gap, u, v)]), None
 
     return jax.lax.scan(add, found, hole.hole_points)[0]
@@ -138,20 +143,23 @@ def _added(found: Bearing, points: Sequence[tuple[Array, Array, Array]]) -> Bear
     return Bearing(least, *sums)
 
 
-def _socket_height(x: Array, y: Array, mouth: Array, hole: Surfaces) -> Array:
-    """Return the height of the socket's surface, m, given how far inside its mouth: far down in the hole."""
+def _over(x: Array, y: Array, point: _Point, hole: Surfaces) -> Array:
+    """Return the gap of a point of the peg."""
     if hole.hole_sides is None:
-        return jnp.where(mouth > 0, -_FAR_DOWN_M, 0.0)
-    inside = _depth(x, y, hole.hole_sides) > 0
-    return jnp.where(inside, -_FAR_DOWN_M, -jnp.clip(mouth, 0, hole.hole_chamfer))
+        inside, over = point.depth, point.z
+    else:
+        inside = _depth(x, y, hole.hole_sides)
+        over = point.z + jnp.clip(point.depth, 0, hole.hole_chamfer)
+    in_hole = jnp.where(point.z < 0, inside, AWAY_M)
+    return jnp.where(inside > 0, in_hole, jnp.maximum(over, inside))
 
 
-def _peg_height(u: Array, v: Array, peg: Surfaces) -> Array:
-    """Return the height of the peg's lower end over its lower face, m: far up beside it."""
+def _peg_height(u: Array, v: Array, peg: Surfaces) -> tuple[Array, Array]:
+    """Return the height of the peg's lower end over its lower face, far up beside it, and how far inside."""
     outline = _depth(u, v, peg.peg_sides)
     on_face = outline if peg.face_sides is None else _depth(u, v, peg.face_sides)
     chamfer = jnp.clip(peg.peg_chamfer - outline, 0, peg.peg_chamfer)
-    return jnp.where(on_face > 0, 0.0, jnp.where(outline > 0, chamfer, AWAY_M))
+    return jnp.where(on_face > 0, 0.0, jnp.where(outline > 0, chamfer, AWAY_M)), outline
 
 
 def _depth(x: Array, y: Array, sides: Float[Array, "k s 3 *n"]) -> Array:

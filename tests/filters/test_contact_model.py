@@ -45,6 +45,11 @@ def drawn(rng):
     return row, pose, matrix
 
 
+def raised(row, pose, matrix):
+    """The tool so high that the whole peg is above the plate, where gaps are vertical."""
+    return replace(row, tip=row.tip + np.array([0, 0, 0.02])), pose, matrix
+
+
 def peg_in_socket(row, pose, matrix):
     """Rotation and translation from the peg's axes to the socket's, by homogeneous matrices."""
 
@@ -67,7 +72,7 @@ def test_gaps_are_those_of_the_faces_outside_of_the_hole(name, peg, hole):
     shapes = scene.shapes
     face, opening = peg_outline(shapes[peg], scene), hole_outline(shapes[hole], scene)
     for _ in range(25):
-        row, pose, matrix = drawn(rng)
+        row, pose, matrix = raised(*drawn(rng))
         t = peg_in_socket(row, pose, matrix)
         over = affine_transform(face, [t[0, 0], t[0, 1], t[1, 0], t[1, 1], t[0, 3], t[1, 3]]).difference(
             opening
@@ -91,7 +96,7 @@ def test_chamfers_let_a_peg_sink_as_dense_points_do():
     mouth = grown(opening, shape.socket.chamfer_m)
     for _ in range(4):
         row, pose, matrix = drawn(rng)
-        row = Rows(pose.place + rng.uniform(-0.002, 0.002, 3), row.turn, row.press, row.pressure, row.weight)
+        row = replace(row, tip=pose.place + rng.uniform(-0.002, 0.002, 3) + np.array([0, 0, 0.004]))
         t = peg_in_socket(row, pose, matrix)
         half = shape.half_width_m
         u, v = (axis.ravel() for axis in np.meshgrid(*[np.linspace(-half, half, 201)] * 2))
@@ -107,6 +112,34 @@ def test_chamfers_let_a_peg_sink_as_dense_points_do():
         exact = (t[2, 3] + t[2, 0] * u + t[2, 1] * v + rise + falls).min()
         found = float(gap_at(pose, row, of_part(scene, 5), of_part(scene, 5), "nist"))
         assert found == pytest.approx(exact, abs=3.5e-4)
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.02])
+def test_below_the_plate_the_way_to_the_wall_counts(yaw):
+    """An upright square peg, deep in its hole or in the plate beside it: distances by shapely."""
+    scene, rng = SCENES["paper"], np.random.default_rng(5)
+    kind = next(i for i, shape in enumerate(scene.shapes) if shape.name == "square")
+    shape, part = scene.shapes[kind], of_part(scene, kind)
+    peg, opening = peg_outline(shape, scene), hole_outline(shape, scene)
+    turn, level = Rotation.from_rotvec([0, 0, yaw]).as_matrix(), np.eye(3)
+    pose = Pose(np.zeros(3), level, np.zeros(3), level, np.array(0.0), np.array(1.0))
+    inside = 0
+    for size in 30 * [0.001] + 10 * [0.004]:
+        at = size * rng.uniform(-1, 1, 2)
+        row = Rows(np.append(at, -0.005), turn, np.array(5.0), np.zeros(2), np.array(1.0))
+        corners = shapely.points(shapely.get_coordinates(peg) @ turn[:2, :2].T + at)
+        wall = shapely.distance(corners, opening.boundary)
+        free = shapely.contains(opening, corners)
+        inside += free.all()
+        # Beside the hole by more than it is deep in the plate, up is the shorter way out.
+        exact = wall.min() if free.all() else max(-wall[~free].max(), -0.005)
+        found = float(gap_at(pose, row, part, part, "paper"))
+        # Beyond two sides at once, the distance to the further one counts, not to the corner.
+        assert found == pytest.approx(exact, abs=1e-6 if free.all() else 0.3 * abs(exact) + 1e-6)
+        assert (found > 0) == free.all()
+    assert inside > 3
+    far = Rows(np.array([0.03, 0.0, -0.005]), turn, np.array(5.0), np.zeros(2), np.array(1.0))
+    assert float(gap_at(pose, far, part, part, "paper")) == pytest.approx(-0.005, abs=1e-5)
 
 
 def test_a_row_is_most_probable_where_the_peg_just_touches():
