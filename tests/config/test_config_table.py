@@ -36,7 +36,15 @@ PURE = {
     ),
     *(
         f"particles.{key}"
-        for key in ["count", "moves", "least_share", "outlier_chance", "row_weight", "gap_spread"]
+        for key in [
+            "count",
+            "moves",
+            "least_share",
+            "outlier_chance",
+            "row_weight",
+            "gap_spread",
+            "misled_chance",
+        ]
     ),
     *(
         f"sensor.{key}"

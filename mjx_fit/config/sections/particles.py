@@ -24,8 +24,8 @@ class ParticlesConfig:
         pressure_std_m: Spread of the centre of pressure. About the points that touch.
         outlier_chance: Chance of a wrong row. Contact that the geometry of plate and edges does not explain,
             such as with the walls of the hole.
-        misled_chance: Chance that the belief before an attempt is wrong. That of earlier attempts; the place
-            may then be as far off as before any.
+        misled_chance: Chance of a misled belief. After earlier attempts the place is as far off as before any,
+            with this chance.
         row_weight: Exponent of a row's likelihood. Below 1, since the errors of rows are correlated.
         touch_n: Press of a contact. From this force on, the peg touches.
         free_n: Press in the air. Below this force it does not.
@@ -38,7 +38,7 @@ class ParticlesConfig:
     moves: Annotated[int, Field(ge=1, le=100)] = 6
     least_share: Annotated[float, Field(ge=0.1, le=0.9)] = 0.5
     every: Annotated[int, Field(ge=1, le=20, json_schema_extra=ACTIONS_UNIT)] = 2
-    think_every: Annotated[int, Field(ge=1, le=1000, json_schema_extra=ACTIONS_UNIT)] = 20
+    think_every: Annotated[int, Field(ge=1, le=1000, json_schema_extra=ACTIONS_UNIT)] = 10
     gap_std_m: Annotated[float, Field(ge=0.00002, le=0.005)] = 0.0001
     gap_spread: Annotated[float, Field(ge=0, le=3)] = 0.6
     pressure_std_m: Annotated[float, Field(ge=0.0005, le=0.05)] = 0.004
