@@ -12,6 +12,7 @@ of the noise.
 
 from collections.abc import Callable
 from functools import partial
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -81,6 +82,7 @@ def conditioned(
         config: Defines the filter and the parts.
     """
     own, logp = config.particles, _likelihood(prior, rows, known, config)
+    target = _Target(logp, prior, config)
 
     def temper(state):
         particles, old_new, beta, key = state
@@ -90,7 +92,7 @@ def conditioned(
         kept = tempering.resampled(weight, to_resample)
         state = jax.tree.map(lambda leaf: leaf[kept], (particles, old_new))
         reference = tempering.reference_of(state[0].values)
-        move = partial(_moved, logp=logp, beta=beta, prior=prior, reference=reference, config=config)
+        move = partial(_moved, target=target, beta=beta, reference=reference)
         state, _ = jax.lax.scan(move, state, jax.random.split(to_move, own.moves))
         return *state, beta, key
 
@@ -180,29 +182,34 @@ def _grasp_varies(own: ParticlesConfig) -> bool:
     return own.grasp_std_m > 0 or own.grasp_std_rad > 0
 
 
+class _Target(NamedTuple):
+    """What moves leave as it is, but for the exponent of the new rows."""
+
+    likelihood: _Likelihood
+    prior: Prior
+    config: Config
+
+    def before(self, of: Particles) -> Float[Array, "N"]:
+        """Return the log density of particles before any row."""
+        return self.prior.type_logp[of.types] + values_logp(of.values, self.prior, self.config)
+
+
 def _moved(
     state: _State,
     key: Key[Array, ""],
     *,
-    logp: _Likelihood,
+    target: _Target,
     beta: Float[Array, ""],
-    prior: Prior,
     reference: tempering.Reference,
-    config: Config,
 ) -> tuple[_State, None]:
     """Propose a move of every particle, and take it by the rule of Metropolis."""
     particles, known_new = state
     of_move, of_type, of_choice = jax.random.split(key, 3)
     values, ratio = tempering.proposed(particles.values, reference, of_move)
-    asked = Particles(values, _some_drawn(particles.types, len(prior.type_logp), of_type))
-    proposed = logp(asked)
-
-    def before(of: Particles) -> Float[Array, "N"]:
-        return prior.type_logp[of.types] + values_logp(of.values, prior, config)
-
-    gain = (
-        ratio + (proposed - known_new) @ jnp.stack([jnp.ones(()), beta]) + before(asked) - before(particles)
-    )
+    asked = Particles(values, _some_drawn(particles.types, len(target.prior.type_logp), of_type))
+    proposed = target.likelihood(asked)
+    gain = ratio + (proposed - known_new) @ jnp.stack([jnp.ones(()), beta])
+    gain = gain + target.before(asked) - target.before(particles)
     taken = jnp.log(jax.random.uniform(of_choice, gain.shape)) < gain
 
     def pick(new: Array, old: Array) -> Array:

@@ -24,8 +24,7 @@ class ParticlesConfig:
         pressure_std_m: Spread of the centre of pressure. About the points that touch.
         outlier_chance: Chance of a wrong row. Contact that the geometry of plate and edges does not explain,
             such as with the walls of the hole.
-        misled_chance: Chance of a misled belief. After earlier attempts the place is as far off as before any,
-            with this chance.
+        misled_chance: Chance of a misled belief. The place is then as far off as before any attempt.
         row_weight: Exponent of a row's likelihood. Below 1, since the errors of rows are correlated.
         touch_n: Press of a contact. From this force on, the peg touches.
         free_n: Press in the air. Below this force it does not.
