@@ -56,7 +56,7 @@ def _assembly(
     request: Request, here: result_file.Header, picked: tuple[Method, ...], sensor: TrainedSensor | None
 ) -> Result:
     config, out, trials, engine = request.config, request.out, request.trials, request.engine
-    pieces = parts.pieces(trials, len(picked), engine.name)
+    pieces = parts.pieces(trials, len(picked), engine.name, config)
     network = sensor.network if sensor else None
     update = update_of_rows(config, picked, len(pieces[0]), network)
     confirm = confirmation_of_rows(config, picked, len(pieces[0]), network)

@@ -10,6 +10,7 @@ import jax
 import numpy as np
 from jaxtyping import Int
 
+from mjx_fit.config.schema import Config
 from mjx_fit.engines.threads import even_batch
 from mjx_fit.evaluation.result_file import Header
 from mjx_fit.utils import bounded_json, files, locks, provenance
@@ -22,9 +23,11 @@ LARGEST = 2**30
 """Largest part, in bytes."""
 ROWS, ROWS_ON_ACCELERATOR = 1024, 16384
 """Most rows per part: enough to fill the engine, and one or two minutes of work."""
+ROWS_BY_GEOMETRY = 64
+"""The same where particles are conditioned on each attempt, one after the other, for a second or more."""
 
 
-def pieces(n: int, rows_each: int, engine: str) -> list[Int[np.ndarray, "m"]]:
+def pieces(n: int, rows_each: int, engine: str, config: Config) -> list[Int[np.ndarray, "m"]]:
     """Return the ids of n trials in parts of equal size; the last is padded with ids beyond n.
 
     Equal sizes matter: arithmetic may differ in the last bit between array shapes, and each shape is compiled
@@ -34,8 +37,12 @@ def pieces(n: int, rows_each: int, engine: str) -> list[Int[np.ndarray, "m"]]:
         n: Number of trials.
         rows_each: Rows per trial.
         engine: Name of the resolved engine.
+        config: Tells what reads attempts.
     """
-    rows = ROWS if engine == "native" or jax.default_backend() == "cpu" else ROWS_ON_ACCELERATOR
+    on_cpu = engine == "native" or jax.default_backend() == "cpu"
+    rows = ROWS if on_cpu else ROWS_ON_ACCELERATOR
+    if on_cpu and config.filter.reads == "geometry":
+        rows = ROWS_BY_GEOMETRY
     size = even_batch(n, max(1, rows // rows_each))
     return [np.arange(start, start + size) for start in range(0, n, size)]
 

@@ -110,10 +110,11 @@ def replay(
         raise RequestError(
             f"result: request.trials: {trials!r} is invalid: expected the number of its trials"
         )
-    pieces = parts.pieces(trials, len(names), engine.name)
+    config = config_from_stored(result.config)
+    pieces = parts.pieces(trials, len(names), engine.name, config)
     ids = next(piece for piece in pieces if pick.trial in piece)
     picked = chosen(",".join(names), ASSEMBLY)
-    assemblies = _Assemblies(config_from_stored(result.config), picked, ids, result.seed)
+    assemblies = _Assemblies(config, picked, ids, result.seed)
     tried = [hole for holes in rows[wanted].get("tried", []) for hole in holes]
     return _compared(_play(assemblies, pick, engine, sensor), tried[: pick.attempt], pick)
 

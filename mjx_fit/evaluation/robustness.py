@@ -89,7 +89,7 @@ def _worked_out(
     request: Request, config: Config, asked: dict[str, Perturbation], here: result_file.Header
 ) -> Result:
     out, n = request.out, request.trials + request.trials // 2
-    ids = parts.pieces(n, 1, request.engine.name)
+    ids = parts.pieces(n, 1, request.engine.name, config)
     pieces = [_Part(name, own) for name in asked for own in ids]
     finished = parts.kept(out)
     with Progress("robustness: parts", len(pieces), finished) as progress:

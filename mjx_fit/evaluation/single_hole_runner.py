@@ -92,7 +92,7 @@ def _worked_out(
 ) -> Result:
     config, out, engine, n_methods = request.config, request.out, request.engine, len(study.methods)
     update = single_hole.update_of_rows(study.methods, _updates(study.methods, sensors, config))
-    pieces = parts.pieces(study.n, n_methods, engine.name)
+    pieces = parts.pieces(study.n, n_methods, engine.name, config)
     finished = min(parts.kept(out) * len(pieces[0]), study.n) * n_methods
     begins = COMPILING if engine.name == "mjx" else ""
     with Progress(f"{study.experiment}: trials", study.n * n_methods, finished, begins) as progress:

@@ -180,10 +180,14 @@ def test_work_that_is_killed_goes_on_with_the_part_that_it_was_in(tmp_path):
 
 @pytest.mark.parametrize(("n", "methods_", "sizes"), [(100, 3, [100]), (750, 5, [188] * 4)])
 def test_pieces_hold_every_trial_once_and_have_one_shape(n, methods_, sizes):
-    found = parts.pieces(n, methods_, "native")
+    found = parts.pieces(n, methods_, "native", Config())
     assert [len(piece) for piece in found] == sizes
     assert np.concatenate(found)[:n].tolist() == list(range(n))
     assert len(found[-1]) - (sum(sizes) - n) > 0
+    slow = replace(Config(), filter=replace(Config().filter, reads="geometry"))
+    fewer = parts.pieces(n, methods_, "native", slow)
+    assert max(len(piece) for piece in fewer) * methods_ <= 64
+    assert np.concatenate(fewer)[:n].tolist() == list(range(n))
 
 
 class Says:
