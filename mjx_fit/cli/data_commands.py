@@ -24,7 +24,7 @@ def add_collect(parsers: argparse._SubParsersAction) -> None:
         help="most actions in one episode (default: task.attempt_actions, 100)",
     )
     length.add_argument("--steps", dest="actions", type=int, help=argparse.SUPPRESS)  # former name
-    with_policy(parser, "spiral, random, mixed, raster, seek", "spiral")
+    with_policy(parser, "spiral, random, mixed, raster, tilt, seek", "spiral")
     parser.add_argument(
         "--batch", type=int, default=250, metavar="B", help="most episodes in one file (default 250)"
     )
