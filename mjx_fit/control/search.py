@@ -85,19 +85,34 @@ def raster_search(config: SeekConfig) -> Policy:
 
 
 def step(
-    search: Search, seen: PolicyInput, config: SeekConfig, path: Path = spiral
+    search: Search,
+    seen: PolicyInput,
+    config: SeekConfig,
+    path: Path = spiral,
+    plate: tuple[Float[Array, ""], Float[Array, ""]] | None = None,
 ) -> tuple[Search, Float[Array, "3"]]:
     """Advance the search by one action along its path, by default the spiral, and return its command, m.
 
     A peg that has dropped by ``drop_m`` is at the hole: it is pushed more, rests while it sinks, and searches
     on a spiral about where it is if it does not. The goal waits for a TCP that is further behind than
     ``FOLLOW_M``, but not on a way back to it.
+
+    Args:
+        search: The search.
+        seen: What the policy sees.
+        config: Distances and speeds.
+        path: The path.
+        plate: Believed height of the plate below the TCP and its standard deviation, m. A drop is measured
+            from there once it is known to half of ``drop_m``; before, and without it, from the touch-down.
     """
     here, height = seen.tip_pos_world[:2], seen.tip_pos_world[2]
     rests = seen.contact & (jnp.abs(seen.tip_linvel_world[2]) < REST_MPS)
     touch = jnp.where(search.touched, search.touch_m, height)
     touched = search.touched | rests
-    dropped = touched & (height < touch - config.drop_m)
+    surface = touch
+    if plate is not None:
+        surface = jnp.where(plate[1] < config.drop_m / 2, plate[0], touch)
+    dropped = touched & (height < surface - config.drop_m)
     at_hole = replace(about(search, here), goal_world=here)
     search = jax.tree.map(partial(jnp.where, dropped & ~search.dropped), at_hole, search)
     search = replace(search, touch_m=touch, touched=touched, dropped=dropped)

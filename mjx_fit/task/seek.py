@@ -27,6 +27,7 @@ from mjx_fit.filters import chart, frame
 from mjx_fit.filters.kalman import scale_tril
 from mjx_fit.filters.outcome_model import half_normal
 from mjx_fit.filters.updates import detected_belief
+from mjx_fit.scene.parts import plate_top_m
 from mjx_fit.sensors.contact_sensor import ContactSensor
 from mjx_fit.sensors.trained_sensor import TrainedSensor
 from mjx_fit.task.attempt_readers import Past, Reader, reader_of
@@ -109,12 +110,14 @@ def _act(
             read, kept = partial(_read, reader), lambda thought, seen: thought
             thought = jax.lax.cond(reads, read, kept, thought, seen)
             thought = decided_or_astray(thought, seen, config)
-        now, command = search.step(thought.search, seen, config.seek)
+        now, command = search.step(
+            thought.search, seen, config.seek, plate=plate_below(thought.belief, seen, config)
+        )
         thought = replace(thought, search=now)
         if thought.turn is None:
             return thought, command
         turn = turned_to_belief(thought.turn, thought.belief, config)
-        rocked = turn + rocking(seen.step, thought.belief, config) * now.touched
+        rocked = turn + rocking(seen.step, thought.belief, now.dropped, config) * now.touched
         return replace(thought, turn=turn), jnp.concatenate([command, rocked])
 
     return act
@@ -141,6 +144,18 @@ def seek_with(sensor: TrainedSensor, config: Config) -> tuple[Config, Policy]:
     return config, seek(config, sensor.network, f"{NAME}@{sensor.fingerprint[:12]}")
 
 
+def plate_below(
+    belief: Belief, seen: PolicyInput, config: Config
+) -> tuple[Float[Array, ""], Float[Array, ""]] | None:
+    """Return the believed height of the plate below the TCP and its standard deviation, if it is believed."""
+    names, top_m = config.filter.coordinates, plate_top_m(config.scene)
+    if "z" not in names:
+        return None
+    here, z = seen.tip_pos_world, names.index("z")
+    over = frame.frame_of(belief.mean_world, names).seen(here, top_m)[2] - top_m
+    return here[2] - over, jnp.sqrt(belief.cov[z, z])
+
+
 def _belief(thought: Thought) -> Belief:
     return thought.belief
 
@@ -152,15 +167,18 @@ def turned_to_belief(turn: Float[Array, "3"], belief: Belief, config: Config) ->
     return turn + away * jnp.minimum(1, most / jnp.maximum(jnp.linalg.norm(away), 1e-9))
 
 
-def rocking(step: Int[Array, ""], belief: Belief, config: Config) -> Float[Array, "3"]:
+def rocking(
+    step: Int[Array, ""], belief: Belief, dropped: Bool[Array, ""], config: Config
+) -> Float[Array, "3"]:
     """Return the rotation of the search in rotation at an action, a rotation vector, rad.
 
     Its phases are those of ``control.open_loop.spiral_turn``: yaw and tilt meet in all combinations. The rim
     of a peg that tilts all around feels where the plate ends: hence more tilt while the hole may be far.
+    A peg that has dropped would jam.
     """
     names, spread = config.filter.coordinates, jnp.sqrt(jnp.diagonal(belief.cov))
     size = jnp.stack([spread[names.index(name)] if name in names else jnp.zeros(()) for name in chart.AXIS])
-    probe = config.seek.probe_radpm * jnp.sqrt(jnp.trace(belief.pos_cov) / 2)
+    probe = (1.0 - dropped) * config.seek.probe_radpm * jnp.sqrt(jnp.trace(belief.pos_cov) / 2)
     size = config.seek.rock * size + probe * jnp.array([1.0, 1.0, 0.0])
     yaw, tilt = (2 * jnp.pi * ACTION_S * step / period for period in (YAW_S, TILT_S))
     return size * jnp.stack([jnp.cos(tilt), jnp.sin(tilt), jnp.sin(yaw)])

@@ -126,6 +126,22 @@ def test_a_drop_begins_at_its_depth(drop_m):
         assert bool(after.dropped) == dropped
 
 
+@pytest.mark.parametrize(
+    ("tip_mm", "plate_mm", "sure_mm", "dropped"),
+    [
+        (43.0, 43.0, 0.1, False),  # the plate slopes down: no drop, though the touch-down was at 45 mm
+        (45.0, 47.0, 0.1, True),  # it slopes up, and the peg does not rise with it
+        (43.0, 43.0, 1.0, True),  # the plate is hardly known: as from the touch-down
+    ],
+)
+def test_a_drop_is_measured_from_the_believed_plate(tip_mm, plate_mm, sure_mm, dropped):
+    config = replace(SeekConfig(), drop_m=0.0012)
+    down, _ = search.step(search.begin(jnp.zeros(2)), seen((0, 0, 0.045)), config)
+    plate = jnp.asarray(plate_mm / 1000), jnp.asarray(sure_mm / 1000)
+    after, _ = search.step(down, seen((0.01, 0, tip_mm / 1000)), config, plate=plate)
+    assert bool(after.dropped) == dropped
+
+
 def test_the_goal_of_a_held_peg_comes_back_when_the_search_is_begun_anew_where_it_is():
     state, _ = search.step(search.begin(jnp.zeros(2)), seen(), CONFIG)
     held = replace(state, goal_world=jnp.array([0.005, 0.0]))

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from fakes import seen
 from flax import nnx
 from scipy.spatial.transform import Rotation
 
@@ -15,13 +16,14 @@ from mjx_fit.config.files import read_config
 from mjx_fit.config.schema import Config
 from mjx_fit.engines.select import make_engine
 from mjx_fit.filters import frame
+from mjx_fit.scene.parts import plate_top_m
 from mjx_fit.sensors.contact_sensor import ContactSensor
 from mjx_fit.sensors.reading import Window, read_window
 from mjx_fit.task.estimator import posterior
-from mjx_fit.task.seek import rocking, seek, turned_to_belief
+from mjx_fit.task.seek import plate_below, rocking, seek, turned_to_belief
 from mjx_fit.types import Belief
 
-N, ACTIONS = 2, 8
+N, ACTIONS, NOT = 2, 8, jnp.zeros((), bool)
 NAMES = ("x", "y", "z", "yaw", "roll", "pitch")
 
 
@@ -109,22 +111,42 @@ def test_the_tool_rocks_by_believed_standard_deviations():
     config = read_config(None, ["filter.coordinates=[x, y, yaw, roll, pitch]", "seek.rock=1.5"])
     std = np.array([0.01, 0.01, 0.1, 0.03, 0.02])
     belief = Belief(jnp.zeros(5), jnp.diag(jnp.square(jnp.asarray(std))), jnp.zeros(3))
-    turns = np.asarray(jax.vmap(lambda step: rocking(step, belief, config))(jnp.arange(600)))
+    turns = np.asarray(jax.vmap(lambda step: rocking(step, belief, NOT, config))(jnp.arange(600)))
     np.testing.assert_allclose(turns.max(0), 1.5 * std[[3, 4, 2]], rtol=0.02)
     np.testing.assert_allclose(turns.min(0), -1.5 * std[[3, 4, 2]], rtol=0.02)
     np.testing.assert_allclose(((turns[:, :2] / (1.5 * std[[3, 4]])) ** 2).sum(1), 1, rtol=1e-4)
     yaw = read_config(None, ["filter.coordinates=[x, y, yaw]", "seek.rock=1.5"])
     planar = Belief(jnp.zeros(3), jnp.diag(jnp.array([1.0, 1, 0.01])), jnp.zeros(3))
-    alone = rocking(jnp.asarray(7), planar, yaw)
+    alone = rocking(jnp.asarray(7), planar, NOT, yaw)
     np.testing.assert_allclose(alone, [0, 0, turns[7, 2]], rtol=1e-5)
 
 
 def test_the_tool_tilts_more_while_the_hole_may_be_far():
     config = read_config(None, ["filter.coordinates=[x, y, yaw]", "seek.probe_radpm=5"])
     belief = Belief(jnp.zeros(3), jnp.diag(jnp.array([1e-4, 3e-4, 0.01])), jnp.zeros(3))
-    turns = np.asarray(jax.vmap(lambda step: rocking(step, belief, config))(jnp.arange(100)))
+    turns = np.asarray(jax.vmap(lambda step: rocking(step, belief, NOT, config))(jnp.arange(100)))
     np.testing.assert_allclose(np.hypot(turns[:, 0], turns[:, 1]), 5 * np.sqrt(2e-4), rtol=1e-5)
     np.testing.assert_array_equal(turns[:, 2], 0)
+    np.testing.assert_array_equal(rocking(jnp.asarray(7), belief, ~NOT, config), 0)
+
+
+def test_the_plate_below_the_tool_is_the_believed_plane():
+    """By its equation: n · (p - c) = 0, with c the believed place of the socket's top and n its normal."""
+    config, rng = poses(), np.random.default_rng(2)
+    for _ in range(5):
+        place = rng.uniform(-1, 1, 6) * [0.02, 0.02, 0.004, 0.2, 0.05, 0.05]
+        cov = np.diag(rng.uniform(0.1, 1, 6) ** 2)
+        belief = Belief(jnp.asarray(place), jnp.asarray(cov), jnp.zeros(3))
+        tip = rng.uniform(-0.02, 0.02, 3) + np.array([0, 0, 0.05])
+        normal = Rotation.from_rotvec(place[[4, 5, 3]]).as_matrix()[:, 2]
+        top = np.append(place[:2], plate_top_m(config.scene) + place[2])
+        height = top[2] - normal[:2] @ (tip[:2] - top[:2]) / normal[2]
+        found = plate_below(belief, seen(tuple(tip)), config)
+        assert found is not None
+        # Along the normal instead of straight down: by less than the tilt's square.
+        assert float(found[0]) == pytest.approx(height, abs=0.01 * abs(tip[2] - height) + 1e-6)
+        assert float(found[1]) == pytest.approx(np.sqrt(cov[2, 2]), rel=1e-5)
+    assert plate_below(belief, seen(), read_config(None, [])) is None
 
 
 def test_a_peg_in_the_air_does_not_rock():
