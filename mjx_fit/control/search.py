@@ -12,6 +12,7 @@ on average to reach the hole h, at speed v. After radius ρ without success, it 
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -84,12 +85,24 @@ def raster_search(config: SeekConfig) -> Policy:
     return Policy(lambda start, key: begin(start.estimate_world), act, "raster")
 
 
+class Plate(NamedTuple):
+    """The plate below the TCP, as believed.
+
+    Attributes:
+        height_m: Height.
+        std_m: Its standard deviation.
+    """
+
+    height_m: Float[Array, ""]
+    std_m: Float[Array, ""]
+
+
 def step(
     search: Search,
     seen: PolicyInput,
     config: SeekConfig,
     path: Path = spiral,
-    plate: tuple[Float[Array, ""], Float[Array, ""]] | None = None,
+    plate: Plate | None = None,
 ) -> tuple[Search, Float[Array, "3"]]:
     """Advance the search by one action along its path, by default the spiral, and return its command, m.
 
@@ -102,8 +115,8 @@ def step(
         seen: What the policy sees.
         config: Distances and speeds.
         path: The path.
-        plate: Believed height of the plate below the TCP and its standard deviation, m. A drop is measured
-            from there once it is known to half of ``drop_m``; before, and without it, from the touch-down.
+        plate: The plate below the TCP, as believed. A drop is measured from there once its height is known
+            to half of ``drop_m``; before, and without it, from the touch-down.
     """
     here, height = seen.tip_pos_world[:2], seen.tip_pos_world[2]
     rests = seen.contact & (jnp.abs(seen.tip_linvel_world[2]) < REST_MPS)
@@ -111,7 +124,7 @@ def step(
     touched = search.touched | rests
     surface = touch
     if plate is not None:
-        surface = jnp.where(plate[1] < config.drop_m / 2, plate[0], touch)
+        surface = jnp.where(plate.std_m < config.drop_m / 2, plate.height_m, touch)
     dropped = touched & (height < surface - config.drop_m)
     at_hole = replace(about(search, here), goal_world=here)
     search = jax.tree.map(partial(jnp.where, dropped & ~search.dropped), at_hole, search)

@@ -2,7 +2,7 @@
 
 A peg that presses has a gap of zero (``mjx_fit.filters.gaps``), up to the errors of measured poses; where it
 is smallest, the plate bears it, and there is the centre of pressure. A peg that does not press has a gap
-above zero. Walls of the hole are not modelled: rows that they explain are outliers.
+above zero. Forces of the hole's walls are not modelled: what they do to the centre of pressure is an outlier.
 """
 
 import math

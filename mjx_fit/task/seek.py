@@ -22,7 +22,7 @@ from mjx_fit.config.schema import Config
 from mjx_fit.control import search
 from mjx_fit.control.open_loop import TILT_S, YAW_S
 from mjx_fit.control.policies import Policy, PolicyInput, PolicyStart
-from mjx_fit.control.search import Search
+from mjx_fit.control.search import Plate, Search
 from mjx_fit.filters import chart, frame
 from mjx_fit.filters.kalman import scale_tril
 from mjx_fit.filters.outcome_model import half_normal
@@ -144,16 +144,14 @@ def seek_with(sensor: TrainedSensor, config: Config) -> tuple[Config, Policy]:
     return config, seek(config, sensor.network, f"{NAME}@{sensor.fingerprint[:12]}")
 
 
-def plate_below(
-    belief: Belief, seen: PolicyInput, config: Config
-) -> tuple[Float[Array, ""], Float[Array, ""]] | None:
-    """Return the believed height of the plate below the TCP and its standard deviation, if it is believed."""
+def plate_below(belief: Belief, seen: PolicyInput, config: Config) -> Plate | None:
+    """Return the believed plate below the TCP; None: no height is believed."""
     names, top_m = config.filter.coordinates, plate_top_m(config.scene)
     if "z" not in names:
         return None
     here, z = seen.tip_pos_world, names.index("z")
     over = frame.frame_of(belief.mean_world, names).seen(here, top_m)[2] - top_m
-    return here[2] - over, jnp.sqrt(belief.cov[z, z])
+    return Plate(here[2] - over, jnp.sqrt(belief.cov[z, z]))
 
 
 def _belief(thought: Thought) -> Belief:

@@ -137,7 +137,7 @@ def test_a_drop_begins_at_its_depth(drop_m):
 def test_a_drop_is_measured_from_the_believed_plate(tip_mm, plate_mm, sure_mm, dropped):
     config = replace(SeekConfig(), drop_m=0.0012)
     down, _ = search.step(search.begin(jnp.zeros(2)), seen((0, 0, 0.045)), config)
-    plate = jnp.asarray(plate_mm / 1000), jnp.asarray(sure_mm / 1000)
+    plate = search.Plate(jnp.asarray(plate_mm / 1000), jnp.asarray(sure_mm / 1000))
     after, _ = search.step(down, seen((0.01, 0, tip_mm / 1000)), config, plate=plate)
     assert bool(after.dropped) == dropped
 

@@ -144,8 +144,8 @@ def test_the_plate_below_the_tool_is_the_believed_plane():
         found = plate_below(belief, seen(tuple(tip)), config)
         assert found is not None
         # Along the normal instead of straight down: by less than the tilt's square.
-        assert float(found[0]) == pytest.approx(height, abs=0.01 * abs(tip[2] - height) + 1e-6)
-        assert float(found[1]) == pytest.approx(np.sqrt(cov[2, 2]), rel=1e-5)
+        assert float(found.height_m) == pytest.approx(height, abs=0.01 * abs(tip[2] - height) + 1e-6)
+        assert float(found.std_m) == pytest.approx(np.sqrt(cov[2, 2]), rel=1e-5)
     assert plate_below(belief, seen(), read_config(None, [])) is None
 
 

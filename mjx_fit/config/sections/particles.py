@@ -23,7 +23,7 @@ class ParticlesConfig:
         gap_spread: Spread of its logarithm. Between attempts, whose measurements are more or less noisy.
         pressure_std_m: Spread of the centre of pressure. About the points that touch.
         outlier_chance: Chance of a wrong row. Contact that the geometry of plate and edges does not explain,
-            such as with the walls of the hole.
+            such as with the shaft of the peg.
         misled_chance: Chance of a misled belief. The place is then as far off as before any attempt.
         row_weight: Exponent of a row's likelihood. Below 1, since the errors of rows are correlated.
         touch_n: Press of a contact. From this force on, the peg touches.
