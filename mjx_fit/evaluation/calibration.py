@@ -12,6 +12,7 @@ from mjx_fit.data.episode import Episode
 from mjx_fit.data.manifest import read_manifest
 from mjx_fit.engines.select import resolve
 from mjx_fit.evaluation import held_out, result_file, scores
+from mjx_fit.evaluation.place_scores import rotation_errors
 from mjx_fit.evaluation.results import Result
 from mjx_fit.evaluation.statistics import Row, bootstrap_mean, bootstrap_score
 from mjx_fit.training.compatibility import require_new, require_world
@@ -152,8 +153,7 @@ def _position_rows(method: str, name: str, group: _Trials) -> list[Row]:
         "coverage_50": scores.inside(squared, 0.5, degrees),
         "coverage_90": scores.inside(squared, 0.9, degrees),
     }
-    if "turn_deg" in group[0]:
-        columns["turn_error_deg"] = np.array([trial["turn_deg"] for trial in group])
+    columns |= rotation_errors(group)
     return _means(method, name, group, columns)
 
 
@@ -175,12 +175,13 @@ def _error_rows(method: str, name: str, group: _Trials, key: str = "error_cm") -
 
 
 def _means(method: str, name: str, group: _Trials, columns: dict[str, np.ndarray]) -> list[Row]:
-    """Return a row for each column; intervals by bootstrap over holes."""
-    holes = [trial["trial"] for trial in group]
-    return [
-        Row.of(method, metric, name, bootstrap_mean(values, holes), len(group))
-        for metric, values in columns.items()
-    ]
+    """Return a row for each column, of the values that are not NaN; intervals by bootstrap over holes."""
+    holes, rows = np.array([trial["trial"] for trial in group]), []
+    for metric, values in columns.items():
+        kept = np.isfinite(values)
+        interval = bootstrap_mean(values[kept], holes[kept].tolist())
+        rows.append(Row.of(method, metric, name, interval, int(kept.sum())))
+    return rows
 
 
 def _match_rows(method: str, group: _Trials, prefix: str, names: tuple[str, ...]) -> list[Row]:

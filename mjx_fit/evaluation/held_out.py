@@ -181,5 +181,7 @@ def rows(
 def _before_and_after(columns: dict[str, Any]) -> dict[str, Any]:
     """Turn the columns of a trial with two beliefs into those of one update."""
     after = {name: value[1] if isinstance(value, list) else value for name, value in columns.items()}
-    before = {f"prior_{name}": columns[name][0] for name in ("error_cm", "turn_deg") if name in columns}
+    before = {
+        f"prior_{name}": columns[name][0] for name in ("error_cm", "turn_deg", "yaw_deg") if name in columns
+    }
     return before | after

@@ -4,6 +4,7 @@ A socket with an n-fold symmetry has n poses that nothing can tell apart: the er
 one. A round socket has no yaw, and is scored by the other coordinates alone.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -30,12 +31,14 @@ class PlaceScores:
     Attributes:
         distance_cm: Distance of the mean from the true place, cm.
         turn_deg: Angle of the rotation between them, degrees; None: no rotation is believed.
+        yaw_deg: Its part about the vertical; NaN where the hole has none; None: no yaw is believed.
         squared: Squared Mahalanobis distance of the truth.
         degrees: Number of coordinates that count, the degrees of freedom of ``squared``.
     """
 
     distance_cm: Float[np.ndarray, "n K"]
     turn_deg: Float[np.ndarray, "n K"] | None
+    yaw_deg: Float[np.ndarray, "n K"] | None
     squared: Float[np.ndarray, "n K"]
     degrees: Int[np.ndarray, "n"]
 
@@ -59,10 +62,10 @@ def score_places(
     names = config.filter.coordinates
     error, degrees = place_world - mean_world, np.full(len(place_world), len(names))
     if is_world(names):
-        return PlaceScores(_distance(error), None, _squared(error, cov), degrees)
+        return PlaceScores(_distance(error), None, None, _squared(error, cov), degrees)
     error = np.array(chart.step_between(jnp.asarray(mean_world), jnp.asarray(place_world), names))
     turns = [i for i, name in enumerate(names) if name in chart.AXIS]
-    squared = None
+    squared, yaw_deg = None, None
     if "yaw" in names:
         yaw, orders = names.index("yaw"), np.array(symmetries(config.scene))[hole_type]
         no_yaw, period = orders == 0, 2 * np.pi / np.maximum(orders, 1)[:, None]
@@ -72,23 +75,36 @@ def score_places(
         without = _squared(error[..., rest], cov[..., rest, :][..., rest])
         squared = np.where(no_yaw[:, None], without, _squared(error, cov))
         degrees = degrees - no_yaw
+        yaw_deg = np.where(no_yaw[:, None], np.nan, np.rad2deg(np.abs(error[..., yaw])))
     return PlaceScores(
         distance_cm=_distance(np.delete(error, turns, axis=-1)),
         turn_deg=np.rad2deg(np.linalg.norm(error[..., turns], axis=-1)) if turns else None,
+        yaw_deg=yaw_deg,
         squared=_squared(error, cov) if squared is None else squared,
         degrees=degrees,
     )
 
 
 def place_columns(scores: PlaceScores, i: int) -> dict[str, Any]:
-    """Return the columns of a trial's row; those of rotations only if one is believed."""
+    """Return the columns of a trial's row, with those of rotations that are believed and exist."""
     columns: dict[str, Any] = {"error_cm": rounded(scores.distance_cm[i])}
     if scores.turn_deg is not None:
         columns["turn_deg"] = rounded(scores.turn_deg[i])
+    if scores.yaw_deg is not None and not np.isnan(scores.yaw_deg[i]).any():
+        columns["yaw_deg"] = rounded(scores.yaw_deg[i])
     columns["squared_mahalanobis"] = rounded(scores.squared[i])
     if scores.degrees[i] != 2:
         columns["degrees"] = int(scores.degrees[i])
     return columns
+
+
+def rotation_errors(trials: Sequence[Mapping[str, Any]]) -> dict[str, Float[np.ndarray, "n *K"]]:
+    """Return the errors of rotation in trials, degrees, by metric; NaN where a hole has no yaw."""
+    if "turn_deg" not in trials[0]:
+        return {}
+    turn = np.array([trial["turn_deg"] for trial in trials])
+    yaw = np.array([trial.get("yaw_deg", np.full(turn.shape[1:], np.nan)) for trial in trials])
+    return {"turn_error_deg": turn} | ({} if np.isnan(yaw).all() else {"yaw_error_deg": yaw})
 
 
 @lru_cache(maxsize=16)

@@ -11,7 +11,7 @@ from mjx_fit.data.schedule import draw_places, mismatched_pairs
 from mjx_fit.evaluation import result_file, single_hole_runner
 from mjx_fit.evaluation.effort_summary import effort_columns, summarise_effort
 from mjx_fit.evaluation.parts import Rows
-from mjx_fit.evaluation.place_scores import place_columns, score_places
+from mjx_fit.evaluation.place_scores import place_columns, rotation_errors, score_places
 from mjx_fit.evaluation.request import Request
 from mjx_fit.evaluation.results import Result, by_method
 from mjx_fit.evaluation.scores import inside
@@ -67,7 +67,7 @@ def summarise(trials: Rows) -> list[Row]:
         ids = np.array([trial["trial"] for trial in own])
         error = np.array([trial["error_cm"] for trial in own])
         squared = np.array([trial["squared_mahalanobis"] for trial in own])
-        turn = np.array([trial["turn_deg"] for trial in own]) if "turn_deg" in own[0] else None
+        errors = {"position_error_cm": error} | rotation_errors(own)
         degrees = np.array([trial.get("degrees", 2) for trial in own])
         matched = np.array([trial["pair"][0] == trial["pair"][1] for trial in own])
         inserted_at = np.array([trial["inserted_at"] or np.inf for trial in own])
@@ -75,9 +75,8 @@ def summarise(trials: Rows) -> list[Row]:
             left = inserted_at > k
             groups = {f"{k}": ~matched, f"matched:{k}": matched, f"left:{k}": matched & left}
             for group, keep in groups.items():
-                errors = {"position_error_cm": error[:, k]}
-                errors |= {} if turn is None else {"turn_error_deg": turn[:, k]}
-                rows += _means(method, errors, group, ids, keep)
+                after = {metric: values[:, k] for metric, values in errors.items()}
+                rows += _means(method, after, group, ids, keep)
             scores = {
                 "coverage_50": inside(squared[:, k], 0.5, degrees),
                 "coverage_90": inside(squared[:, k], 0.9, degrees),
@@ -101,13 +100,13 @@ def _means(
     ids: Float[np.ndarray, " n"],
     keep: Bool[np.ndarray, " n"],
 ) -> list[Row]:
-    if not keep.any():
-        return []
-    n, clusters = int(keep.sum()), ids[keep].tolist()
-    return [
-        Row.of(method, metric, group, bootstrap_mean(values[keep], clusters), n)
-        for metric, values in columns.items()
-    ]
+    rows = []
+    for metric, values in columns.items():
+        kept = keep & np.isfinite(values)
+        if kept.any():
+            interval = bootstrap_mean(values[kept], ids[kept].tolist())
+            rows.append(Row.of(method, metric, group, interval, int(kept.sum())))
+    return rows
 
 
 def draw_holes(config: Config, ids: Ids, trials: int, root: Key[Array, ""]) -> Holes:

@@ -13,7 +13,7 @@ from mjx_fit.evaluation import parts, result_file
 from mjx_fit.evaluation.effort_summary import effort_columns, summarise_effort
 from mjx_fit.evaluation.parts import Rows
 from mjx_fit.evaluation.perturbations import Perturbation, chosen_perturbations
-from mjx_fit.evaluation.place_scores import place_columns, score_places
+from mjx_fit.evaluation.place_scores import place_columns, rotation_errors, score_places
 from mjx_fit.evaluation.position import draw_holes
 from mjx_fit.evaluation.request import Request
 from mjx_fit.evaluation.results import Result
@@ -191,7 +191,7 @@ def summarise(trials: Rows) -> list[Row]:
         ids = np.array([trial["trial"] for trial in own])
         error = np.array([trial["error_cm"] for trial in own])
         squared = np.array([trial["squared_mahalanobis"] for trial in own])
-        turn = np.array([trial["turn_deg"] for trial in own]) if "turn_deg" in own[0] else None
+        turns = rotation_errors(own)
         degrees = np.array([trial.get("degrees", 2) for trial in own])
         chance = np.array([trial["match_probability"] for trial in own])
         matched = np.array([trial["pair"][0] == trial["pair"][1] for trial in own])
@@ -209,12 +209,16 @@ def summarise(trials: Rows) -> list[Row]:
                 f"coverage_90 {k}": (inside(squared[:, k], 0.9, degrees), group),
                 f"nees {k}": (squared[:, k] / degrees, group),
             }
-            if turn is not None:
-                columns[f"turn_error_deg {k}"] = turn[:, k], group
+            columns |= {f"{metric} {k}": (values[:, k], group) for metric, values in turns.items()}
         for metric, (values, group) in columns.items():
-            rate = bootstrap_mean if metric.startswith(("position", "turn", "nees")) else clustered_rate
-            interval = rate(values[kept], ids[kept].tolist())
-            rows.append(Row.of(METHOD, metric.partition(" ")[0], group, interval, int(kept.sum())))
+            rate = (
+                bootstrap_mean if metric.startswith(("position", "turn", "yaw", "nees")) else clustered_rate
+            )
+            known = kept & np.isfinite(values)
+            if not known.any():
+                continue
+            interval = rate(values[known], ids[known].tolist())
+            rows.append(Row.of(METHOD, metric.partition(" ")[0], group, interval, int(known.sum())))
         rows += summarise_effort(METHOD, [trial for trial, keep in zip(own, kept, strict=True) if keep], name)
         for k in SHOWN:
             failed = inserted_at > k

@@ -120,9 +120,10 @@ class PositionTrial(_Effort):
 
     ``error_cm`` and ``squared_mahalanobis`` score the belief before the first and after each attempt; they
     are constant after the insertion. ``turn_deg``, present if a rotation is believed, is the angle of its
-    error, and ``degrees`` the number of coordinates that count, 2 if it is absent. ``inserted_at`` is the
-    attempt that inserted the peg, from 1, or null; ``inserted_wrongly``, present only if true, marks an
-    insertion into a mismatched hole. Time and force of each attempt (``Effort``) are null without an attempt;
+    error, ``yaw_deg`` its part about the vertical where the hole has one, and ``degrees`` the number of
+    coordinates that count, 2 if it is absent. ``inserted_at`` is the attempt that inserted the peg, from 1,
+    or null; ``inserted_wrongly``, present only if true, marks an insertion into a mismatched hole. Time and
+    force of each attempt (``Effort``) are null without an attempt;
     ``move_seconds`` is the time of the moves between.
     """
 
@@ -133,6 +134,7 @@ class PositionTrial(_Effort):
     pair: Pair
     error_cm: Annotated[list[Size], Field(min_length=2, max_length=MAX_ATTEMPTS)]
     turn_deg: NotRequired[list[Size]]
+    yaw_deg: NotRequired[list[Size]]
     squared_mahalanobis: list[Size]
     degrees: NotRequired[Annotated[int, Field(ge=1, le=6)]]
     inserted_at: Count | None
@@ -154,6 +156,7 @@ class RobustnessTrial(_Effort):
     pair: Pair
     error_cm: Annotated[list[Size], Field(min_length=2, max_length=MAX_ATTEMPTS)]
     turn_deg: NotRequired[list[Size]]
+    yaw_deg: NotRequired[list[Size]]
     squared_mahalanobis: list[Size]
     degrees: NotRequired[Annotated[int, Field(ge=1, le=6)]]
     match_probability: list[Probability]
@@ -196,8 +199,10 @@ class CalibrationTrial(TypedDict):
     pair: Pair
     prior_error_cm: Size
     prior_turn_deg: NotRequired[Size]
+    prior_yaw_deg: NotRequired[Size]
     error_cm: Size
     turn_deg: NotRequired[Size]
+    yaw_deg: NotRequired[Size]
     squared_mahalanobis: Size
     degrees: NotRequired[Annotated[int, Field(ge=1, le=6)]]
     nll: Number

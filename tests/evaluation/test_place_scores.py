@@ -6,7 +6,7 @@ import pytest
 from scipy.stats import chi2
 
 from mjx_fit.config.files import read_config
-from mjx_fit.evaluation.place_scores import place_columns, score_places, symmetries
+from mjx_fit.evaluation.place_scores import place_columns, rotation_errors, score_places, symmetries
 from mjx_fit.evaluation.scores import inside
 from mjx_fit.filters import chart
 
@@ -51,6 +51,7 @@ def test_a_square_turned_by_a_quarter_is_where_it_was():
     assert scores.distance_cm[0, 0] == pytest.approx(0.5)
     assert scores.turn_deg is not None
     assert scores.turn_deg[0, 0] == pytest.approx(np.rad2deg(0.02), rel=1e-3)
+    assert place_columns(scores, 0)["yaw_deg"] == pytest.approx([np.rad2deg(0.02)], rel=1e-3)
     assert scores.squared[0, 0] == pytest.approx(0.003**2 + 0.004**2 + 0.02**2, rel=1e-3)
 
 
@@ -74,6 +75,12 @@ def test_a_round_part_has_no_yaw():
     assert scores.degrees.tolist() == [2, 3]
     assert scores.turn_deg is not None
     assert scores.turn_deg[:, 0] == pytest.approx([0, np.rad2deg(0.3)], rel=1e-3)
+    rows = [place_columns(scores, i) for i in range(2)]
+    assert "yaw_deg" not in rows[0]
+    errors = rotation_errors(rows)
+    assert np.isnan(errors["yaw_error_deg"][0])
+    assert errors["yaw_error_deg"][1] == pytest.approx(np.rad2deg(0.3), rel=1e-3)
+    assert list(rotation_errors(rows[:1])) == ["turn_error_deg"]
     error = np.array([0.001, 0.002])
     assert scores.squared[0, 0] == pytest.approx(error @ np.linalg.inv(cov[0, 0, :2, :2]) @ error, rel=1e-3)
 
