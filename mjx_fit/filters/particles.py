@@ -91,15 +91,34 @@ def conditioned(
         weight, beta = jax.nn.softmax(step * old_new[:, 1]), jnp.where(step < 1 - beta, beta + step, 1.0)
         kept = tempering.resampled(weight, to_resample)
         state = jax.tree.map(lambda leaf: leaf[kept], (particles, old_new))
-        reference = tempering.reference_of(state[0].values)
-        move = partial(_moved, target=target, beta=beta, reference=reference)
-        state, _ = jax.lax.scan(move, state, jax.random.split(to_move, own.moves))
-        return *state, beta, key
+        return *_round(state, beta, to_move, target), beta, key
 
     is_new = (jnp.arange(len(rows.weight)) >= known) & (rows.weight > 0)
     begun = jnp.where(is_new.any(), 0.0, 1.0)
     state = particles, logp(particles), begun, key
     return jax.lax.while_loop(lambda state: state[2] < 1, temper, state)[0]
+
+
+def settled(
+    particles: Particles,
+    prior: Prior,
+    rows: Rows,
+    rounds: Int[Array, ""] | int,
+    key: Key[Array, ""],
+    config: Config,
+) -> Particles:
+    """Move conditioned particles more: few moves at each temperature leave them too close together."""
+    target = _Target(_likelihood(prior, rows, 0, config), prior, config)
+
+    def more(i: Int[Array, ""], state: _State) -> _State:
+        return _round(state, jnp.ones(()), jax.random.fold_in(key, i), target)
+
+    begun = particles, jax.lax.cond(rounds > 0, target.likelihood, _no_likelihood, particles)
+    return jax.lax.fori_loop(0, rounds, more, begun)[0]
+
+
+def _no_likelihood(particles: Particles) -> Float[Array, "N 2"]:
+    return jnp.zeros((len(particles.types), 2))
 
 
 def summarised(particles: Particles, prior: Prior, config: Config) -> Belief:
@@ -192,6 +211,13 @@ class _Target(NamedTuple):
     def before(self, of: Particles) -> Float[Array, "N"]:
         """Return the log density of particles before any row."""
         return self.prior.type_logp[of.types] + values_logp(of.values, self.prior, self.config)
+
+
+def _round(state: _State, beta: Float[Array, ""], key: Key[Array, ""], target: _Target) -> _State:
+    """Move all particles ``particles.moves`` times, by proposals that are like them."""
+    reference = tempering.reference_of(state[0].values)
+    move = partial(_moved, target=target, beta=beta, reference=reference)
+    return jax.lax.scan(move, state, jax.random.split(key, target.config.particles.moves))[0]
 
 
 def _moved(
