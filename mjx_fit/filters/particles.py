@@ -99,26 +99,15 @@ def conditioned(
     return jax.lax.while_loop(lambda state: state[2] < 1, temper, state)[0]
 
 
-def settled(
-    particles: Particles,
-    prior: Prior,
-    rows: Rows,
-    rounds: Int[Array, ""] | int,
-    key: Key[Array, ""],
-    config: Config,
-) -> Particles:
+def settled(particles: Particles, prior: Prior, rows: Rows, key: Key[Array, ""], config: Config) -> Particles:
     """Move conditioned particles more: few moves at each temperature leave them too close together."""
     target = _Target(_likelihood(prior, rows, 0, config), prior, config)
 
     def more(i: Int[Array, ""], state: _State) -> _State:
         return _round(state, jnp.ones(()), jax.random.fold_in(key, i), target)
 
-    begun = particles, jax.lax.cond(rounds > 0, target.likelihood, _no_likelihood, particles)
-    return jax.lax.fori_loop(0, rounds, more, begun)[0]
-
-
-def _no_likelihood(particles: Particles) -> Float[Array, "N 2"]:
-    return jnp.zeros((len(particles.types), 2))
+    begun = particles, target.likelihood(particles)
+    return jax.lax.fori_loop(0, config.particles.settle, more, begun)[0]
 
 
 def summarised(particles: Particles, prior: Prior, config: Config) -> Belief:

@@ -11,21 +11,18 @@ from mjx_fit.task.estimator import Update, where_rows
 from mjx_fit.types import Array, Belief, Rollout
 
 
-def after_failures(
-    update: Update, beliefs: Belief, rollouts: Rollout, keys: Key[Array, "n"], *, refutes: bool = True
-) -> Belief:
+def after_failures(update: Update, beliefs: Belief, rollouts: Rollout, keys: Key[Array, "n"]) -> Belief:
     """Return the beliefs after simulated attempts: the posterior after failures, else the prior.
 
     The update never sees the measurements of an attempt that succeeded or diverged. A policy that updates the
     belief itself (``task.seek``) has the last word: its belief is what it reported with its last action. If
     its attempt lasted to the end, it has searched where it believed the hole to be, and it was not there: the
-    position then is what it was before, and only the type is learnt. ``refutes`` False: the belief accounts
-    for what was searched in vain, and stays.
+    position then is what it was before, and only the type is learnt.
     """
     failed = np.asarray(rollouts.truth.valid & ~rollouts.taken)
     if isinstance(rollouts.report, Belief):
         learnt = last_report(rollouts)
-        refuted = refutes & (np.asarray(rollouts.felt.length) == rollouts.report.cov.shape[1])
+        refuted = np.asarray(rollouts.felt.length) == rollouts.report.cov.shape[1]
         place = failed & ~refuted
         return Belief(
             mean_world=where_rows(place, learnt.mean_world, beliefs.mean_world),

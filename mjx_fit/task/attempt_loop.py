@@ -72,8 +72,11 @@ def attempt_rounds(
         rollouts = engine.run(_with_beliefs(asked), actions, asked.active)
         beliefs, confirmed = asked.beliefs, None
         if asked.noise_keys is not None:
-            refutes = engine.policy_name != GEOMETRIC
-            beliefs = after_failures(update, asked.beliefs, rollouts, asked.noise_keys, refutes=refutes)
+            if engine.policy_name == GEOMETRIC:
+                # Particles that follow an attempt lose places that later rows make probable again: the whole
+                # attempt is read anew, and what it searched in vain counts.
+                rollouts = replace(rollouts, report=None)
+            beliefs = after_failures(update, asked.beliefs, rollouts, asked.noise_keys)
             if confirm is not None:
                 confirmed = after_insertions(confirm, asked.beliefs, rollouts, asked.noise_keys)
         yield Tried(asked, rollouts, beliefs, confirmed)

@@ -37,7 +37,7 @@ def geometry_update(config: Config) -> Callable[[Belief, Felt, Key[Array, "n"]],
         prior = _prior(seen, felt.estimate_world, felt.peg_type, config)
         found = particles.drawn(prior, of_draw, config)
         found = particles.conditioned(found, prior, rows, 0, of_moves, config)
-        found = particles.settled(found, prior, rows, config.particles.settle, of_rest, config)
+        found = particles.settled(found, prior, rows, of_rest, config)
         learnt = _belief(found, prior, felt.estimate_world, config)
         return frame.belief_in_world(learnt, felt.estimate_world, names)
 
@@ -98,27 +98,25 @@ def add(
     row, at = rows_of(reading, config), step // own.every
     counts = (step % own.every == own.every - 1) & (at < contact.rows.press.shape[0])
     rows = jax.tree.map(lambda old, new: jnp.where(counts, old.at[at].set(new[0]), old), contact.rows, row)
-    ends = step + 1 == config.task.attempt_actions
-    due = ends | ((step + 1) % own.think_every == 0)
+    due = (step + 1) % own.think_every == 0
     contact, think = replace(contact, rows=rows), _thinking(config)
     now, upto = jax.random.fold_in(key, step), (at + counts).astype(jnp.int32)
-    rounds = jnp.where(ends, own.settle, 0)
 
     def once(state):
-        return think(state[0], upto, rounds, now), jnp.zeros((), bool)
+        return think(state[0], upto, now), jnp.zeros((), bool)
 
     # A loop, not a condition: of worlds side by side, a condition computes both outcomes at every action.
     return jax.lax.while_loop(lambda state: state[1], once, (contact, due))[0]
 
 
-def _thinking(config: Config) -> Callable[[Contact, Array, Array, Key[Array, ""]], Contact]:
+def _thinking(config: Config) -> Callable[[Contact, Array, Key[Array, ""]], Contact]:
     """Return the function that conditions particles on all rows; of worlds, one after the other."""
 
     @sequential_vmap
-    def think(contact: Contact, upto: Array, rounds: Array, key: Key[Array, ""]) -> Contact:
-        prior, rows, (to_learn, to_rest) = contact.prior, contact.rows, jax.random.split(key)
-        found = particles.conditioned(contact.particles, prior, rows, contact.known, to_learn, config)
-        found = particles.settled(found, prior, rows, rounds, to_rest, config)
+    def think(contact: Contact, upto: Array, key: Key[Array, ""]) -> Contact:
+        found = particles.conditioned(
+            contact.particles, contact.prior, contact.rows, contact.known, key, config
+        )
         return replace(contact, particles=found, known=upto)
 
     return think

@@ -109,6 +109,24 @@ def test_the_posterior_is_that_of_enumeration(config, prior, rows):
     np.testing.assert_allclose(np.exp(got.type_logp), chance, atol=0.08)
 
 
+def test_settling_spreads_particles_that_are_too_close(config, prior, rows):
+    _, cov, _ = enumerated(config, prior, rows)
+    settles = replace(config, particles=replace(config.particles, settle=8))
+
+    @jax.jit
+    def spread(key):
+        found = particles.conditioned(particles.drawn(prior, key, config), prior, rows, 0, key, config)
+        middle = found.values.mean(0)
+        close = replace(found, values=middle + 0.3 * (found.values - middle))
+        after = particles.settled(close, prior, rows, key, settles)
+        return [particles.summarised(some, prior, config).cov for some in (close, after)]
+
+    close, after = np.mean([spread(jax.random.key(seed)) for seed in range(4)], 0)
+    std = np.sqrt(np.diag(cov))
+    assert (np.sqrt(np.diag(close)) < 0.5 * std).all()
+    np.testing.assert_allclose(np.sqrt(np.diag(after)), std, rtol=0.25)
+
+
 def test_rows_in_two_parts_give_what_they_give_at_once(config, prior, rows):
     """Those to come have no weight, those that are known are not counted twice."""
 

@@ -15,7 +15,7 @@ class ParticlesConfig:
     Attributes:
         count: Number of particles.
         moves: Moves at each temperature. More mix better and take longer.
-        settle: Rounds of moves after the last row. They spread the particles as far as the rows allow.
+        settle: Rounds of moves after an attempt. They spread the particles as far as its rows allow.
         least_share: Effective share of particles. The next temperature leaves this share of them.
         every: Actions to a row. The wrench and the pose of the last of them are read.
         think_every: Actions to an update. That of an attempt in progress, by the policy seek.
@@ -34,8 +34,8 @@ class ParticlesConfig:
         grasp_std_rad: Spread of its turn. Per axis.
     """
 
-    count: Annotated[int, Field(ge=64, le=65536)] = 512
-    moves: Annotated[int, Field(ge=1, le=100)] = 6
+    count: Annotated[int, Field(ge=64, le=65536)] = 256
+    moves: Annotated[int, Field(ge=1, le=100)] = 12
     settle: Annotated[int, Field(ge=0, le=100)] = 3
     least_share: Annotated[float, Field(ge=0.1, le=0.9)] = 0.5
     every: Annotated[int, Field(ge=1, le=20, json_schema_extra=ACTIONS_UNIT)] = 2
