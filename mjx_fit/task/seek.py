@@ -176,8 +176,9 @@ def rocking(
     """
     names, spread = config.filter.coordinates, jnp.sqrt(jnp.diagonal(belief.cov))
     size = jnp.stack([spread[names.index(name)] if name in names else jnp.zeros(()) for name in chart.AXIS])
-    probe = (1.0 - dropped) * config.seek.probe_radpm * jnp.sqrt(jnp.trace(belief.pos_cov) / 2)
-    size = config.seek.rock * size + probe * jnp.array([1.0, 1.0, 0.0])
+    own, doubt_m = config.seek, jnp.sqrt(jnp.trace(belief.pos_cov) / 2)
+    probe = (1.0 - dropped) * jnp.minimum(own.probe_radpm * doubt_m, own.probe_most_rad)
+    size = own.rock * size + probe * jnp.array([1.0, 1.0, 0.0])
     yaw, tilt = (2 * jnp.pi * ACTION_S * step / period for period in (YAW_S, TILT_S))
     return size * jnp.stack([jnp.cos(tilt), jnp.sin(tilt), jnp.sin(yaw)])
 

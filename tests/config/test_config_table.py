@@ -39,6 +39,7 @@ PURE = {
         for key in [
             "count",
             "moves",
+            "settle",
             "least_share",
             "outlier_chance",
             "row_weight",

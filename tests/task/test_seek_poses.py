@@ -128,6 +128,8 @@ def test_the_tool_tilts_more_while_the_hole_may_be_far():
     np.testing.assert_allclose(np.hypot(turns[:, 0], turns[:, 1]), 5 * np.sqrt(2e-4), rtol=1e-5)
     np.testing.assert_array_equal(turns[:, 2], 0)
     np.testing.assert_array_equal(rocking(jnp.asarray(7), belief, ~NOT, config), 0)
+    most = replace(config, seek=replace(config.seek, probe_most_rad=0.02))
+    np.testing.assert_allclose(jnp.linalg.norm(rocking(jnp.asarray(7), belief, NOT, most)), 0.02, rtol=1e-5)
 
 
 def test_the_plate_below_the_tool_is_the_believed_plane():

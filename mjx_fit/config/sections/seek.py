@@ -24,6 +24,7 @@ class SeekConfig:
             this many believed standard deviations, where a rotation is believed.
         probe_radpm: Tilt for each metre of doubt. The tool rocks by as much more, times the standard
             deviation of the believed position: the rim of the peg feels where the plate ends.
+        probe_most_rad: Largest such tilt.
         change_s: Time that a new centre costs. The rule adds it for slowing down and starting anew.
         feel_s: Longest search that is expected. Contact then tells where the hole is, for any belief.
         sink_s: Time to push the peg in.
@@ -46,7 +47,8 @@ class SeekConfig:
     slide_mps: Annotated[float, Field(ge=0.001, le=0.1, json_schema_extra=_SPEED)] = 0.03
     turn_radps: Annotated[float, Field(ge=0.01, le=3, json_schema_extra={"unit": "rad/s"})] = 0.3
     rock: Annotated[float, Field(ge=0, le=5)] = 0.0
-    probe_radpm: Annotated[float, Field(ge=0, le=20, json_schema_extra={"unit": "rad/m"})] = 0.0
+    probe_radpm: Annotated[float, Field(ge=0, le=100, json_schema_extra={"unit": "rad/m"})] = 0.0
+    probe_most_rad: Annotated[float, Field(ge=0, le=0.3)] = 0.1
     change_s: Annotated[float, Field(ge=0, le=10)] = 0.2
     feel_s: Annotated[float, Field(ge=0.1, le=100)] = 2.0
     sink_s: Annotated[float, Field(ge=0, le=100)] = 1.0
