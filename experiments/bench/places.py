@@ -18,7 +18,7 @@ from mjx_fit.evaluation.scores import inside
 from mjx_fit.filters.kalman import CM_PER_M
 
 HEAD = (
-    "method", "visits", "open", "place, mm: median (90 % below)", "yaw, °: median (90 % below)",
+    "visits", "open", "place, mm: median (90 % below)", "yaw, °: median (90 % below)",
     "all rotations, °", "in the 50 % region", "in the 90 % region", "NEES", "largest squared distance",
     "matching pegs in",
 )  # fmt: skip
@@ -26,14 +26,22 @@ MM_PER_CM = 1000 / CM_PER_M
 
 
 def main(file: Path) -> None:
-    print("| " + " | ".join(HEAD) + " |\n" + "|---" * len(HEAD) + "|")
     for method, trials in results.by_method(results.read(file).trials).items():
+        astray = runaways(trials)
+        print(f"{method}: {len(trials)} holes, {astray} beliefs run away\n")
+        print("| " + " | ".join(HEAD) + " |\n" + "|---" * len(HEAD) + "|")
         for row in described(trials):
-            print(f"| {method} | " + " | ".join(row) + " |")
+            print("| " + " | ".join(row) + " |")
+
+
+def runaways(trials: list[dict[str, Any]]) -> int:
+    error = np.array([trial["error_cm"] for trial in trials])
+    squared = np.array([trial["squared_mahalanobis"] for trial in trials])
+    return int(run_away(error[:, 1:], squared[:, 1:]).sum())
 
 
 def described(trials: list[dict[str, Any]]) -> list[list[str]]:
-    """Return the cells of each number of visits, and print how many beliefs went astray."""
+    """Return the cells of each number of visits."""
     error = MM_PER_CM * np.array([trial["error_cm"] for trial in trials])
     turn = np.array([trial["turn_deg"] for trial in trials])
     yaw = np.array([trial.get("yaw_deg", [np.nan] * error.shape[1]) for trial in trials])
@@ -41,8 +49,6 @@ def described(trials: list[dict[str, Any]]) -> list[list[str]]:
     degrees = np.array([trial.get("degrees", 2) for trial in trials])
     matched = np.array([trial["pair"][0] == trial["pair"][1] for trial in trials])
     inserted = np.array([trial["inserted_at"] or np.inf for trial in trials])
-    astray = run_away(error[:, 1:] / MM_PER_CM, squared[:, 1:])
-    print(f"\n{len(trials)} holes, {astray.sum()} beliefs run away\n")
     rows = []
     for k in range(error.shape[1]):
         left = inserted > k
