@@ -68,6 +68,8 @@ class PolicyInput:
         contact: True if this wrench indicates contact (``mjx_fit.sensors.force_torque.in_contact``).
         reading: The previous action as the learned sensor reads it (``sensors.reading.read_action``), for
             policies that read; None for the others. Before the first action it is meaningless.
+        running: Whether what the policy does counts. It does not after the end of an attempt, and in rows
+            that fill up a batch: costly work can be left out there.
     """
 
     start: PolicyStart
@@ -82,6 +84,7 @@ class PolicyInput:
     contact: Bool[Array, ""]
     horizon: int = static()
     reading: Reading | None = None
+    running: Bool[Array, ""] | bool = True
 
 
 class Policy(NamedTuple):

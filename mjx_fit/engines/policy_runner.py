@@ -40,6 +40,7 @@ class Memory:
         command_world: Command of the previous action, m and rad.
         goal: Goal of the TCP at the end of the previous action, at first its position.
         physics: Quantities that the world has of its own, unknown to the policy.
+        running: Whether the attempt goes on (``PolicyInput.running``).
     """
 
     state: State
@@ -50,6 +51,7 @@ class Memory:
     command_world: Float[Array, "k"]
     goal: Goal
     physics: Physics
+    running: Bool[Array, ""]
 
 
 def begin(
@@ -71,6 +73,7 @@ def begin(
         command_world=jnp.zeros(policy.width),
         goal=at_rest(policy, config, start, tip_pos_world),
         physics=attempt.physics,
+        running=jnp.ones((), bool),
     )
 
 
@@ -126,6 +129,7 @@ def seen(
         contact=force_torque.in_contact(wrench, wrist),
         reading=_read(memory, tip, config, before) if reads else None,
         horizon=horizon,
+        running=memory.running,
     )
 
 

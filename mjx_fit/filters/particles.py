@@ -30,6 +30,8 @@ from mjx_fit.types import Array, Belief, pytree
 
 _RETYPED = 0.2
 """Share of moves that draw the type as well."""
+_IMPOSSIBLE = -1e6
+"""Log likelihood in place of NaN, such as of a simulation that diverged: exponents would never reach 1."""
 _BLOCK = 256
 """Particles whose likelihood is computed at once: as many as fit a processor's cache with their sockets."""
 _Likelihood = Callable[["Particles"], Float[Array, "N 2"]]
@@ -147,7 +149,9 @@ def _likelihood(prior: Prior, rows: Rows, known: Int[Array, ""] | int, config: C
         poses = jax.vmap(lambda value: _pose(value, prior, config), out_axes=-1)(values)
 
         def add(i: Int[Array, ""], found: Float[Array, "2 n"]) -> Float[Array, "2 n"]:
-            logp = row_logp(poses, jax.tree.map(lambda leaf: leaf[i], rows), peg, hole, config.particles)
+            row = jax.tree.map(lambda leaf: leaf[i], rows)
+            logp = jnp.where(row.weight > 0, row_logp(poses, row, peg, hole, config.particles), 0.0)
+            logp = jnp.nan_to_num(logp, nan=_IMPOSSIBLE)
             return found + jnp.where(i < known, jnp.stack([logp, 0 * logp]), jnp.stack([0 * logp, logp]))
 
         return jax.lax.fori_loop(0, read, add, jnp.zeros((2, len(types)))).T

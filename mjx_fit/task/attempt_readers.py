@@ -88,7 +88,7 @@ def by_geometry(config: Config) -> Reader:
     def add(past: Past, prior: Belief, seen: PolicyInput) -> tuple[Past, Belief]:
         assert seen.reading is not None
         key = jax.random.fold_in(seen.attempt_key, _THINKING)
-        past = geometry.add(past, seen.reading, seen.step - 1, key, config)
+        past = geometry.add(past, seen.reading, seen.step - 1, seen.running, key, config)
         return past, geometry.belief_of(past, frame.padded(seen.start.estimate_world, names), config)
 
     return Reader(begin, add)

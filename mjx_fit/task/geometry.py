@@ -9,7 +9,7 @@ from dataclasses import replace
 import jax
 import jax.numpy as jnp
 from jax.custom_batching import sequential_vmap
-from jaxtyping import Float, Int, Key
+from jaxtyping import Bool, Float, Int, Key
 
 from mjx_fit.config.schema import Config
 from mjx_fit.filters import frame, particles
@@ -83,7 +83,12 @@ def begin(
 
 
 def add(
-    contact: Contact, reading: Reading, step: Int[Array, ""], key: Key[Array, ""], config: Config
+    contact: Contact,
+    reading: Reading,
+    step: Int[Array, ""],
+    running: Bool[Array, ""] | bool,
+    key: Key[Array, ""],
+    config: Config,
 ) -> Contact:
     """Add an action, and condition the particles on the rows that they do not know when it is time.
 
@@ -91,6 +96,7 @@ def add(
         contact: What is known before.
         reading: Reading of the action, one row, in the frame of the estimate.
         step: Index of the action.
+        running: Whether it counts; if not, no particle is moved.
         key: Random key of the attempt.
         config: Defines the filter.
     """
@@ -98,26 +104,29 @@ def add(
     row, at = rows_of(reading, config), step // own.every
     counts = (step % own.every == own.every - 1) & (at < contact.rows.press.shape[0])
     rows = jax.tree.map(lambda old, new: jnp.where(counts, old.at[at].set(new[0]), old), contact.rows, row)
-    due = (step + 1) % own.think_every == 0
+    due = running & ((step + 1) % own.think_every == 0)
     contact, think = replace(contact, rows=rows), _thinking(config)
     now, upto = jax.random.fold_in(key, step), (at + counts).astype(jnp.int32)
 
     def once(state):
-        return think(state[0], upto, now), jnp.zeros((), bool)
+        return think(state[0], upto, state[1], now), jnp.zeros((), bool)
 
     # A loop, not a condition: of worlds side by side, a condition computes both outcomes at every action.
     return jax.lax.while_loop(lambda state: state[1], once, (contact, due))[0]
 
 
-def _thinking(config: Config) -> Callable[[Contact, Array, Key[Array, ""]], Contact]:
-    """Return the function that conditions particles on all rows; of worlds, one after the other."""
+def _thinking(config: Config) -> Callable[[Contact, Array, Array, Key[Array, ""]], Contact]:
+    """Return the function that conditions particles on all rows; of worlds where it is due, in turn."""
 
-    @sequential_vmap
-    def think(contact: Contact, upto: Array, key: Key[Array, ""]) -> Contact:
+    def learnt(contact: Contact, upto: Array, key: Key[Array, ""]) -> Contact:
         found = particles.conditioned(
             contact.particles, contact.prior, contact.rows, contact.known, key, config
         )
         return replace(contact, particles=found, known=upto)
+
+    @sequential_vmap
+    def think(contact: Contact, upto: Array, due: Array, key: Key[Array, ""]) -> Contact:
+        return jax.lax.cond(due, learnt, lambda contact, *_: contact, contact, upto, key)
 
     return think
 

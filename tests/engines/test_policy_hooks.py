@@ -63,6 +63,23 @@ def test_an_attempt_ends_when_its_policy_gives_up(engine, exact):
     assert not np.asarray(done.felt.trace.wrench_sensor)[np.arange(N), done.felt.length].any()
 
 
+@pytest.mark.parametrize("engine", ["native", pytest.param("mjx", marks=pytest.mark.slow)])
+def test_a_policy_knows_which_rows_of_a_batch_count(engine, exact):
+    """Those that are over do not, nor those that fill the batch up."""
+    told = []
+
+    def act(state, seen):
+        jax.debug.callback(lambda *row: told.append([int(one) for one in row]), seen.step, seen.running)
+        return QUITTER.act(state, seen)
+
+    attempts = draw_attempts(jax.random.key(1), N, config=exact)
+    done = make_engine(engine, exact, QUITTER._replace(act=act)).run(attempts, ACTIONS)
+    jax.effects_barrier()
+    counting = [sum(running for at, running in told if at == step) for step in range(ACTIONS)]
+    assert counting == [int((done.felt.length > step).sum()) for step in range(ACTIONS)]
+    assert len(told) > sum(counting)
+
+
 def test_what_is_reported_stays_with_its_attempt_when_others_end(exact):
     """Blocks shrink as attempts end; 40 attempts share one."""
 

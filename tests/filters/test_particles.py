@@ -144,6 +144,20 @@ def test_rows_in_two_parts_give_what_they_give_at_once(config, prior, rows):
     np.testing.assert_allclose(got, mean, atol=0.3 * np.sqrt(np.diag(cov)).max())
 
 
+def test_a_row_that_is_not_a_number_does_not_keep_the_others_from_being_read(config, prior, rows):
+    """Such as of a simulation that diverged. Rows of weight 0 may hold anything."""
+    broken = replace(rows, tip=rows.tip.at[3:5].set(jnp.nan), weight=rows.weight.at[4].set(0))
+
+    @jax.jit
+    def learn(key):
+        found = particles.conditioned(particles.drawn(prior, key, config), prior, broken, 0, key, config)
+        return particles.summarised(found, prior, config)
+
+    mean, cov, _ = enumerated(config, prior, rows)
+    got = np.mean([learn(jax.random.key(seed)).mean_world for seed in range(3)], 0)
+    np.testing.assert_allclose(got, mean, atol=np.sqrt(np.diag(cov)).max())
+
+
 def test_without_rows_the_prior_is_the_posterior(config, prior, rows):
     nothing = replace(rows, weight=jnp.zeros(N_ROWS))
     drawn = particles.drawn(prior, jax.random.key(0), config)

@@ -17,6 +17,7 @@ from mjx_fit.filters.updates import detected_belief
 from mjx_fit.scene.placement import place_for_tool
 from mjx_fit.sensors.contact_rows import every, rows_of, with_world_poses
 from mjx_fit.sensors.reading import Window, read_window
+from mjx_fit.task import geometry
 from mjx_fit.task.attempt_loop import Try, attempt_rounds
 from mjx_fit.task.estimator import filter_update
 from mjx_fit.task.seek import GEOMETRIC, NAME, seek, seek_by_geometry
@@ -86,6 +87,28 @@ def test_an_attempt_in_progress_is_read_as_the_whole_one(sought):
         for name in ("tip", "turn", "press", "pressure", "weight"):
             got = np.asarray(getattr(done.report[1], name))[i, -1, :known]
             np.testing.assert_allclose(got, getattr(want, name)[:known], atol=2e-5, err_msg=name)
+
+
+def test_attempts_that_are_over_are_not_thought_about(sought):
+    """Of two side by side, the one that goes on learns what it learns alone."""
+    exact, _, done = sought
+    first = jax.tree.map(lambda leaf: jnp.asarray(leaf[0]), done.felt)
+    reading = read_window(first, jax.random.key(0), with_world_poses(exact), Window(20))
+    row = jax.tree.map(lambda leaf: leaf[15:16] if leaf.ndim else leaf, reading)
+    begun = geometry.begin(
+        detected_belief(jnp.zeros(2), exact), jnp.zeros(6), first.peg_type, jax.random.key(0), exact
+    )
+
+    @jax.jit
+    def learn(contact, running):
+        return geometry.add(contact, row, jnp.asarray(15), running, jax.random.key(1), exact)
+
+    pair = jax.vmap(learn)(jax.tree.map(lambda leaf: jnp.stack([leaf] * 2), begun), jnp.array([True, False]))
+    alone = learn(begun, jnp.asarray(True))
+    assert pair.known.tolist() == [8, 0]
+    np.testing.assert_array_equal(pair.particles.values[1], begun.particles.values)
+    assert (pair.particles.values[0] != begun.particles.values).any()
+    np.testing.assert_allclose(pair.particles.values[0], alone.particles.values, atol=1e-5)
 
 
 def test_it_thinks_when_it_is_time(sought):

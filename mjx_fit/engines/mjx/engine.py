@@ -172,6 +172,7 @@ class World:
 
         def act(carry, step):
             data, running, limited, memory = carry
+            memory = replace(memory, running=running)
             model = held_now(start, memory.physics)
             arm = arm_state(model, data, self.scene)
             tip = attempt_rules.tip_of(arm, memory.physics, self.config)

@@ -52,6 +52,7 @@ class Part:
         self._limited = np.zeros(len(self.ids), np.int32)
         # Finished simulations stay among the shown ones until a smaller number of rows suffices.
         self._running = self._shown = np.arange(len(self.ids))
+        self._tell_running()
 
     def move(
         self,
@@ -148,3 +149,10 @@ class Part:
             self.memory, self.setting = padded(self.memory, kept), padded(self.setting, kept)
             self._shown = self._running
             self.block.show(self._shown, rows)
+        self._tell_running()
+
+    def _tell_running(self) -> None:
+        """Tell the policy which of the controller's rows count."""
+        counts = np.zeros(len(self.memory.running), bool)
+        counts[np.searchsorted(self._shown, self._running)] = True
+        self.memory = replace(self.memory, running=counts)
