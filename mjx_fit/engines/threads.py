@@ -4,8 +4,10 @@
 # pyright: reportAttributeAccessIssue=false
 
 import math
-from collections.abc import Callable, Iterable
+import threading
+from collections.abc import Callable, Hashable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from typing import TypeVar
 
 import mujoco
@@ -36,6 +38,27 @@ def on_threads(threads: int, work: Callable[[T], None], items: Iterable[T]) -> N
     finally:
         # Do not wait: after Ctrl-C the results of the other threads are not needed.
         pool.shutdown(wait=False, cancel_futures=True)
+
+
+class OneByOne:
+    """Threads that do something for the first time do so one after the other.
+
+    Two threads that call a jitted function for the first time would both compile it, and JAX has crashed
+    where both stored the result.
+    """
+
+    def __init__(self) -> None:
+        self._lock, self._known = threading.Lock(), set[Hashable]()
+
+    @contextmanager
+    def at_first(self, what: Hashable) -> Iterator[None]:
+        """Hold the others back until this was done once; later it holds nobody back."""
+        if what in self._known:
+            yield
+            return
+        with self._lock:
+            yield
+        self._known.add(what)
 
 
 def even_batch(n: int, at_most: int) -> int:

@@ -1,11 +1,14 @@
 """Division of a batch among host threads."""
 
+import threading
+import time
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjx_fit.engines.threads import on_threads, parts_of
+from mjx_fit.engines.threads import OneByOne, on_threads, parts_of
 
 
 @given(st.integers(0, 500), st.integers(1, 16), st.integers(1, 64))
@@ -24,3 +27,37 @@ def test_what_a_thread_raises_is_raised():
 
     with pytest.raises(ValueError, match="three"):
         on_threads(2, work, range(5))
+
+
+def test_what_is_new_is_done_by_one_thread_at_a_time_and_later_by_all():
+    one_by_one, both, order = OneByOne(), threading.Barrier(2), []
+
+    def first(item):
+        with one_by_one.at_first("compile"):
+            order.append(("in", item))
+            time.sleep(0.05)
+            order.append(("out", item))
+
+    on_threads(2, first, range(2))
+    assert [what for what, _ in order] == ["in", "out", "in", "out"]
+
+    def later(_):
+        with one_by_one.at_first("compile"):
+            both.wait(10)  # breaks, and raises, unless two are here at once
+
+    on_threads(2, later, range(2))
+
+
+def test_what_failed_at_first_is_new_still():
+    one_by_one, done = OneByOne(), []
+    with pytest.raises(ValueError, match="once"), one_by_one.at_first("compile"):
+        raise ValueError("once")
+
+    def again(item):
+        with one_by_one.at_first("compile"):
+            done.append(("in", item))
+            time.sleep(0.05)
+            done.append(("out", item))
+
+    on_threads(2, again, range(2))
+    assert [what for what, _ in done] == ["in", "out", "in", "out"]

@@ -19,11 +19,11 @@ from mjx_fit.control.goals import Goal
 from mjx_fit.control.policies import Policy
 from mjx_fit.engines import attempt_rules
 from mjx_fit.engines.native.block import Block, batch_at_rest
-from mjx_fit.engines.native.controller import ROWS, Brain, padded
+from mjx_fit.engines.native.controller import ROWS, Brain, padded, rows_for
 from mjx_fit.engines.native.models import Models
 from mjx_fit.engines.native.part import OnStep, Part
 from mjx_fit.engines.requests import ANY_POLICY, MOST_THREADS, require_attempts, require_count
-from mjx_fit.engines.threads import on_threads, parts_of, silence_mujoco
+from mjx_fit.engines.threads import OneByOne, on_threads, parts_of, silence_mujoco
 from mjx_fit.scene.build import simulation_scene
 from mjx_fit.scene.slip import with_grasp
 from mjx_fit.types import Attempt, Rollout
@@ -64,6 +64,7 @@ class NativeEngine:
         self._brain = Brain(self.scene, config, acting(policy, config))
         self.turns = self._brain.policy.turns
         self._models = Models(self.scene)
+        self._compiling = OneByOne()
 
     def run(
         self,
@@ -84,10 +85,13 @@ class NativeEngine:
         parts = [wanted[part] for part in parts_of(len(wanted), self._threads, ROWS[-1])]
 
         def run_part(ids: Int[np.ndarray, "m"]) -> None:
-            part = self._part(attempts, ids, done)
+            with self._compiling.at_first(("begin", rows_for(len(ids)))):
+                part = self._part(attempts, ids, done)
             for step in range(actions):
                 interrupts.check()
-                if not part.act(step, horizon):
+                with self._compiling.at_first((horizon, part.rows)):
+                    goes_on = part.act(step, horizon)
+                if not goes_on:
                     return
 
         on_threads(self._threads, run_part, parts)

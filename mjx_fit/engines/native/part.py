@@ -54,6 +54,11 @@ class Part:
         self._running = self._shown = np.arange(len(self.ids))
         self._tell_running()
 
+    @property
+    def rows(self) -> int:
+        """Number of rows that the controller computes."""
+        return len(self.memory.running)
+
     def move(
         self,
         qpos: Float[np.ndarray, "m joints"],
@@ -153,6 +158,6 @@ class Part:
 
     def _tell_running(self) -> None:
         """Tell the policy which of the controller's rows count."""
-        counts = np.zeros(len(self.memory.running), bool)
+        counts = np.zeros(self.rows, bool)
         counts[np.searchsorted(self._shown, self._running)] = True
         self.memory = replace(self.memory, running=counts)
