@@ -151,7 +151,7 @@ def _likelihood(prior: Prior, rows: Rows, known: Int[Array, ""] | int, config: C
         def add(i: Int[Array, ""], found: Float[Array, "2 n"]) -> Float[Array, "2 n"]:
             row = jax.tree.map(lambda leaf: leaf[i], rows)
             logp = jnp.where(row.weight > 0, row_logp(poses, row, peg, hole, config.particles), 0.0)
-            logp = jnp.nan_to_num(logp, nan=_IMPOSSIBLE)
+            logp = jnp.where(jnp.isnan(logp), _IMPOSSIBLE, logp)
             return found + jnp.where(i < known, jnp.stack([logp, 0 * logp]), jnp.stack([0 * logp, logp]))
 
         return jax.lax.fori_loop(0, read, add, jnp.zeros((2, len(types)))).T

@@ -29,17 +29,23 @@ def test_what_a_thread_raises_is_raised():
         on_threads(2, work, range(5))
 
 
-def test_what_is_new_is_done_by_one_thread_at_a_time_and_later_by_all():
-    one_by_one, both, order = OneByOne(), threading.Barrier(2), []
+def in_and_out(one_by_one):
+    """What two threads do that stay for a while."""
+    order = []
 
-    def first(item):
+    def stay(item):
         with one_by_one.at_first("compile"):
-            order.append(("in", item))
+            order.append("in")
             time.sleep(0.05)
-            order.append(("out", item))
+            order.append("out")
 
-    on_threads(2, first, range(2))
-    assert [what for what, _ in order] == ["in", "out", "in", "out"]
+    on_threads(2, stay, range(2))
+    return order
+
+
+def test_what_is_new_is_done_by_one_thread_at_a_time_and_later_by_all():
+    one_by_one, both = OneByOne(), threading.Barrier(2)
+    assert in_and_out(one_by_one) == ["in", "out", "in", "out"]
 
     def later(_):
         with one_by_one.at_first("compile"):
@@ -49,15 +55,7 @@ def test_what_is_new_is_done_by_one_thread_at_a_time_and_later_by_all():
 
 
 def test_what_failed_at_first_is_new_still():
-    one_by_one, done = OneByOne(), []
+    one_by_one = OneByOne()
     with pytest.raises(ValueError, match="once"), one_by_one.at_first("compile"):
         raise ValueError("once")
-
-    def again(item):
-        with one_by_one.at_first("compile"):
-            done.append(("in", item))
-            time.sleep(0.05)
-            done.append(("out", item))
-
-    on_threads(2, again, range(2))
-    assert [what for what, _ in done] == ["in", "out", "in", "out"]
+    assert in_and_out(one_by_one) == ["in", "out", "in", "out"]

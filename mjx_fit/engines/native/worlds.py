@@ -14,11 +14,11 @@ from mjx_fit.control.regulation import Losses, regulated
 from mjx_fit.engines import attempt_rules
 from mjx_fit.engines.attempt_rules import Tip, Verdict
 from mjx_fit.engines.native.block import Block
-from mjx_fit.engines.native.controller import ROWS, Brain, padded
+from mjx_fit.engines.native.controller import ROWS, Brain, padded, rows_for
 from mjx_fit.engines.native.drive import driven
 from mjx_fit.engines.native.models import Models
 from mjx_fit.engines.policy_runner import Memory
-from mjx_fit.engines.threads import on_threads, parts_of, silence_mujoco
+from mjx_fit.engines.threads import OneByOne, on_threads, parts_of, silence_mujoco
 from mjx_fit.scene.build import simulation_scene
 from mjx_fit.scene.placement import Setting
 from mjx_fit.types import Attempt
@@ -67,7 +67,7 @@ class Worlds:
         silence_mujoco()
         scene = simulation_scene(config.scene)
         brain = Brain(scene, config, regulated(FROM_OUTSIDE, config.control))
-        models, self._threads = Models(scene), threads
+        models, self._threads, self._compiling = Models(scene), threads, OneByOne()
         self._ids = parts_of(len(attempts.peg_type), threads, ROWS[-1])
         self._parts = [
             _Part(brain, models, jax.tree.map(lambda leaf, i=i: leaf[i], attempts)) for i in self._ids
@@ -82,7 +82,9 @@ class Worlds:
         done: dict[int, Stepped] = {}
 
         def work(number: int) -> None:
-            done[number] = self._parts[number].act(command_world[self._ids[number]])
+            ids = self._ids[number]
+            with self._compiling.at_first(("act", rows_for(len(ids)))):
+                done[number] = self._parts[number].act(command_world[ids])
 
         on_threads(self._threads, work, range(len(self._parts)))
         parts = [done[number] for number in range(len(self._parts))]
@@ -99,7 +101,8 @@ class Worlds:
             ids = self._ids[number]
             own = jax.tree.map(lambda leaf: leaf[ids], attempts)
             if over[ids].any():
-                self._parts[number].restart(over[ids], own)
+                with self._compiling.at_first(("restart", rows_for(len(ids)))):
+                    self._parts[number].restart(over[ids], own)
 
         on_threads(self._threads, work, range(len(self._parts)))
 
