@@ -72,7 +72,7 @@ def row_logp(
 
     Args:
         pose: The poses.
-        row: One row.
+        row: One row, or several: their axes come before those of the poses.
         peg: Surfaces of the peg's part.
         hole: Surfaces of the hole's part, or of one for each pose, on trailing axes (..., *n).
         config: Errors and outliers.
