@@ -24,6 +24,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Bool, Float
 
+from mjx_fit.scene.sections import Section
 from mjx_fit.scene.surfaces import Surfaces
 from mjx_fit.types import Array
 
@@ -82,7 +83,7 @@ def bearing_of(pose: PegPose, peg: Surfaces, hole: Surfaces) -> Bearing:
         peg: Surfaces of the peg's part.
         hole: Surfaces of the hole's part, or of one for each pose, on trailing axes (..., *n).
     """
-    none = jnp.zeros_like(pose.at[0] + hole.mouth_sides[0, 0, 0])
+    none = jnp.zeros_like(pose.at[0] + hole.mouth.sides[0, 0, 0])
     begun = Bearing(none + AWAY_M, *[none] * 6)
     return _under_peg(_over_socket(begun, pose, peg, hole), pose, peg, hole)
 
@@ -95,7 +96,7 @@ def _over_socket(found: Bearing, pose: PegPose, peg: Surfaces, hole: Surfaces) -
         found, last = state
         (u, v, w), joined = point
         x, y = pose.at[0] + a * u + b * v + c * w, pose.at[1] + d * u + e * v + f * w
-        here = _Point(u, v, pose.at[2] + p * u + q * v + r * w, _depth(x, y, hole.mouth_sides))
+        here = _Point(u, v, pose.at[2] + p * u + q * v + r * w, _depth(x, y, hole.mouth))
         over = _over(x, y, here, hole)
         return (_added(found, [(over, u, v), _crossing(last, here, joined)]), here), None
 
@@ -145,10 +146,10 @@ def _added(found: Bearing, points: Sequence[tuple[Array, Array, Array]]) -> Bear
 
 def _over(x: Array, y: Array, point: _Point, hole: Surfaces) -> Array:
     """Return the gap of a point of the peg."""
-    if hole.hole_sides is None:
+    if hole.hole is None:
         inside, over = point.depth, point.z
     else:
-        inside = _depth(x, y, hole.hole_sides)
+        inside = _depth(x, y, hole.hole)
         over = point.z + jnp.clip(point.depth, 0, hole.hole_chamfer)
     in_hole = jnp.where(point.z < 0, inside, AWAY_M)
     return jnp.where(inside > 0, in_hole, jnp.maximum(over, inside))
@@ -156,15 +157,18 @@ def _over(x: Array, y: Array, point: _Point, hole: Surfaces) -> Array:
 
 def _peg_height(u: Array, v: Array, peg: Surfaces) -> tuple[Array, Array]:
     """Return the height of the peg's lower end over its lower face, far up beside it, and how far inside."""
-    outline = _depth(u, v, peg.peg_sides)
-    on_face = outline if peg.face_sides is None else _depth(u, v, peg.face_sides)
+    outline = _depth(u, v, peg.peg)
+    on_face = outline if peg.face is None else _depth(u, v, peg.face)
     chamfer = jnp.clip(peg.peg_chamfer - outline, 0, peg.peg_chamfer)
     return jnp.where(on_face > 0, 0.0, jnp.where(outline > 0, chamfer, AWAY_M)), outline
 
 
-def _depth(x: Array, y: Array, sides: Float[Array, "k s 3 *n"]) -> Array:
-    """Return how far inside a section points are, m; below zero outside (``mjx_fit.scene.surfaces``)."""
-    nearest = (_least(side[2] - side[0] * x - side[1] * y for side in piece) for piece in sides)
+def _depth(x: Array, y: Array, section: Section) -> Array:
+    """Return how far inside a section points are, m; below zero outside (``mjx_fit.scene.sections``)."""
+    nearest = [_least(side[2] - side[0] * x - side[1] * y for side in piece) for piece in section.sides]
+    if section.discs is not None:
+        from_arcs = [r - jnp.sqrt((x - a) ** 2 + (y - b) ** 2) for a, b, r in section.discs]
+        nearest = map(jnp.minimum, nearest, from_arcs)
     return reduce(jnp.maximum, nearest)
 
 
