@@ -107,7 +107,7 @@ def _length(attempts: Attempt) -> int:
     if leaves["elsewhere_per_s"] is None:
         del leaves["elsewhere_per_s"]
     if belief is not None:
-        leaves |= vars(belief)
+        leaves |= {name: leaf for name, leaf in vars(belief).items() if name != "memory"}
     if not isinstance(physics, Physics):
         _refuse("attempts: physics", type(physics).__name__, "expected Physics")
     for name, leaf in (leaves | drawn(physics)).items():

@@ -16,7 +16,7 @@ from jaxtyping import Float
 from mjx_fit.config.sections.particles import ParticlesConfig
 from mjx_fit.filters.gaps import Bearing, PegPose, bearing_of
 from mjx_fit.scene.surfaces import Surfaces
-from mjx_fit.types import Array, pytree
+from mjx_fit.types import Array, Rows
 
 _OUTLIER_GAP_M, _OUTLIER_SIDE_M = 0.001, 0.04
 """Scale of the gaps of outliers, and side of the square that their centres of pressure lie in."""
@@ -24,25 +24,6 @@ _OUTLIER_PRESSURE, _OUTLIER_FREE = 0.3, 0.05
 """Chance that the centre of pressure is not that of the plate, and that the peg hangs on something else."""
 _HALF_LOG_2PI = 0.5 * math.log(2 * math.pi)
 _Matrix = list[list[Array]]
-
-
-@pytree
-class Rows:
-    """What an attempt tells about contact, action by action, in the frame of its estimate.
-
-    Attributes:
-        tip: Position of the TCP relative to the estimate, on the plate's upper face, m.
-        turn: Rotation of the TCP from straight down.
-        press: Force on the peg upwards, N.
-        pressure: Centre of pressure on the peg's lower face relative to the TCP, x and y, m.
-        weight: Exponent of the row's likelihood; 0: it is not read.
-    """
-
-    tip: Float[Array, "*L 3"]
-    turn: Float[Array, "*L 3 3"]
-    press: Float[Array, "*L"]
-    pressure: Float[Array, "*L 2"]
-    weight: Float[Array, "*L"]
 
 
 class Pose(NamedTuple):
@@ -78,7 +59,9 @@ def row_logp(
         config: Errors and outliers.
     """
     found = bearing_of(peg_pose(pose, row), peg, hole)
-    gap, std = found.gap, config.gap_std_m * pose.noise
+    # The spread of gaps that is believed is that of this attempt.
+    noise = jnp.where(row.height_std > 0, 1.0, pose.noise)
+    gap, std = found.gap, jnp.hypot(config.gap_std_m * noise, row.height_std)
     touches = _mixed(
         -0.5 * (gap / std) ** 2 - jnp.log(std) - _HALF_LOG_2PI,
         -jnp.abs(gap) / _OUTLIER_GAP_M - jnp.log(2 * _OUTLIER_GAP_M),
@@ -101,7 +84,7 @@ def peg_pose(pose: Pose, row: Rows) -> PegPose:
     tool, grasp, place = map(_entries, (row.turn, pose.grasp_turn, pose.place_turn))
     shift, back = pose.grasp, _transposed(_times(place, grasp))
     away = [row.tip[i] - pose.place[i] + _along(tool[i], shift) - _along(place[i], shift) for i in range(3)]
-    away[2] = away[2] + pose.height_error
+    away[2] = away[2] + jnp.where(row.height_std > 0, 0.0, pose.height_error)
     return PegPose([_along(axis, away) for axis in back], _times(back, _times(tool, grasp)))
 
 

@@ -108,7 +108,10 @@ def belief_in_frame(
     back = jnp.swapaxes(basis_of(frame_of(estimate_world, coordinates), coordinates), -1, -2)
     step = chart.step_between(estimate_world, belief.mean_world, coordinates)
     mean = upright(estimate_world) + (back * step[..., None, :]).sum(-1)
-    return replace(belief, mean_world=mean, cov=_between(back, belief.cov))
+    memory = belief.memory
+    if memory is not None:
+        memory = replace(memory, before=belief_in_frame(memory.before, estimate_world, coordinates))
+    return replace(belief, mean_world=mean, cov=_between(back, belief.cov), memory=memory)
 
 
 def belief_in_world(

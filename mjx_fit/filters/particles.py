@@ -23,11 +23,13 @@ from jaxtyping import Float, Int, Key
 from mjx_fit.config.schema import Config
 from mjx_fit.config.sections.particles import ParticlesConfig
 from mjx_fit.filters import chart, tempering
-from mjx_fit.filters.contact_model import Pose, Rows, row_logp
+from mjx_fit.filters.contact_model import Pose, row_logp
 from mjx_fit.filters.particle_prior import Prior, drawn_values, values_logp
 from mjx_fit.scene.surfaces import surfaces_of
-from mjx_fit.types import Array, Belief, pytree
+from mjx_fit.types import Array, Belief, Particles, Rows
 
+NUISANCES = 2
+"""Last values of a particle: the errors of an attempt's measurements, that of heights and the noise."""
 _RETYPED = 0.2
 """Share of moves that draw the type as well."""
 _IMPOSSIBLE = -1e6
@@ -36,35 +38,24 @@ _BLOCK = 256
 """Particles whose likelihood is computed at once: as many as fit a processor's cache with their sockets."""
 _ROWS = 5
 """Rows that are read at once: a processor spends less time on loops."""
-_Likelihood = Callable[["Particles"], Float[Array, "N 2"]]
-
-
-@pytree
-class Particles:
-    """Particles, all of equal weight.
-
-    Attributes:
-        values: Numbers in units of the prior.
-        types: Type of the hole.
-    """
-
-    values: Float[Array, "N d"]
-    types: Int[Array, "N"]
-
-
+_Likelihood = Callable[[Particles], Float[Array, "N 2"]]
 _State = tuple[Particles, Float[Array, "N 2"]]
 """Particles, and the log likelihoods of their known rows and of the new ones."""
 
 
 def drawn(prior: Prior, key: Key[Array, ""], config: Config) -> Particles:
     """Draw particles from a prior; the shares of types are as exact as their number allows."""
-    count, own = config.particles.count, config.particles
+    count = config.particles.count
     at, of_values = jax.random.split(key)
-    d = prior.mean.shape[-1] + 6 * _grasp_varies(own) + 2
     share = (jax.random.uniform(at) + jnp.arange(count)) / count
     below = jnp.cumsum(jax.nn.softmax(prior.type_logp))
     types = jnp.minimum(jnp.searchsorted(below, share), config.scene.n_types - 1)
-    return Particles(drawn_values(prior, count, d, of_values, config), types)
+    return Particles(drawn_values(prior, count, dimensions(config), of_values, config), types)
+
+
+def dimensions(config: Config) -> int:
+    """Return the length of a particle's vector."""
+    return len(config.filter.coordinates) + 6 * _grasp_varies(config.particles) + NUISANCES
 
 
 def conditioned(
@@ -114,13 +105,17 @@ def settled(particles: Particles, prior: Prior, rows: Rows, key: Key[Array, ""],
     return jax.lax.fori_loop(0, config.particles.settle, more, begun)[0]
 
 
+def steps_of(particles: Particles, prior: Prior) -> Float[Array, "N D"]:
+    """Return the steps from the estimate that particles stand for, m and rad."""
+    return prior.mean + particles.values[:, : prior.mean.shape[-1]] @ prior.scale.T
+
+
 def summarised(particles: Particles, prior: Prior, config: Config) -> Belief:
     """Return mean and covariance of the steps from the estimate, and the probabilities of types.
 
     No type is ruled out: with N particles, probabilities are those of one particle more, of the prior.
     """
-    d, count = prior.mean.shape[-1], len(particles.types)
-    steps = prior.mean + particles.values[:, :d] @ prior.scale.T
+    count, steps = len(particles.types), steps_of(particles, prior)
     mean = steps.mean(0)
     away = steps - mean
     floor = np.square([_least_std(name, config) for name in config.filter.coordinates])
@@ -140,11 +135,10 @@ def _least_std(name: str, config: Config) -> float:
 def _likelihood(prior: Prior, rows: Rows, known: Int[Array, ""] | int, config: Config) -> _Likelihood:
     """Return the function from particles to the log likelihoods of the known rows and of the others.
 
-    Rows that are still to come take no time.
+    Rows that do not count take no time.
     """
     surfaces = jax.tree.map(jnp.asarray, surfaces_of(config.scene))
     peg = jax.tree.map(lambda leaf: leaf[prior.peg_type], surfaces)
-    last = jnp.where(rows.weight > 0, jnp.arange(len(rows.weight)) + 1, 0).max()
     rows = jax.tree.map(lambda leaf: _in_blocks(leaf, _ROWS), rows)
 
     def of_block(values: Float[Array, "n d"], types: Int[Array, "n"]) -> Float[Array, "n 2"]:
@@ -152,14 +146,17 @@ def _likelihood(prior: Prior, rows: Rows, known: Int[Array, ""] | int, config: C
         poses = jax.vmap(lambda value: _pose(value, prior, config), out_axes=-1)(values)
         poses = jax.tree.map(lambda leaf: leaf[..., None, :], poses)
 
-        def add(i: Int[Array, ""], found: Float[Array, "2 n"]) -> Float[Array, "2 n"]:
+        def add(found: Float[Array, "2 n"], i: Int[Array, ""]) -> Float[Array, "2 n"]:
             some = jax.tree.map(lambda leaf: jnp.moveaxis(leaf[i], 0, -1)[..., None], rows)
             logp = row_logp(poses, some, peg, hole, config.particles)
             logp = jnp.where(some.weight > 0, jnp.where(jnp.isnan(logp), _IMPOSSIBLE, logp), 0.0)
             is_new = i * _ROWS + jnp.arange(_ROWS) >= known
             return found + jnp.stack([~is_new, is_new]).astype(logp.dtype) @ logp
 
-        return jax.lax.fori_loop(0, -(-last // _ROWS), add, jnp.zeros((2, len(types)))).T
+        def add_if_any(i: Int[Array, ""], found: Float[Array, "2 n"]) -> Float[Array, "2 n"]:
+            return jax.lax.cond((rows.weight[i] > 0).any(), add, lambda found, i: found, found, i)
+
+        return jax.lax.fori_loop(0, len(rows.weight), add_if_any, jnp.zeros((2, len(types)))).T
 
     def logp(particles: Particles) -> Float[Array, "N 2"]:
         count = len(particles.types)

@@ -3,13 +3,13 @@
 from dataclasses import replace
 
 import jax
+import jax.numpy as jnp
 from jaxlie import SO3
 
 from mjx_fit.config.schema import Config
-from mjx_fit.filters.contact_model import Rows
 from mjx_fit.sensors.force_torque import centre_of_pressure
 from mjx_fit.sensors.pose import rotation_from_down
-from mjx_fit.types import Reading
+from mjx_fit.types import Reading, Rows
 from mjx_fit.utils.rates import SUBSTEPS
 
 SINCE = SUBSTEPS // 2
@@ -35,6 +35,7 @@ def rows_of(reading: Reading, config: Config) -> Rows:
         press=wrench[..., 2],
         pressure=centre_of_pressure(wrench, config.scene.peg_length_m),
         weight=config.particles.row_weight * reading.mask,
+        height_std=jnp.zeros_like(wrench[..., 2]),
     )
 
 
@@ -42,3 +43,8 @@ def every(rows: Rows, config: Config) -> Rows:
     """Return, of the rows of whole attempts (*n, L, ...), the first of every ``particles.every``."""
     first = config.particles.every - 1
     return jax.tree.map(lambda leaf: leaf[first :: config.particles.every], rows)
+
+
+def no_rows(n: int) -> Rows:
+    """Return n rows that do not count."""
+    return Rows(*(jnp.zeros((n, *shape)) for shape in ((3,), (3, 3), (), (2,), (), ())))

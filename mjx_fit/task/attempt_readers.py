@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 from flax import nnx
-from jaxtyping import Key
+from jaxtyping import Float, Key
 
 from mjx_fit.config.schema import Config
 from mjx_fit.control.policies import PolicyInput, PolicyStart
@@ -32,10 +32,13 @@ class Reader(NamedTuple):
             the reader keeps.
         add: Maps what it keeps, the belief before the attempt and the input after an action to what it keeps
             then, and the belief.
+        places: Maps what it keeps to points (k, 2) that stand for where the hole may be, m; None: the belief
+            tells.
     """
 
     begin: Callable[[Belief, PolicyStart, Key[Array, ""]], Past]
     add: Callable[[Past, Belief, PolicyInput], tuple[Past, Belief]]
+    places: Callable[[Past, PolicyStart], Float[Array, "k 2"]] | None = None
 
 
 def reader_of(config: Config, sensor: ContactSensor | None) -> Reader | None:
@@ -89,6 +92,9 @@ def by_geometry(config: Config) -> Reader:
         assert seen.reading is not None
         key = jax.random.fold_in(seen.attempt_key, _THINKING)
         past = geometry.add(past, seen.reading, seen.step - 1, seen.running, key, config)
-        return past, geometry.belief_of(past, frame.padded(seen.start.estimate_world, names), config)
+        return past, geometry.belief_of(past, config)
 
-    return Reader(begin, add)
+    def places(past: Past, start: PolicyStart) -> Float[Array, "k 2"]:
+        return geometry.places_of(past, config)
+
+    return Reader(begin, add, places if config.particles.remember else None)

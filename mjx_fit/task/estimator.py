@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -74,9 +75,7 @@ def filter_update(
             beliefs, None, felt.peg_type, alpha, hard=config.task.hard_match, inserted=inserted
         )
         if by_geometry is not None:
-            learnt = by_geometry(beliefs, felt, keys)
-            hard = config.task.hard_match
-            learnt = update_type(learnt, None, felt.peg_type, alpha, hard=hard, inserted=inserted)
+            learnt = _outcome_learnt(by_geometry(beliefs, felt, keys), felt, alpha, config, inserted)
         elif graph is None:
             return updated
         else:
@@ -87,6 +86,7 @@ def filter_update(
             mean_world=where_rows(learns_position, learnt.mean_world, beliefs.mean_world),
             cov=where_rows(learns_position, learnt.cov, beliefs.cov),
             type_logp=where_rows(learns_type, learnt.type_logp, updated.type_logp),
+            memory=jax.tree.map(partial(where_rows, learns_position), learnt.memory, beliefs.memory),
         )
 
     compiled = jax.jit(learn)
@@ -99,6 +99,21 @@ def filter_update(
         return compiled(state, beliefs, felt, keys, position, kind)
 
     return update
+
+
+def _outcome_learnt(
+    beliefs: Belief, felt: Felt, alpha: Float[Array, "n C C"], config: Config, inserted: bool
+) -> Belief:
+    """Return beliefs whose types know the outcome, those before remembered attempts as well."""
+
+    def learnt(belief: Belief) -> Belief:
+        hard = config.task.hard_match
+        return update_type(belief, None, felt.peg_type, alpha, hard=hard, inserted=inserted)
+
+    memory = beliefs.memory
+    if memory is not None:
+        memory = replace(memory, before=learnt(memory.before))
+    return replace(learnt(beliefs), memory=memory)
 
 
 def posterior(

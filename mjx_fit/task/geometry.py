@@ -1,6 +1,7 @@
 """Beliefs from the geometry of contact: those after whole attempts, and those of an attempt in progress.
 
-The particle filter (``mjx_fit.filters.particles``) works in the frame of an attempt's estimate.
+The particle filter (``mjx_fit.filters.particles``) works in the frame of one estimate: that of the attempt,
+or, where earlier attempts are remembered, the one before all of them.
 """
 
 from collections.abc import Callable
@@ -12,17 +13,17 @@ from jax.custom_batching import sequential_vmap
 from jaxtyping import Bool, Float, Int, Key
 
 from mjx_fit.config.schema import Config
-from mjx_fit.filters import frame, particles
-from mjx_fit.filters.contact_model import Rows
+from mjx_fit.filters import contact_memory, frame, particles
 from mjx_fit.filters.particle_prior import Prior, prior_of
-from mjx_fit.filters.particles import Particles
-from mjx_fit.sensors.contact_rows import every, rows_of, with_world_poses
+from mjx_fit.sensors.contact_rows import every, no_rows, rows_of, with_world_poses
 from mjx_fit.sensors.reading import Window, read_window
-from mjx_fit.types import Array, Belief, Felt, Reading, pytree
+from mjx_fit.types import Array, Belief, Felt, Particles, Reading, Rows, pytree
 
 
 def geometry_update(config: Config) -> Callable[[Belief, Felt, Key[Array, "n"]], Belief]:
     """Return the function that conditions beliefs (n,) on the contact of attempts, one after the other.
+
+    Beliefs that remember earlier attempts are conditioned on all of them anew, and remember this one as well.
 
     Args:
         config: Defines the filter, the parts, and the noise of the measurements, which the keys seed.
@@ -32,14 +33,18 @@ def geometry_update(config: Config) -> Callable[[Belief, Felt, Key[Array, "n"]],
     def one(belief: Belief, felt: Felt, key: Key[Array, ""]) -> Belief:
         of_noise, of_draw, of_moves, of_rest = jax.random.split(key, 4)
         reading = read_window(felt, of_noise, posed, Window(felt.trace.action_world.shape[0]))
-        rows = every(rows_of(reading, config), config)
-        seen = frame.belief_in_frame(belief, felt.estimate_world, names)
-        prior = _prior(seen, felt.estimate_world, felt.peg_type, config)
+        rows, memory = every(rows_of(reading, config), config), belief.memory
+        before = belief if memory is None else memory.before
+        origin = felt.estimate_world if memory is None else before.mean_world
+        rows = contact_memory.seen_from(rows, felt.estimate_world, origin, names)
+        known = rows if memory is None else contact_memory.joined(memory.rows, rows)
+        prior = _prior(before, origin, felt.peg_type, config)
         found = particles.drawn(prior, of_draw, config)
-        found = particles.conditioned(found, prior, rows, 0, of_moves, config)
-        found = particles.settled(found, prior, rows, of_rest, config)
-        learnt = _belief(found, prior, felt.estimate_world, config)
-        return frame.belief_in_world(learnt, felt.estimate_world, names)
+        found = particles.conditioned(found, prior, known, 0, of_moves, config)
+        found = particles.settled(found, prior, known, of_rest, config)
+        if memory is not None:
+            memory = contact_memory.with_attempt(memory, rows, found, config)
+        return replace(_belief(found, prior, origin, config), memory=memory)
 
     def learnt(beliefs: Belief, felt: Felt, keys: Key[Array, "n"]) -> Belief:
         return jax.lax.map(lambda each: one(*each), jax.tree.map(jnp.asarray, (beliefs, felt, keys)))
@@ -53,13 +58,17 @@ class Contact:
 
     Attributes:
         particles: Particles after the rows that they know.
-        prior: Belief before the attempt, about the estimate.
-        rows: Rows so far; those to come have weight 0.
+        prior: Belief that particles are in units of, about its estimate, the origin.
+        origin: Frame of the rows.
+        estimate: Frame of the readings.
+        rows: Rows that are remembered, then those of the attempt so far; those to come have weight 0.
         known: Number of rows that the particles know.
     """
 
     particles: Particles
     prior: Prior
+    origin: Float[Array, "D"]
+    estimate: Float[Array, "D"]
     rows: Rows
     known: Int[Array, ""]
 
@@ -76,10 +85,15 @@ def begin(
         key: Random key.
         config: Defines the filter and the most actions of an attempt that are read.
     """
-    prior = _prior(belief, estimate, peg_type, config)
-    n = config.task.attempt_actions // config.particles.every
-    rows = Rows(*(jnp.zeros((n, *shape)) for shape in ((3,), (3, 3), (), (2,), ())))
-    return Contact(particles.drawn(prior, key, config), prior, rows, jnp.zeros((), jnp.int32))
+    memory, rows = belief.memory, no_rows(config.task.attempt_actions // config.particles.every)
+    before = belief if memory is None else memory.before
+    origin = estimate if memory is None else before.mean_world
+    prior = _prior(before, origin, peg_type, config)
+    drawn, known = particles.drawn(prior, key, config), 0
+    if memory is not None:
+        drawn = contact_memory.resumed(memory, drawn)
+        rows, known = contact_memory.joined(memory.rows, rows), len(memory.rows.weight)
+    return Contact(drawn, prior, origin, estimate, rows, jnp.asarray(known, jnp.int32))
 
 
 def add(
@@ -100,9 +114,12 @@ def add(
         key: Random key of the attempt.
         config: Defines the filter.
     """
-    own = config.particles
-    row, at = rows_of(reading, config), step // own.every
-    counts = (step % own.every == own.every - 1) & (at < contact.rows.press.shape[0])
+    own, names = config.particles, config.filter.coordinates
+    row = contact_memory.seen_from(rows_of(reading, config), contact.estimate, contact.origin, names)
+    own_rows = config.task.attempt_actions // own.every
+    first, at = len(contact.rows.press) - own_rows, step // own.every
+    counts = (step % own.every == own.every - 1) & (at < own_rows)
+    at = first + at
     rows = jax.tree.map(lambda old, new: jnp.where(counts, old.at[at].set(new[0]), old), contact.rows, row)
     due = running & ((step + 1) % own.think_every == 0)
     contact, think = replace(contact, rows=rows), _thinking(config)
@@ -131,17 +148,27 @@ def _thinking(config: Config) -> Callable[[Contact, Array, Array, Key[Array, ""]
     return think
 
 
-def belief_of(contact: Contact, estimate: Float[Array, "D"], config: Config) -> Belief:
+def belief_of(contact: Contact, config: Config) -> Belief:
     """Return the belief of an attempt in progress, in the frame of its estimate."""
-    return _belief(contact.particles, contact.prior, estimate, config)
+    return _belief(contact.particles, contact.prior, contact.origin, config)
 
 
-def _prior(belief: Belief, estimate: Float[Array, "D"], peg_type: Int[Array, ""], config: Config) -> Prior:
-    """Return the prior about the estimate, of a belief in its frame."""
-    about = replace(belief, mean_world=belief.mean_world - frame.upright(estimate))
+def places_of(contact: Contact, config: Config) -> Float[Array, "N 2"]:
+    """Return where the particles have the hole, x and y in the frame of the estimate, m."""
+    steps, names = particles.steps_of(contact.particles, contact.prior), config.filter.coordinates
+    origin = jnp.broadcast_to(contact.origin, steps.shape)
+    steps = (frame.basis_of(frame.frame_of(origin, names), names) * steps[:, None, :]).sum(-1)
+    return (contact.origin + steps)[:, :2]
+
+
+def _prior(belief: Belief, origin: Float[Array, "D"], peg_type: Int[Array, ""], config: Config) -> Prior:
+    """Return the prior about an origin."""
+    seen = frame.belief_in_frame(replace(belief, memory=None), origin, config.filter.coordinates)
+    about = replace(seen, mean_world=seen.mean_world - frame.upright(origin))
     return prior_of(about, peg_type, config)
 
 
-def _belief(found: Particles, prior: Prior, estimate: Float[Array, "D"], config: Config) -> Belief:
+def _belief(found: Particles, prior: Prior, origin: Float[Array, "D"], config: Config) -> Belief:
     learnt = particles.summarised(found, prior, config)
-    return replace(learnt, mean_world=learnt.mean_world + frame.upright(estimate))
+    learnt = replace(learnt, mean_world=learnt.mean_world + frame.upright(origin))
+    return frame.belief_in_world(learnt, origin, config.filter.coordinates)

@@ -58,7 +58,8 @@ class SavedBeliefs:
             RequestError: Lists have different lengths.
         """
         try:
-            return Belief(*(np.asarray(getattr(self, stored), np.float32) for stored in STORED))
+            mean, cov, type_logp = (np.asarray(getattr(self, stored), np.float32) for stored in STORED)
+            return Belief(mean, cov, type_logp)
         except ValueError:
             words = ", ".join(STORED)
             raise RequestError(

@@ -19,7 +19,7 @@ import jax.numpy as jnp
 from jaxtyping import Bool, Float, Int, Key
 
 from mjx_fit.config.schema import Config
-from mjx_fit.control import search
+from mjx_fit.control import hunt, search
 from mjx_fit.control.open_loop import TILT_S, YAW_S
 from mjx_fit.control.policies import Policy, PolicyInput, PolicyStart
 from mjx_fit.control.search import Plate, Search
@@ -50,6 +50,7 @@ class Thought:
         past: What the reader keeps of the attempt so far; None without a reader.
         prior: Belief before the attempt.
         belief: Belief after the trace so far.
+        places: Points of equal weight that stand for where the hole may be, m; None: the belief's Gaussian.
         search: The search.
         leaves: Whether the hole is to be left.
         turn: Orientation that the tool is to have, a rotation vector from that of the estimate, rad; None: no
@@ -62,6 +63,7 @@ class Thought:
     search: Search
     leaves: Bool[Array, ""]
     turn: Float[Array, "3"] | None = None
+    places: Float[Array, "k 2"] | None = None
 
 
 def seek(config: Config, sensor: ContactSensor | None = None, name: str = NAME) -> Policy:
@@ -85,8 +87,10 @@ def seek(config: Config, sensor: ContactSensor | None = None, name: str = NAME) 
         if prior is None:
             prior = detected_belief(start.estimate_world, config)
         past = None if reader is None else reader.begin(prior, start, key)
+        prior = replace(prior, memory=None)  # that is the reader's
         begun, upright = search.begin(start.estimate_world), jnp.zeros(3) if turns else None
-        return Thought(past, prior, prior, begun, jnp.zeros((), bool), upright)
+        places = None if reader is None or reader.places is None else reader.places(past, start)
+        return Thought(past, prior, prior, begun, jnp.zeros((), bool), upright, places)
 
     return Policy(
         init,
@@ -126,7 +130,8 @@ def _act(
 def _read(reader: Reader, thought: Thought, seen: PolicyInput) -> Thought:
     """Read the previous action and update the belief."""
     past, belief = reader.add(thought.past, thought.prior, seen)
-    return replace(thought, past=past, belief=belief)
+    places = None if reader.places is None else reader.places(past, seen.start)
+    return replace(thought, past=past, belief=belief, places=places)
 
 
 def seek_by_geometry(config: Config) -> Policy:
@@ -201,12 +206,9 @@ def decided_or_astray(thought: Thought, seen: PolicyInput, config: Config) -> Th
 def decided(thought: Thought, seen: PolicyInput, config: Config) -> Thought:
     """Begin the search anew if that takes less time than to go on, and decide whether to leave the hole."""
     belief, now = thought.belief, thought.search
-    offsets = half_normal() @ scale_tril(belief.pos_cov).T
-    holes = belief.pos_mean_world + jnp.concatenate([offsets, -offsets])
-    anew = search.new_s(seen.tip_pos_world[:2], belief.pos_mean_world, belief.pos_cov, config.seek)
-    goes_on = search.remaining_s(now, holes, anew, config.seek)
+    centre, anew, goes_on = _compared(thought, seen.tip_pos_world[:2], config)
     changes = now.touched & ~now.dropped & (anew < goes_on)
-    about = search.about(now, belief.pos_mean_world)
+    about = search.about(now, centre)
     now = jax.tree.map(lambda new, old: jnp.where(changes, new, old), about, now)
     leaves = thought.leaves
     if seen.start.elsewhere_per_s is not None:
@@ -214,3 +216,17 @@ def decided(thought: Thought, seen: PolicyInput, config: Config) -> Thought:
         here = match / search.insertion_s(jnp.minimum(anew, goes_on), config.seek)
         leaves = (here < seen.start.elsewhere_per_s) & now.touched & ~now.dropped
     return replace(thought, search=now, leaves=leaves)
+
+
+def _compared(
+    thought: Thought, here_world: Float[Array, "2"], config: Config
+) -> tuple[Float[Array, "2"], Float[Array, ""], Float[Array, ""]]:
+    """Return the centre of a new search, and the expected times of it and of the one that goes on, s."""
+    belief, own = thought.belief, config.seek
+    if thought.places is not None:
+        goes_on = hunt.remaining_s(thought.search, thought.places, own)
+        return *hunt.best_new(here_world, thought.places, own), goes_on
+    offsets = half_normal() @ scale_tril(belief.pos_cov).T
+    holes = belief.pos_mean_world + jnp.concatenate([offsets, -offsets])
+    anew = search.new_s(here_world, belief.pos_mean_world, belief.pos_cov, own)
+    return belief.pos_mean_world, anew, search.remaining_s(thought.search, holes, anew, own)

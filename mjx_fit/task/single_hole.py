@@ -17,6 +17,7 @@ from jaxtyping import Float, Key
 from mjx_fit.config.schema import Config
 from mjx_fit.engines.interface import Engine
 from mjx_fit.filters import chart
+from mjx_fit.filters.contact_memory import remembering
 from mjx_fit.filters.kalman import scale_tril
 from mjx_fit.filters.updates import detected_belief, initial_belief
 from mjx_fit.scene.placement import place_for_tool
@@ -192,7 +193,10 @@ def _first_belief(
         jnp.asarray(place_world[: len(holes.key)]), KNOWN_VARIANCE_M2**0.5, config.scene.n_types
     )
     parts = [known if method.knows_truth else detected for method in methods]
-    return jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
+    belief = jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
+    if config.filter.reads == "geometry" and config.particles.remember:
+        belief = jax.tree.map(np.asarray, remembering(belief, config))
+    return belief
 
 
 @jax.jit

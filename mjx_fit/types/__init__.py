@@ -8,50 +8,17 @@ axes. Time is the first axis within an episode: ``J`` actions of 50 simulation s
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 from jaxtyping import Bool, Float, Int, Key
 
+from mjx_fit.types.belief import Belief as Belief
+from mjx_fit.types.belief import Memory as Memory
+from mjx_fit.types.contact import Particles as Particles
+from mjx_fit.types.contact import Rows as Rows
 from mjx_fit.types.physics import AS_CONFIGURED, Physics
 from mjx_fit.types.readings import Observation as Observation
 from mjx_fit.types.readings import Reading as Reading
 from mjx_fit.utils.arrays import Array
 from mjx_fit.utils.pytrees import pytree
-
-
-@pytree
-class Belief:
-    """Belief about the place and the type of one hole: a Gaussian over D coordinates, x and y first.
-
-    Example:
-        >>> import numpy as np, mjx_fit as mf
-        >>> belief = mf.Belief(np.zeros(2), 1e-4 * np.eye(2), np.log([0.5, 0.25, 0.25]))
-        >>> belief.type_probability.tolist()
-        [0.5, 0.25, 0.25]
-
-    Attributes:
-        mean_world: Mean μ of the coordinates, m and rad.
-        cov: Covariance Σ of the coordinates, m² and rad².
-        type_logp: Log probability ln ξ of each shape; its exponentials sum to one.
-    """
-
-    mean_world: Float[Array, "*batch D"]
-    cov: Float[Array, "*batch D D"]
-    type_logp: Float[Array, "*batch C"]
-
-    @property
-    def pos_mean_world(self) -> Float[Array, "*batch 2"]:
-        """Mean position x and y of the hole, m."""
-        return self.mean_world[..., :2]
-
-    @property
-    def pos_cov(self) -> Float[Array, "*batch 2 2"]:
-        """Covariance of the position x and y, m²."""
-        return self.cov[..., :2, :2]
-
-    @property
-    def type_probability(self) -> Float[Array, "*batch C"]:
-        """Probability ξ of each shape."""
-        return jnp.exp(self.type_logp)
 
 
 @pytree

@@ -43,6 +43,8 @@ PURE = {
             "least_share",
             "outlier_chance",
             "row_weight",
+            "remember",
+            "remember_rows",
             "gap_spread",
             "misled_chance",
         ]

@@ -15,10 +15,11 @@ import mjx_fit as mf
 from mjx_fit.config.files import read_config
 from mjx_fit.config.part_sets import parts_file
 from mjx_fit.config.sections.particles import ParticlesConfig
-from mjx_fit.filters.contact_model import Pose, Rows, peg_pose, row_logp
+from mjx_fit.filters.contact_model import Pose, peg_pose, row_logp
 from mjx_fit.filters.gaps import bearing_of
 from mjx_fit.scene.outline import grown, hole_outline, inset, peg_outline
 from mjx_fit.scene.surfaces import SPACING_M, surfaces_of
+from mjx_fit.types import Rows
 
 PARTS = {name: read_config(parts_file(name)).scene for name in ("nonconvex", "nist")}
 SCENES = {"paper": mf.Config().scene, **PARTS}
@@ -40,7 +41,7 @@ def drawn(rng):
     tip, place, grasp = (rng.uniform(-1, 1, 3) * np.array(most) for most in
                          ([0.02, 0.02, 0.005], [0.015, 0.015, 0.004], [0.002, 0.002, 0.002]))  # fmt: skip
     matrix = {name: turn.as_matrix() for name, turn in turns.items()}
-    row = Rows(tip, matrix["tool"], np.array(5.0), np.zeros(2), np.array(1.0))
+    row = Rows(tip, matrix["tool"], np.array(5.0), np.zeros(2), np.array(1.0), np.array(0.0))
     pose = Pose(place, matrix["place"], grasp, matrix["grasp"], np.array(0.0002), np.array(1.0))
     return row, pose, matrix
 
@@ -126,7 +127,7 @@ def test_below_the_plate_the_way_to_the_wall_counts(yaw):
     inside = 0
     for size in 30 * [0.001] + 10 * [0.004]:
         at = size * rng.uniform(-1, 1, 2)
-        row = Rows(np.append(at, -0.005), turn, np.array(5.0), np.zeros(2), np.array(1.0))
+        row = Rows(np.append(at, -0.005), turn, np.array(5.0), np.zeros(2), np.array(1.0), np.array(0.0))
         corners = shapely.points(shapely.get_coordinates(peg) @ turn[:2, :2].T + at)
         wall = shapely.distance(corners, opening.boundary)
         free = shapely.contains(opening, corners)
@@ -138,7 +139,7 @@ def test_below_the_plate_the_way_to_the_wall_counts(yaw):
         assert found == pytest.approx(exact, abs=1e-6 if free.all() else 0.3 * abs(exact) + 1e-6)
         assert (found > 0) == free.all()
     assert inside > 3
-    far = Rows(np.array([0.03, 0.0, -0.005]), turn, np.array(5.0), np.zeros(2), np.array(1.0))
+    far = Rows(np.array([0.03, 0.0, -0.005]), turn, np.array(5.0), np.zeros(2), np.array(1.0), np.array(0.0))
     assert float(gap_at(pose, far, part, part, "paper")) == pytest.approx(-0.005, abs=1e-5)
 
 
@@ -148,9 +149,8 @@ def test_a_row_is_most_probable_where_the_peg_just_touches():
     level = Pose(jnp.zeros(3), jnp.eye(3), jnp.zeros(3), jnp.eye(3), jnp.zeros(()), jnp.ones(()))
 
     def logp(height, press, pressure=(0.0, 0.0)):
-        row = Rows(
-            jnp.array([0.05, 0.0, height]), jnp.eye(3), jnp.asarray(press), jnp.array(pressure), jnp.ones(())
-        )
+        place, force = jnp.array([0.05, 0.0, height]), jnp.asarray(press)
+        row = Rows(place, jnp.eye(3), force, jnp.array(pressure), jnp.ones(()), jnp.zeros(()))
         return float(row_logp(level, row, peg, hole, config))
 
     touching = logp(0.0, 5.0)
@@ -179,7 +179,9 @@ def test_the_pressure_is_at_the_corner_that_touches_in_the_axes_of_the_tool():
 
     @jax.jit
     def logp(pressure):
-        row = Rows(jnp.array([0.0, 0.0, 0.003]), turn, jnp.asarray(5.0), pressure, jnp.ones(()))
+        row = Rows(
+            jnp.array([0.0, 0.0, 0.003]), turn, jnp.asarray(5.0), pressure, jnp.ones(()), jnp.zeros(())
+        )
         return row_logp(pose, row, peg, hole, config)
 
     axis = np.linspace(-0.03, 0.03, 61)

@@ -11,10 +11,11 @@ from scipy.spatial.transform import Rotation
 
 import mjx_fit as mf
 from mjx_fit.filters import particles, tempering
-from mjx_fit.filters.contact_model import Pose, Rows, peg_pose, row_logp
+from mjx_fit.filters.contact_model import Pose, peg_pose, row_logp
 from mjx_fit.filters.gaps import bearing_of
 from mjx_fit.filters.particle_prior import Prior
 from mjx_fit.scene.surfaces import surfaces_of
+from mjx_fit.types import Rows
 
 STD, WIDER, MISLED = np.array([0.004, 0.003]), np.array([1.6, 2.0]), 0.3
 TRUE, TRUE_TYPE, PEG = np.array([0.004, -0.003]), 1, 2
@@ -40,7 +41,7 @@ def rows(config):
         angle = 2 * np.pi * k / 8
         turn = Rotation.from_rotvec([0.1 * np.cos(angle), 0.1 * np.sin(angle), 0]).as_matrix()
         xy = 0.006 * np.array([np.cos(k), np.sin(k)])
-        row = Rows(np.append(xy, 0.0), turn, np.array(5.0), np.zeros(2), np.array(0.5))
+        row = Rows(np.append(xy, 0.0), turn, np.array(5.0), np.zeros(2), np.array(0.5), np.array(0.0))
         pose = peg_pose(pose_at(TRUE), row)
         found = bearing_of(pose, of_part(config, PEG), of_part(config, TRUE_TYPE))
         height = -float(found.gap) + 0.0003 * rng.standard_normal()

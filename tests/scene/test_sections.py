@@ -45,6 +45,7 @@ def test_inside_is_inside_of_the_polygon(name, outline):
 def test_an_arc_is_one_disc():
     scene = SCENES["nonconvex"]
     section = sections_of([peg_outline(shape, scene) for shape in scene.shapes])
+    assert section.discs is not None
     key = scene.names.index("key")
     disc = section.discs[key][np.argmin(section.discs[key][:, 2])]
     np.testing.assert_allclose(disc, [0, 0, 0.01], atol=1e-5)

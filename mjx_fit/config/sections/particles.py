@@ -26,6 +26,11 @@ class ParticlesConfig:
         outlier_chance: Chance of a wrong row. Contact that the geometry of plate and edges does not explain,
             such as with the shaft of the peg.
         misled_chance: Chance of a misled belief. The place is then as far off as before any attempt.
+        remember: Attempts remembered. Those at a hole that the same peg tries again, whose rows are then
+            read again, and the policy seek goes where the particles are; 0: the belief after an attempt is a
+            Gaussian, nothing else is known of it, and seek goes to its mean.
+        remember_rows: Rows kept of each. Contact is preferred; they count more, since fewer are
+            less correlated.
         row_weight: Exponent of a row's likelihood. Below 1, since the errors of rows are correlated.
         touch_n: Press of a contact. From this force on, the peg touches.
         free_n: Press in the air. Below this force it does not.
@@ -45,6 +50,8 @@ class ParticlesConfig:
     pressure_std_m: Annotated[float, Field(ge=0.0005, le=0.05)] = 0.004
     outlier_chance: Annotated[float, Field(ge=0.001, le=0.9)] = 0.15
     misled_chance: Annotated[float, Field(ge=0, le=0.9)] = 0.1
+    remember: Annotated[int, Field(ge=0, le=100)] = 0
+    remember_rows: Annotated[int, Field(ge=1, le=1000)] = 25
     row_weight: Annotated[float, Field(ge=0.01, le=1)] = 0.45
     touch_n: Annotated[float, Field(ge=0.1, le=50)] = 2.0
     free_n: Annotated[float, Field(ge=0, le=50)] = 0.7

@@ -1,0 +1,98 @@
+"""Memory of contact: what attempts at a hole leave behind that no Gaussian says.
+
+Where a peg found no hole, there is none: after a few attempts the places that are left lie around those that
+were searched. So rows of earlier attempts are kept, and a filter conditions what was believed before any of
+them on all.
+"""
+
+from dataclasses import replace
+from math import sqrt
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Float
+
+from mjx_fit.config.schema import Config
+from mjx_fit.filters import frame
+from mjx_fit.filters.particles import NUISANCES, dimensions
+from mjx_fit.types import Array, Belief, Memory, Particles, Rows
+
+
+def remembering(belief: Belief, config: Config) -> Belief:
+    """Return beliefs (*batch) with a memory of no attempt."""
+    own, batch = config.particles, belief.type_logp.shape[:-1]
+
+    def none(*shape: int) -> Array:
+        return jnp.zeros((*batch, *shape))
+
+    n = own.remember * own.remember_rows
+    rows = Rows(none(n, 3), none(n, 3, 3), none(n), none(n, 2), none(n), none(n))
+    count = jnp.zeros(batch, jnp.int32)
+    found = Particles(none(own.count, dimensions(config)), jnp.zeros((*batch, own.count), jnp.int32))
+    return replace(belief, memory=Memory(replace(belief, memory=None), rows, found, count))
+
+
+def resumed(memory: Memory, drawn: Particles) -> Particles:
+    """Return the particles that an attempt begins with: those after the last one, or drawn ones.
+
+    The errors of an attempt's measurements are those of the attempt alone.
+    """
+    values = jnp.asarray(memory.particles.values).at[:, -NUISANCES:].set(drawn.values[:, -NUISANCES:])
+    kept = replace(memory.particles, values=values)
+    return jax.tree.map(lambda old, new: jnp.where(memory.count > 0, old, new), kept, drawn)
+
+
+def with_attempt(memory: Memory, rows: Rows, found: Particles, config: Config) -> Memory:
+    """Return a memory with one attempt more; the oldest one makes room for it.
+
+    Args:
+        memory: Memory before.
+        rows: Rows of the attempt, in the frame of ``memory.before``.
+        found: Particles after it.
+        config: Defines how much is remembered.
+    """
+    own, kept = config.particles, _kept(rows, config)
+    size, most = own.remember_rows, own.remember
+    full = memory.count >= most
+    at = jnp.minimum(memory.count, most - 1) * size
+
+    def put(old: Array, new: Array) -> Array:
+        old = jnp.where(full, jnp.roll(old, -size, 0), old)
+        return jax.lax.dynamic_update_slice_in_dim(old, new, at, 0)
+
+    return replace(memory, rows=jax.tree.map(put, memory.rows, kept), particles=found, count=memory.count + 1)
+
+
+def _kept(rows: Rows, config: Config) -> Rows:
+    """Return the rows of an attempt that are remembered, evenly spread over its contact."""
+    own, size = config.particles, config.particles.remember_rows
+    counts = (rows.weight > 0) & (rows.press > own.touch_n)
+    rank, n = jnp.cumsum(counts), counts.sum()
+    wanted = jnp.arange(size) * jnp.maximum(n, size) // size + 1
+    which = jnp.minimum(jnp.searchsorted(rank, wanted), len(counts) - 1)
+    kept = jax.tree.map(lambda leaf: leaf[which], rows)
+    more = jnp.minimum(jnp.maximum(n, size) / size, 1 / own.row_weight)
+    # Errors of heights are constant in an attempt: the one of that attempt, and the one of this.
+    return replace(
+        kept,
+        weight=jnp.where(wanted <= n, kept.weight * more, 0.0),
+        height_std=jnp.full(size, sqrt(2) * config.pose.height_offset_m + 1e-6),
+    )
+
+
+def joined(before: Rows, rows: Rows) -> Rows:
+    """Return the remembered rows, then others."""
+    return jax.tree.map(lambda *leaves: jnp.concatenate(leaves), before, rows)
+
+
+def seen_from(
+    rows: Rows, estimate: Float[Array, "D"], origin: Float[Array, "D"], coordinates: tuple[str, ...]
+) -> Rows:
+    """Return rows in the frame of an estimate as they are in the frame of another one, the origin."""
+    here, there = (frame.frame_of(place, coordinates) for place in (estimate, origin))
+    apart = jnp.append(here.position_world - there.position_world, here.height_m - there.height_m)
+    back = there.rotation_world.inverse()
+    turn = back @ here.rotation_world
+    tip = (turn.as_matrix() * rows.tip[..., None, :]).sum(-1) + back @ apart
+    turned = (turn.as_matrix()[:, :, None] * rows.turn[..., None, :, :]).sum(-2)
+    return replace(rows, tip=tip, turn=turned)

@@ -1,0 +1,119 @@
+"""What is remembered of attempts: against homogeneous matrices, and against reading all rows at once."""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import mjx_fit as mf
+from mjx_fit.config.files import read_config
+from mjx_fit.config.worlds import world_file
+from mjx_fit.filters import contact_memory
+from mjx_fit.filters.updates import detected_belief
+from mjx_fit.task.estimator import filter_update
+from mjx_fit.types import Particles, Rows
+
+N_ROWS = 10
+
+
+@pytest.fixture(scope="module")
+def config():
+    whole = read_config(world_file("bench"), ["control.push=force"])
+    few = replace(whole.particles, count=64, moves=2, remember=2, remember_rows=4)
+    return replace(whole, particles=few)
+
+
+def some_rows(seed=0, press=5.0):
+    rng = np.random.default_rng(seed)
+    turn = Rotation.from_rotvec(rng.normal(0, 0.1, (N_ROWS, 3))).as_matrix()
+    tip, pressure = rng.normal(0, 0.01, (N_ROWS, 3)), rng.normal(0, 0.01, (N_ROWS, 2))
+    every = np.ones(N_ROWS)
+    leaves = tip, turn, press * every, pressure, 0.4 * every, 0 * every
+    return Rows(*(jnp.asarray(leaf) for leaf in leaves))
+
+
+@pytest.fixture
+def memory(config):
+    return contact_memory.remembering(detected_belief(jnp.array([0.5, 0.1]), config), config).memory
+
+
+def found(config, value):
+    own = config.particles.count
+    return Particles(jnp.full((own, 14), float(value)), jnp.full(own, value))
+
+
+def test_rows_are_seen_from_another_estimate_as_matrices_say(config):
+    rng, names = np.random.default_rng(1), config.filter.coordinates
+    places = [np.append(rng.normal([0.5, 0, 0], 0.01), rng.normal(0, 0.1, 3)) for _ in range(2)]
+
+    def rigid(place):
+        whole = np.eye(4)
+        yaw_roll_pitch = dict(zip(names, place, strict=True))
+        vector = [yaw_roll_pitch[name] for name in ("roll", "pitch", "yaw")]
+        whole[:3, :3], whole[:3, 3] = Rotation.from_rotvec(vector).as_matrix(), place[:3]
+        return whole
+
+    rows = some_rows()
+    here, there = (jnp.asarray(place) for place in places)
+    got = contact_memory.seen_from(rows, here, there, names)
+    change = np.linalg.inv(rigid(places[1])) @ rigid(places[0])
+    for k in range(N_ROWS):
+        tool = np.eye(4)
+        tool[:3, :3], tool[:3, 3] = rows.turn[k], rows.tip[k]
+        want = change @ tool
+        np.testing.assert_allclose(got.tip[k], want[:3, 3], atol=1e-6)
+        np.testing.assert_allclose(got.turn[k], want[:3, :3], atol=1e-6)
+    np.testing.assert_array_equal(got.pressure, rows.pressure)
+
+
+def test_contact_is_kept_evenly_and_the_oldest_attempt_makes_room(config, memory):
+    in_air = some_rows(press=0.1)
+    half = replace(some_rows(), press=jnp.where(jnp.arange(N_ROWS) % 2 == 1, 5.0, 0.1))
+    few = replace(some_rows(1), press=jnp.where(jnp.arange(N_ROWS) == 7, 5.0, 0.1))
+    memory = contact_memory.with_attempt(memory, half, found(config, 0), config)
+    np.testing.assert_array_equal(memory.rows.tip[:4], half.tip[jnp.array([1, 3, 5, 7])])
+    np.testing.assert_allclose(memory.rows.weight[:4], 0.4 * 5 / 4)  # of five rows, four are left
+    assert memory.rows.weight[4:].tolist() == [0] * 4
+    assert (memory.rows.height_std[:4] > config.pose.height_offset_m).all()
+    memory = contact_memory.with_attempt(memory, few, found(config, 1), config)
+    np.testing.assert_allclose(memory.rows.weight[4:], [0.4, 0, 0, 0])
+    np.testing.assert_array_equal(memory.rows.tip[4], few.tip[7])
+    memory = contact_memory.with_attempt(memory, in_air, found(config, 2), config)
+    np.testing.assert_array_equal(memory.rows.tip[0], few.tip[7])
+    assert not memory.rows.weight[1:].any()
+    assert int(memory.count) == 3
+    assert (memory.particles.types == 2).all()
+
+
+def test_an_attempt_begins_with_the_particles_of_the_last_one_and_errors_of_its_own(config, memory):
+    drawn = found(config, 5)
+    first = contact_memory.resumed(memory, drawn)
+    assert (first.values == 5).all()
+    later = contact_memory.with_attempt(memory, some_rows(), found(config, 1), config)
+    resumed = contact_memory.resumed(later, drawn)
+    assert (resumed.values[:, :-2] == 1).all()
+    assert (resumed.values[:, -2:] == 5).all()
+    assert (resumed.types == 1).all()
+
+
+def test_two_attempts_are_read_together(config):
+    """Neither is forgotten: the second belief does not depend on what the first was summarised to."""
+    whole = replace(config, particles=replace(config.particles, remember_rows=50, count=256))
+    attempts = mf.draw_attempts(jax.random.key(5), 2, config=whole)
+    felt = mf.make_engine("native", whole).run(attempts, 60).felt
+    update, keys = filter_update(whole, None), jax.random.split(jax.random.key(1), 2)
+    before = contact_memory.remembering(detected_belief(attempts.estimate_world, whole), whole)
+    once = update(before, felt, keys)
+    lied = replace(once, mean_world=once.mean_world + 0.05, cov=1e-4 * once.cov)
+    again, misled = (update(belief, felt, keys) for belief in (once, lied))
+    np.testing.assert_array_equal(again.mean_world, misled.mean_world)
+    assert again.memory is not None
+    assert once.memory is not None
+    assert again.memory.count.tolist() == [2, 2]
+    assert (np.linalg.det(again.cov) < np.linalg.det(once.cov)).all()
+    assert np.isfinite(again.type_logp).all()
+    # The outcome of the first attempt is remembered, too.
+    assert (np.asarray(once.memory.before.type_logp) != np.asarray(before.type_logp)).any()
