@@ -27,7 +27,7 @@ os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=1")
 
 LONG = {
     "assembly", "attempt", "attention", "batches", "bench", "calibration", "checkpoint", "cli",
-    "collect", "collision", "compilation_cache", "contact_sensor", "crash",
+    "collect", "collision", "compilation_cache", "contact_memory", "contact_sensor", "crash",
     "damaged_checkpoint", "demo", "engines", "every_action", "examples", "export",
     "export_readers", "files", "framed", "going_on", "hostile_configs", "hostile_data",
     "hostile_results", "hostile_runs", "insertion_envs", "interrupts", "levelling", "loss",

@@ -25,12 +25,9 @@ def depth(section, part, points):
     return inside.max(-1)
 
 
-@pytest.mark.parametrize("name", SCENES)
-@pytest.mark.parametrize("outline", [peg_outline, hole_outline])
-def test_inside_is_inside_of_the_polygon(name, outline):
-    scene, rng = SCENES[name], np.random.default_rng(0)
-    figures = [outline(shape, scene) for shape in scene.shapes]
-    section = sections_of(figures)
+def require_inside(figures):
+    """Compare which points are inside, away from the edges."""
+    section, rng = sections_of(figures), np.random.default_rng(0)
     for part, figure in enumerate(figures):
         low, high = np.array(figure.bounds).reshape(2, 2)
         points = rng.uniform(low - 0.002, high + 0.002, (4000, 2))
@@ -39,7 +36,18 @@ def test_inside_is_inside_of_the_polygon(name, outline):
         inside = shapely.contains_xy(figure, *far.T)
         assert inside.any()
         assert not inside.all()
-        np.testing.assert_array_equal(depth(section, part, far) > 0, inside, scene.shapes[part].name)
+        np.testing.assert_array_equal(depth(section, part, far) > 0, inside, f"part {part}")
+
+
+@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("outline", [peg_outline, hole_outline])
+def test_inside_is_inside_of_the_polygon(name, outline):
+    require_inside([outline(shape, SCENES[name]) for shape in SCENES[name].shapes])
+
+
+def test_an_arc_that_is_not_all_around_cuts_nothing_off():
+    """The ends of a slot are arcs of discs that do not contain it."""
+    require_inside([shapely.MultiPolygon([shapely.LineString([(0, 0), (0.02, 0)]).buffer(0.005)])])
 
 
 def test_an_arc_is_one_disc():
