@@ -38,7 +38,7 @@ class Reader(NamedTuple):
 
     begin: Callable[[Belief, PolicyStart, Key[Array, ""]], Past]
     add: Callable[[Past, Belief, PolicyInput], tuple[Past, Belief]]
-    places: Callable[[Past, PolicyStart], Float[Array, "k 2"]] | None = None
+    places: Callable[[Past], Float[Array, "k 2"]] | None = None
 
 
 def reader_of(config: Config, sensor: ContactSensor | None) -> Reader | None:
@@ -94,7 +94,7 @@ def by_geometry(config: Config) -> Reader:
         past = geometry.add(past, seen.reading, seen.step - 1, seen.running, key, config)
         return past, geometry.belief_of(past, config)
 
-    def places(past: Past, start: PolicyStart) -> Float[Array, "k 2"]:
+    def places(past: Past) -> Float[Array, "k 2"]:
         return geometry.places_of(past, config)
 
     return Reader(begin, add, places if config.particles.remember else None)

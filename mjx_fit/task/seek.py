@@ -50,11 +50,11 @@ class Thought:
         past: What the reader keeps of the attempt so far; None without a reader.
         prior: Belief before the attempt.
         belief: Belief after the trace so far.
-        places: Points of equal weight that stand for where the hole may be, m; None: the belief's Gaussian.
         search: The search.
         leaves: Whether the hole is to be left.
         turn: Orientation that the tool is to have, a rotation vector from that of the estimate, rad; None: no
             rotation is believed.
+        places: Points of equal weight that stand for where the hole may be, m; None: the belief's Gaussian.
     """
 
     past: Past
@@ -89,7 +89,7 @@ def seek(config: Config, sensor: ContactSensor | None = None, name: str = NAME) 
         past = None if reader is None else reader.begin(prior, start, key)
         prior = replace(prior, memory=None)  # that is the reader's
         begun, upright = search.begin(start.estimate_world), jnp.zeros(3) if turns else None
-        places = None if reader is None or reader.places is None else reader.places(past, start)
+        places = None if reader is None or reader.places is None else reader.places(past)
         return Thought(past, prior, prior, begun, jnp.zeros((), bool), upright, places)
 
     return Policy(
@@ -130,7 +130,7 @@ def _act(
 def _read(reader: Reader, thought: Thought, seen: PolicyInput) -> Thought:
     """Read the previous action and update the belief."""
     past, belief = reader.add(thought.past, thought.prior, seen)
-    places = None if reader.places is None else reader.places(past, seen.start)
+    places = None if reader.places is None else reader.places(past)
     return replace(thought, past=past, belief=belief, places=places)
 
 
