@@ -6,7 +6,6 @@ them on all.
 """
 
 from dataclasses import replace
-from math import sqrt
 
 import jax
 import jax.numpy as jnp
@@ -14,7 +13,7 @@ from jaxtyping import Float
 
 from mjx_fit.config.schema import Config
 from mjx_fit.filters import frame
-from mjx_fit.filters.particles import NUISANCES, dimensions
+from mjx_fit.filters.particle_prior import ERRORS, dimensions, errors_from
 from mjx_fit.types import Array, Belief, Memory, Particles, Rows
 
 
@@ -26,18 +25,20 @@ def remembering(belief: Belief, config: Config) -> Belief:
         return jnp.zeros((*batch, *shape))
 
     n = own.remember * own.remember_rows
-    rows = Rows(none(n, 3), none(n, 3, 3), none(n), none(n, 2), none(n), none(n))
+    attempt = jnp.broadcast_to(1 + jnp.arange(n) // own.remember_rows, (*batch, n)).astype(jnp.int32)
+    rows = Rows(none(n, 3), none(n, 3, 3), none(n), none(n, 2), none(n), none(n), attempt)
     count = jnp.zeros(batch, jnp.int32)
     found = Particles(none(own.count, dimensions(config)), jnp.zeros((*batch, own.count), jnp.int32))
     return replace(belief, memory=Memory(replace(belief, memory=None), rows, found, count))
 
 
-def resumed(memory: Memory, drawn: Particles) -> Particles:
+def resumed(memory: Memory, drawn: Particles, config: Config) -> Particles:
     """Return the particles that an attempt begins with: those after the last one, or drawn ones.
 
     The errors of an attempt's measurements are those of the attempt alone.
     """
-    values = jnp.asarray(memory.particles.values).at[:, -NUISANCES:].set(drawn.values[:, -NUISANCES:])
+    at = slice(errors_from(config), errors_from(config) + ERRORS)
+    values = jnp.asarray(memory.particles.values).at[:, at].set(drawn.values[:, at])
     kept = replace(memory.particles, values=values)
     return jax.tree.map(lambda old, new: jnp.where(memory.count > 0, old, new), kept, drawn)
 
@@ -51,19 +52,26 @@ def with_attempt(memory: Memory, rows: Rows, found: Particles, config: Config) -
         found: Particles after it.
         config: Defines how much is remembered.
     """
-    own, kept = config.particles, _kept(rows, config)
-    size, most = own.remember_rows, own.remember
-    full = memory.count >= most
-    at = jnp.minimum(memory.count, most - 1) * size
+    own, first = config.particles, errors_from(config)
+    kept = _kept(rows, jnp.exp(own.gap_spread * found.values[:, first + 1].mean()), config)
+    full, at = memory.count >= own.remember, jnp.minimum(memory.count, own.remember - 1)
 
-    def put(old: Array, new: Array) -> Array:
+    def put(old: Array, new: Array, size: int) -> Array:
         old = jnp.where(full, jnp.roll(old, -size, 0), old)
-        return jax.lax.dynamic_update_slice_in_dim(old, new, at, 0)
+        return jax.lax.dynamic_update_slice_in_dim(old, new, at * size, 0)
 
-    return replace(memory, rows=jax.tree.map(put, memory.rows, kept), particles=found, count=memory.count + 1)
+    rows = jax.tree.map(lambda old, new: put(old, new, own.remember_rows), memory.rows, kept)
+    error, others = found.values[:, first : first + 1], found.values[:, first + ERRORS :]
+    values = jnp.asarray(found.values).at[:, first + ERRORS :].set(put(others.T, error.T, 1).T)
+    return replace(
+        memory,
+        rows=replace(rows, attempt=memory.rows.attempt),
+        particles=replace(found, values=values),
+        count=memory.count + 1,
+    )
 
 
-def _kept(rows: Rows, config: Config) -> Rows:
+def _kept(rows: Rows, noise: Array, config: Config) -> Rows:
     """Return the rows of an attempt that are remembered, evenly spread over its contact."""
     own, size = config.particles, config.particles.remember_rows
     counts = (rows.weight > 0) & (rows.press > own.touch_n)
@@ -72,12 +80,8 @@ def _kept(rows: Rows, config: Config) -> Rows:
     which = jnp.minimum(jnp.searchsorted(rank, wanted), len(counts) - 1)
     kept = jax.tree.map(lambda leaf: leaf[which], rows)
     more = jnp.minimum(jnp.maximum(n, size) / size, 1 / own.row_weight)
-    # Errors of heights are constant in an attempt: the one of that attempt, and the one of this.
-    return replace(
-        kept,
-        weight=jnp.where(wanted <= n, kept.weight * more, 0.0),
-        height_std=jnp.full(size, sqrt(2) * config.pose.height_offset_m + 1e-6),
-    )
+    weight = jnp.where(wanted <= n, kept.weight * more, 0.0)
+    return replace(kept, weight=weight, noise=jnp.broadcast_to(noise, size))
 
 
 def joined(before: Rows, rows: Rows) -> Rows:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from mjx_fit.config.sections.particles import ParticlesConfig
 from mjx_fit.filters.gaps import Bearing, PegPose, bearing_of
@@ -34,7 +34,7 @@ class Pose(NamedTuple):
         place_turn: Its rotation there.
         grasp: Shift of the peg in the hand, in the axes of a tool that points straight down, m.
         grasp_turn: Rotation of the peg in the hand.
-        height_error: Error of all measured heights, m.
+        height_error: Error of all measured heights, m: in this attempt, then in those that are remembered.
         noise: Factor of the spread of gaps in this attempt.
     """
 
@@ -42,7 +42,7 @@ class Pose(NamedTuple):
     place_turn: Float[Array, "3 3 *n"]
     grasp: Float[Array, "3 *n"]
     grasp_turn: Float[Array, "3 3 *n"]
-    height_error: Float[Array, "*n"]
+    height_error: Float[Array, "A *n"]
     noise: Float[Array, "*n"]
 
 
@@ -59,9 +59,7 @@ def row_logp(
         config: Errors and outliers.
     """
     found = bearing_of(peg_pose(pose, row), peg, hole)
-    # The spread of gaps that is believed is that of this attempt.
-    noise = jnp.where(row.height_std > 0, 1.0, pose.noise)
-    gap, std = found.gap, jnp.hypot(config.gap_std_m * noise, row.height_std)
+    gap, std = found.gap, config.gap_std_m * jnp.where(row.noise > 0, row.noise, pose.noise)
     touches = _mixed(
         -0.5 * (gap / std) ** 2 - jnp.log(std) - _HALF_LOG_2PI,
         -jnp.abs(gap) / _OUTLIER_GAP_M - jnp.log(2 * _OUTLIER_GAP_M),
@@ -84,8 +82,17 @@ def peg_pose(pose: Pose, row: Rows) -> PegPose:
     tool, grasp, place = map(_entries, (row.turn, pose.grasp_turn, pose.place_turn))
     shift, back = pose.grasp, _transposed(_times(place, grasp))
     away = [row.tip[i] - pose.place[i] + _along(tool[i], shift) - _along(place[i], shift) for i in range(3)]
-    away[2] = away[2] + jnp.where(row.height_std > 0, 0.0, pose.height_error)
+    away[2] = away[2] + _error_of(row.attempt, pose.height_error)
     return PegPose([_along(axis, away) for axis in back], _times(back, _times(tool, grasp)))
+
+
+def _error_of(attempt: Int[Array, "*#n"], errors: Float[Array, "A *n"]) -> Float[Array, "*n"]:
+    """Return the height error of a row's attempt."""
+    # A sum, not an index: a CPU gathers one number after the other.
+    found = errors[0] * (attempt == 0)
+    for k in range(1, len(errors)):
+        found = found + errors[k] * (attempt == k)
+    return found
 
 
 def _pressure_logp(pose: Pose, row: Rows, found: Bearing, std_m: float) -> Float[Array, "*n"]:

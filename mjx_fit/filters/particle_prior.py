@@ -7,6 +7,10 @@ place is distributed as
 
 with ε the chance that the belief is wrong and Σ₀ the covariance of a detection. Before any contact both are
 the same.
+
+A particle is a vector of numbers in units of the prior: one for each believed coordinate, six for the grasp
+where it varies, and the errors of measurements: that of heights, the logarithm of the noise, and the error of
+heights in each attempt that is remembered.
 """
 
 import math
@@ -20,6 +24,24 @@ from mjx_fit.config.schema import Config
 from mjx_fit.filters.kalman import scale_tril
 from mjx_fit.filters.updates import prior_stds
 from mjx_fit.types import Array, Belief, pytree
+
+ERRORS = 2
+"""Errors of an attempt's measurements; those of earlier attempts come after them."""
+
+
+def dimensions(config: Config) -> int:
+    """Return the length of a particle's vector."""
+    return errors_from(config) + ERRORS + config.particles.remember
+
+
+def errors_from(config: Config) -> int:
+    """Return the index of the first error of measurements."""
+    return len(config.filter.coordinates) + 6 * grasp_varies(config)
+
+
+def grasp_varies(config: Config) -> bool:
+    """Return whether the peg is held differently from attempt to attempt."""
+    return config.particles.grasp_std_m > 0 or config.particles.grasp_std_rad > 0
 
 
 @pytree

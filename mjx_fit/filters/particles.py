@@ -5,9 +5,7 @@ with tempering (Del Moral, Doucet and Jasra, 2006): the likelihood of new rows i
 grow to 1, each as large as the particles' weights allow; after each they are resampled and moved, by
 proposals that follow the particles' own mean and covariance and differences (``mjx_fit.filters.tempering``).
 
-A particle is a vector of numbers in units of the prior (``mjx_fit.filters.particle_prior``): one for each
-believed coordinate, six for the grasp where it varies, one for the error of heights and one for the logarithm
-of the noise.
+A particle is a vector of numbers in units of the prior (``mjx_fit.filters.particle_prior``).
 """
 
 from collections.abc import Callable
@@ -21,15 +19,19 @@ from jaxlie import SO3
 from jaxtyping import Float, Int, Key
 
 from mjx_fit.config.schema import Config
-from mjx_fit.config.sections.particles import ParticlesConfig
 from mjx_fit.filters import chart, tempering
 from mjx_fit.filters.contact_model import Pose, row_logp
-from mjx_fit.filters.particle_prior import Prior, drawn_values, values_logp
+from mjx_fit.filters.particle_prior import (
+    Prior,
+    dimensions,
+    drawn_values,
+    errors_from,
+    grasp_varies,
+    values_logp,
+)
 from mjx_fit.scene.surfaces import surfaces_of
 from mjx_fit.types import Array, Belief, Particles, Rows
 
-NUISANCES = 2
-"""Last values of a particle: the errors of an attempt's measurements, that of heights and the noise."""
 _RETYPED = 0.2
 """Share of moves that draw the type as well."""
 _IMPOSSIBLE = -1e6
@@ -51,11 +53,6 @@ def drawn(prior: Prior, key: Key[Array, ""], config: Config) -> Particles:
     below = jnp.cumsum(jax.nn.softmax(prior.type_logp))
     types = jnp.minimum(jnp.searchsorted(below, share), config.scene.n_types - 1)
     return Particles(drawn_values(prior, count, dimensions(config), of_values, config), types)
-
-
-def dimensions(config: Config) -> int:
-    """Return the length of a particle's vector."""
-    return len(config.filter.coordinates) + 6 * _grasp_varies(config.particles) + NUISANCES
 
 
 def conditioned(
@@ -181,19 +178,16 @@ def _pose(value: Float[Array, "d"], prior: Prior, config: Config) -> Pose:
             turn = turn.at[chart.AXIS[name]].set(step[i])
         else:
             place = place.at["xyz".index(name)].set(step[i])
-    grasp = value[d : d + 6] if _grasp_varies(own) else jnp.zeros(6)
+    errors = value[errors_from(config) :]
+    grasp = value[d : d + 6] if grasp_varies(config) else jnp.zeros(6)
     return Pose(
         place,
         SO3.exp(turn).as_matrix(),
         own.grasp_std_m * grasp[:3],
         SO3.exp(own.grasp_std_rad * grasp[3:]).as_matrix(),
-        config.pose.height_offset_m * value[-2],
-        jnp.exp(own.gap_spread * value[-1]),
+        config.pose.height_offset_m * jnp.append(errors[:1], errors[2:]),
+        jnp.exp(own.gap_spread * errors[1]),
     )
-
-
-def _grasp_varies(own: ParticlesConfig) -> bool:
-    return own.grasp_std_m > 0 or own.grasp_std_rad > 0
 
 
 class _Target(NamedTuple):

@@ -35,7 +35,8 @@ def rows_of(reading: Reading, config: Config) -> Rows:
         press=wrench[..., 2],
         pressure=centre_of_pressure(wrench, config.scene.peg_length_m),
         weight=config.particles.row_weight * reading.mask,
-        height_std=jnp.zeros_like(wrench[..., 2]),
+        noise=jnp.zeros_like(wrench[..., 2]),
+        attempt=jnp.zeros(wrench.shape[:-1], jnp.int32),
     )
 
 
@@ -47,4 +48,5 @@ def every(rows: Rows, config: Config) -> Rows:
 
 def no_rows(n: int) -> Rows:
     """Return n rows that do not count."""
-    return Rows(*(jnp.zeros((n, *shape)) for shape in ((3,), (3, 3), (), (2,), (), ())))
+    tip, turn, none = jnp.zeros((n, 3)), jnp.zeros((n, 3, 3)), jnp.zeros(n)
+    return Rows(tip, turn, none, jnp.zeros((n, 2)), none, none, jnp.zeros(n, jnp.int32))

@@ -91,7 +91,7 @@ def begin(
     prior = _prior(before, origin, peg_type, config)
     drawn, known = particles.drawn(prior, key, config), 0
     if memory is not None:
-        drawn = contact_memory.resumed(memory, drawn)
+        drawn = contact_memory.resumed(memory, drawn, config)
         rows, known = contact_memory.joined(memory.rows, rows), len(memory.rows.weight)
     return Contact(drawn, prior, origin, estimate, rows, jnp.asarray(known, jnp.int32))
 

@@ -16,7 +16,8 @@ class Rows:
         press: Force on the peg upwards, N.
         pressure: Centre of pressure on the peg's lower face relative to the TCP, x and y, m.
         weight: Exponent of the row's likelihood; 0: it is not read.
-        height_std: Error of its height that other rows do not share, m: of an attempt before this one.
+        noise: Factor of the spread of gaps in its attempt; 0: the one that particles have for this attempt.
+        attempt: Attempt whose height error it shares: 0 is this one, k the k-th that is remembered.
     """
 
     tip: Float[Array, "*L 3"]
@@ -24,7 +25,8 @@ class Rows:
     press: Float[Array, "*L"]
     pressure: Float[Array, "*L 2"]
     weight: Float[Array, "*L"]
-    height_std: Float[Array, "*L"]
+    noise: Float[Array, "*L"]
+    attempt: Int[Array, "*L"]
 
 
 @pytree

@@ -31,7 +31,7 @@ def some_rows(seed=0, press=5.0):
     turn = Rotation.from_rotvec(rng.normal(0, 0.1, (N_ROWS, 3))).as_matrix()
     tip, pressure = rng.normal(0, 0.01, (N_ROWS, 3)), rng.normal(0, 0.01, (N_ROWS, 2))
     every = np.ones(N_ROWS)
-    leaves = tip, turn, press * every, pressure, 0.4 * every, 0 * every
+    leaves = tip, turn, press * every, pressure, 0.4 * every, 0 * every, jnp.zeros(N_ROWS, jnp.int32)
     return Rows(*(jnp.asarray(leaf) for leaf in leaves))
 
 
@@ -42,7 +42,7 @@ def memory(config):
 
 def found(config, value):
     own = config.particles.count
-    return Particles(jnp.full((own, 14), float(value)), jnp.full(own, value))
+    return Particles(jnp.full((own, 16), float(value)), jnp.full(own, value))
 
 
 def test_rows_are_seen_from_another_estimate_as_matrices_say(config):
@@ -77,7 +77,8 @@ def test_contact_is_kept_evenly_and_the_oldest_attempt_makes_room(config, memory
     np.testing.assert_array_equal(memory.rows.tip[:4], half.tip[jnp.array([1, 3, 5, 7])])
     np.testing.assert_allclose(memory.rows.weight[:4], 0.4 * 5 / 4)  # of five rows, four are left
     assert memory.rows.weight[4:].tolist() == [0] * 4
-    assert (memory.rows.height_std[:4] > config.pose.height_offset_m).all()
+    assert memory.rows.attempt.tolist() == [1, 1, 1, 1, 2, 2, 2, 2]
+    np.testing.assert_allclose(memory.rows.noise[:4], 1.0)
     memory = contact_memory.with_attempt(memory, few, found(config, 1), config)
     np.testing.assert_allclose(memory.rows.weight[4:], [0.4, 0, 0, 0])
     np.testing.assert_array_equal(memory.rows.tip[4], few.tip[7])
@@ -86,16 +87,30 @@ def test_contact_is_kept_evenly_and_the_oldest_attempt_makes_room(config, memory
     assert not memory.rows.weight[1:].any()
     assert int(memory.count) == 3
     assert (memory.particles.types == 2).all()
+    assert memory.rows.attempt.tolist() == [1, 1, 1, 1, 2, 2, 2, 2]
+    np.testing.assert_allclose(memory.rows.noise, 4 * [np.exp(0.6)] + 4 * [np.exp(1.2)], rtol=1e-6)
+
+
+def test_an_error_of_heights_stays_with_its_attempt(config, memory):
+    """Of three attempts two are remembered; an attempt begins with errors of its own."""
+    drawn = Particles(jnp.full((64, 16), 9.0), jnp.zeros(64, jnp.int32))
+    errors = []
+    for k in range(3):
+        before = contact_memory.resumed(memory, drawn, config).values
+        after = Particles(jnp.asarray(before).at[:, 12].set(k + 1), drawn.types)
+        memory = contact_memory.with_attempt(memory, some_rows(k), after, config)
+        errors.append(contact_memory.resumed(memory, drawn, config).values[0, 12:].tolist())
+    assert errors == [[9, 9, 1, 9], [9, 9, 1, 2], [9, 9, 2, 3]]
 
 
 def test_an_attempt_begins_with_the_particles_of_the_last_one_and_errors_of_its_own(config, memory):
     drawn = found(config, 5)
-    first = contact_memory.resumed(memory, drawn)
+    first = contact_memory.resumed(memory, drawn, config)
     assert (first.values == 5).all()
     later = contact_memory.with_attempt(memory, some_rows(), found(config, 1), config)
-    resumed = contact_memory.resumed(later, drawn)
-    assert (resumed.values[:, :-2] == 1).all()
-    assert (resumed.values[:, -2:] == 5).all()
+    resumed = contact_memory.resumed(later, drawn, config)
+    assert (resumed.values[:, 12:14] == 5).all()
+    assert (jnp.delete(resumed.values, jnp.array([12, 13]), axis=1) == 1).all()
     assert (resumed.types == 1).all()
 
 

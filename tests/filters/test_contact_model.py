@@ -23,6 +23,7 @@ from mjx_fit.types import Rows
 
 PARTS = {name: read_config(parts_file(name)).scene for name in ("nonconvex", "nist")}
 SCENES = {"paper": mf.Config().scene, **PARTS}
+THIS = np.array(0.0), np.array(0)  # the believed noise, and the attempt: this one
 
 
 def of_part(scene, i):
@@ -41,8 +42,8 @@ def drawn(rng):
     tip, place, grasp = (rng.uniform(-1, 1, 3) * np.array(most) for most in
                          ([0.02, 0.02, 0.005], [0.015, 0.015, 0.004], [0.002, 0.002, 0.002]))  # fmt: skip
     matrix = {name: turn.as_matrix() for name, turn in turns.items()}
-    row = Rows(tip, matrix["tool"], np.array(5.0), np.zeros(2), np.array(1.0), np.array(0.0))
-    pose = Pose(place, matrix["place"], grasp, matrix["grasp"], np.array(0.0002), np.array(1.0))
+    row = Rows(tip, matrix["tool"], np.array(5.0), np.zeros(2), np.array(1.0), *THIS)
+    pose = Pose(place, matrix["place"], grasp, matrix["grasp"], np.array([0.0002]), np.array(1.0))
     return row, pose, matrix
 
 
@@ -60,7 +61,7 @@ def peg_in_socket(row, pose, matrix):
         return whole
 
     grasp = rigid(matrix["grasp"], pose.grasp)
-    tool = rigid(matrix["tool"], row.tip + np.array([0, 0, pose.height_error]))
+    tool = rigid(matrix["tool"], row.tip + np.array([0, 0, pose.height_error[0]]))
     # The peg fits where the tool is at its place: the socket is the place times the grasp.
     return np.linalg.inv(rigid(matrix["place"], pose.place) @ grasp) @ tool @ grasp
 
@@ -123,11 +124,13 @@ def test_below_the_plate_the_way_to_the_wall_counts(yaw):
     shape, part = scene.shapes[kind], of_part(scene, kind)
     peg, opening = peg_outline(shape, scene), hole_outline(shape, scene)
     turn, level = Rotation.from_rotvec([0, 0, yaw]).as_matrix(), np.eye(3)
-    pose = Pose(np.zeros(3), level, np.zeros(3), level, np.array(0.0), np.array(1.0))
+    pose = Pose(np.zeros(3), level, np.zeros(3), level, np.zeros(1), np.array(1.0))
     inside = 0
     for size in 30 * [0.001] + 10 * [0.004]:
         at = size * rng.uniform(-1, 1, 2)
-        row = Rows(np.append(at, -0.005), turn, np.array(5.0), np.zeros(2), np.array(1.0), np.array(0.0))
+        row = Rows(
+            np.append(at, -0.005), turn, np.array(5.0), np.zeros(2), np.array(1.0), np.array(0.0), np.array(0)
+        )
         corners = shapely.points(shapely.get_coordinates(peg) @ turn[:2, :2].T + at)
         wall = shapely.distance(corners, opening.boundary)
         free = shapely.contains(opening, corners)
@@ -139,18 +142,26 @@ def test_below_the_plate_the_way_to_the_wall_counts(yaw):
         assert found == pytest.approx(exact, abs=1e-6 if free.all() else 0.3 * abs(exact) + 1e-6)
         assert (found > 0) == free.all()
     assert inside > 3
-    far = Rows(np.array([0.03, 0.0, -0.005]), turn, np.array(5.0), np.zeros(2), np.array(1.0), np.array(0.0))
+    far = Rows(
+        np.array([0.03, 0.0, -0.005]),
+        turn,
+        np.array(5.0),
+        np.zeros(2),
+        np.array(1.0),
+        np.array(0.0),
+        np.array(0),
+    )
     assert float(gap_at(pose, far, part, part, "paper")) == pytest.approx(-0.005, abs=1e-5)
 
 
 def test_a_row_is_most_probable_where_the_peg_just_touches():
     scene, config = SCENES["paper"], ParticlesConfig()
     peg = hole = of_part(scene, 1)
-    level = Pose(jnp.zeros(3), jnp.eye(3), jnp.zeros(3), jnp.eye(3), jnp.zeros(()), jnp.ones(()))
+    level = Pose(jnp.zeros(3), jnp.eye(3), jnp.zeros(3), jnp.eye(3), jnp.zeros(1), jnp.ones(()))
 
     def logp(height, press, pressure=(0.0, 0.0)):
         place, force = jnp.array([0.05, 0.0, height]), jnp.asarray(press)
-        row = Rows(place, jnp.eye(3), force, jnp.array(pressure), jnp.ones(()), jnp.zeros(()))
+        row = Rows(place, jnp.eye(3), force, jnp.array(pressure), jnp.ones(()), *THIS)
         return float(row_logp(level, row, peg, hole, config))
 
     touching = logp(0.0, 5.0)
@@ -159,6 +170,18 @@ def test_a_row_is_most_probable_where_the_peg_just_touches():
     assert logp(0.003, 0.0) > logp(-0.003, 0.0) + 2
     assert touching > logp(0.0, 5.0, (0.035, 0.0)) + 0.5
     assert logp(0.0, 1.0) == 0
+
+
+def test_a_row_has_the_height_error_of_its_attempt():
+    rng, peg = np.random.default_rng(2), of_part(SCENES["paper"], 1)
+    row, pose, _ = drawn(rng)
+    errors = np.array([0.0002, -0.0007, 0.0011])
+    pose = pose._replace(height_error=errors)
+    for k, error in enumerate(errors):
+        moved = replace(row, tip=row.tip + np.array([0, 0, error]))
+        exact = gap_at(pose._replace(height_error=np.zeros(1)), moved, peg, peg, "paper")
+        got = gap_at(pose, replace(row, attempt=np.array(k)), peg, peg, "paper")
+        assert float(got) == pytest.approx(float(exact), abs=1e-7)
 
 
 def test_the_pressure_is_at_the_corner_that_touches_in_the_axes_of_the_tool():
@@ -172,7 +195,7 @@ def test_the_pressure_is_at_the_corner_that_touches_in_the_axes_of_the_tool():
         jnp.eye(3),
         jnp.asarray(shift),
         jnp.asarray(grasp),
-        jnp.zeros(()),
+        jnp.zeros(1),
         jnp.ones(()),
     )
     turn = jnp.asarray(Rotation.from_rotvec([-0.1, 0.1, 0]).as_matrix())
@@ -180,7 +203,13 @@ def test_the_pressure_is_at_the_corner_that_touches_in_the_axes_of_the_tool():
     @jax.jit
     def logp(pressure):
         row = Rows(
-            jnp.array([0.0, 0.0, 0.003]), turn, jnp.asarray(5.0), pressure, jnp.ones(()), jnp.zeros(())
+            jnp.array([0.0, 0.0, 0.003]),
+            turn,
+            jnp.asarray(5.0),
+            pressure,
+            jnp.ones(()),
+            jnp.zeros(()),
+            jnp.array(0),
         )
         return row_logp(pose, row, peg, hole, config)
 

@@ -20,6 +20,7 @@ from mjx_fit.types import Rows
 STD, WIDER, MISLED = np.array([0.004, 0.003]), np.array([1.6, 2.0]), 0.3
 TRUE, TRUE_TYPE, PEG = np.array([0.004, -0.003]), 1, 2
 N_ROWS = 20
+THIS = np.array(0.0), np.array(0)  # the believed noise, and the attempt: this one
 
 
 def of_part(config, i):
@@ -41,7 +42,9 @@ def rows(config):
         angle = 2 * np.pi * k / 8
         turn = Rotation.from_rotvec([0.1 * np.cos(angle), 0.1 * np.sin(angle), 0]).as_matrix()
         xy = 0.006 * np.array([np.cos(k), np.sin(k)])
-        row = Rows(np.append(xy, 0.0), turn, np.array(5.0), np.zeros(2), np.array(0.5), np.array(0.0))
+        row = Rows(
+            np.append(xy, 0.0), turn, np.array(5.0), np.zeros(2), np.array(0.5), np.array(0.0), np.array(0)
+        )
         pose = peg_pose(pose_at(TRUE), row)
         found = bearing_of(pose, of_part(config, PEG), of_part(config, TRUE_TYPE))
         height = -float(found.gap) + 0.0003 * rng.standard_normal()
@@ -52,7 +55,7 @@ def rows(config):
 
 def pose_at(place):
     level = jnp.eye(3)
-    return Pose(jnp.append(jnp.asarray(place), 0.0), level, jnp.zeros(3), level, jnp.zeros(()), jnp.ones(()))
+    return Pose(jnp.append(jnp.asarray(place), 0.0), level, jnp.zeros(3), level, jnp.zeros(1), jnp.ones(()))
 
 
 @pytest.fixture(scope="module")
