@@ -12,6 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Bool, Int, Key
 
 from mjx_fit.config.schema import Config
+from mjx_fit.config.sections.randomize import RandomizeConfig
 from mjx_fit.filters import frame
 from mjx_fit.scene.parts import plate_top_m
 from mjx_fit.scene.randomization import draw_errors
@@ -42,6 +43,12 @@ class Window(NamedTuple):
     rows: int
     start: int | Int[Array, ""] = 0
     count: int | Int[Array, ""] | None = None
+
+
+def without_errors(config: Config) -> Config:
+    """Return a configuration that adds no errors: those of a robot's log are in it already."""
+    wrist, pose = config.wrist.without_errors(), config.pose.without_errors()
+    return replace(config, wrist=wrist, pose=pose, randomize=RandomizeConfig())
 
 
 class _Keys(NamedTuple):

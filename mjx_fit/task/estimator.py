@@ -17,7 +17,7 @@ from mjx_fit.filters.frame import observation_in_world
 from mjx_fit.filters.outcome_model import success_probability
 from mjx_fit.filters.updates import prior_stds, update_position, update_type
 from mjx_fit.sensors.contact_sensor import ContactSensor
-from mjx_fit.sensors.reading import Window, read_window
+from mjx_fit.sensors.reading import Window, read_window, without_errors
 from mjx_fit.sensors.traces import require_readable
 from mjx_fit.task.estimator_input import require_no_sensor, require_update
 from mjx_fit.task.geometry import geometry_update
@@ -39,6 +39,7 @@ def filter_update(
     learns_type: Bool[np.ndarray, "n"] | bool = True,
     *,
     inserted: bool = False,
+    logged: bool = False,
 ) -> Update:
     """Make the update of position and type from the outcome itself and from the sensor's observation.
 
@@ -50,6 +51,7 @@ def filter_update(
         learns_type: Whether the trace updates the type, likewise; the outcome itself always does.
         inserted: Outcome of the attempts: False for failures; True for insertions, to tell whether the hole
             is the peg's own.
+        logged: Whether a robot measured the traces: then they have its sensors' errors, and none are added.
 
     Raises:
         RequestError: There is a sensor, and the geometry of the parts is to read the traces.
@@ -67,7 +69,8 @@ def filter_update(
     if reads_geometry:
         require_no_sensor(sensor)
     graph, state = nnx.split(sensor) if sensor is not None else (None, None)
-    by_geometry = geometry_update(config) if reads_geometry else None
+    seen_as = without_errors(config) if logged else config
+    by_geometry = geometry_update(config, seen_as) if reads_geometry else None
 
     def learn(state, beliefs, felt, keys, learns_position, learns_type):
         alpha = success_probability(config, beliefs.pos_cov)
@@ -79,7 +82,7 @@ def filter_update(
         elif graph is None:
             return updated
         else:
-            observation = nnx.merge(graph, state)(readings(felt, keys, config))
+            observation = nnx.merge(graph, state)(readings(felt, keys, seen_as))
             observation = observation_in_world(observation, felt.estimate_world, config.filter.coordinates)
             learnt = posterior(beliefs, observation, felt.peg_type, alpha, config, inserted=inserted)
         return Belief(

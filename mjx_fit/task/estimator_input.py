@@ -10,6 +10,7 @@ from jaxtyping import Float
 from mjx_fit.config.schema import Config
 from mjx_fit.filters.belief_check import require_beliefs
 from mjx_fit.sensors.traces import require_readable
+from mjx_fit.sensors.trained_sensor import TrainedSensor
 from mjx_fit.types import Belief, Felt
 from mjx_fit.utils.errors import RequestError
 
@@ -36,25 +37,46 @@ def require_update(beliefs: Belief, felt: Felt, keys: Any, config: Config) -> No
         )
 
 
-def require_places(detections: Any, reach: tuple[float, float]) -> Float[np.ndarray, "n 2"]:
-    """Return detections as an array (n, 2), m, after a check that all are within the robot's reach.
+def require_places(detections: Any, reach: tuple[float, float], config: Config) -> Float[np.ndarray, "n d"]:
+    """Return detections as an array (n, 2) or (n, D), after a check that all are within the robot's reach.
 
     Raises:
         RequestError: A detection is out of reach, or the array is empty; the message names the cause.
     """
-    places = np.asarray(detections, np.float32)
-    if places.ndim != 2 or places.shape[1] != 2 or not len(places):
-        raise RequestError(f"detections: shape {places.shape} is invalid: expected (n, 2) with n >= 1")
-    distance = np.linalg.norm(places, axis=1)
+    places, d = np.asarray(detections, np.float32), len(config.filter.coordinates)
+    if places.ndim != 2 or places.shape[1] not in (2, d) or not len(places):
+        expected = "(n, 2)" if d == 2 else f"(n, 2) or (n, {d})"
+        raise RequestError(f"detections: shape {places.shape} is invalid: expected {expected} with n >= 1")
+    for row, place in enumerate(places[:, 2:]):
+        if not np.isfinite(place).all():
+            raise RequestError(
+                f"detections: {place.tolist()} of hole {row} is invalid: expected finite numbers"
+            )
+    distance = np.linalg.norm(places[:, :2], axis=1)
     wrong = ~((distance >= reach[0]) & (distance <= reach[1]))
     if wrong.any():
         row = int(wrong.argmax())
-        x, y = places[row].tolist()
+        x, y = places[row, :2].tolist()
         raise RequestError(
             f"detections: ({x:.6g}, {y:.6g}) of hole {row} is invalid: expected {reach[0]} to "
             f"{reach[1]} m from the robot's base"
         )
     return places
+
+
+def settings_of(sensor: TrainedSensor | None, config: Config | None) -> Config:
+    """Return the settings of a tracker: a sensor's, or those of a filter that needs none.
+
+    Raises:
+        RequestError: The settings are not those of the sensor, or there is none and they ask for one.
+    """
+    if sensor is not None:
+        return sensor.adapt(config or sensor.config)
+    if config is None or config.filter.reads != "geometry":
+        raise RequestError(
+            "sensor: None cannot be used: expected a trained sensor, or a config with filter.reads=geometry"
+        )
+    return config
 
 
 def require_no_sensor(sensor: object | None) -> None:

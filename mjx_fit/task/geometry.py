@@ -6,6 +6,7 @@ or, where earlier attempts are remembered, the one before all of them.
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -17,18 +18,19 @@ from mjx_fit.filters import contact_memory, frame, particles
 from mjx_fit.filters.particle_prior import Prior, prior_of
 from mjx_fit.sensors.contact_rows import every, no_rows, rows_of, with_world_poses
 from mjx_fit.sensors.reading import Window, read_window
-from mjx_fit.types import Array, Belief, Felt, Particles, Reading, Rows, pytree
+from mjx_fit.types import Array, Belief, Felt, Memory, Particles, Reading, Rows, pytree
 
 
-def geometry_update(config: Config) -> Callable[[Belief, Felt, Key[Array, "n"]], Belief]:
+def geometry_update(config: Config, seen_as: Config) -> Callable[[Belief, Felt, Key[Array, "n"]], Belief]:
     """Return the function that conditions beliefs (n,) on the contact of attempts, one after the other.
 
-    Beliefs that remember earlier attempts are conditioned on all of them anew, and remember this one as well.
+    Beliefs that remember earlier attempts know them by their particles, and remember this one as well.
 
     Args:
-        config: Defines the filter, the parts, and the noise of the measurements, which the keys seed.
+        config: Defines the filter, the parts, and the errors of measurements that it reckons with.
+        seen_as: Defines the errors that are added to the measurements, which the keys seed.
     """
-    names, posed = config.filter.coordinates, with_world_poses(config)
+    names, posed = config.filter.coordinates, with_world_poses(seen_as)
 
     def one(belief: Belief, felt: Felt, key: Key[Array, ""]) -> Belief:
         of_noise, of_draw, of_moves, of_rest = jax.random.split(key, 4)
@@ -37,11 +39,10 @@ def geometry_update(config: Config) -> Callable[[Belief, Felt, Key[Array, "n"]],
         before = belief if memory is None else memory.before
         origin = felt.estimate_world if memory is None else before.mean_world
         rows = contact_memory.seen_from(rows, felt.estimate_world, origin, names)
-        known = rows if memory is None else contact_memory.joined(memory.rows, rows)
         prior = _prior(before, origin, felt.peg_type, config)
-        found = particles.drawn(prior, of_draw, config)
-        found = particles.conditioned(found, prior, known, 0, of_moves, config)
-        found = particles.settled(found, prior, known, of_rest, config)
+        begun = _begun(memory, rows, particles.drawn(prior, of_draw, config), config)
+        found = particles.conditioned(begun.particles, prior, begun.rows, begun.known, of_moves, config)
+        found = particles.settled(found, prior, begun.rows, of_rest, config)
         if memory is not None:
             memory = contact_memory.with_attempt(memory, rows, found, config)
         return replace(_belief(found, prior, origin, config), memory=memory)
@@ -50,6 +51,23 @@ def geometry_update(config: Config) -> Callable[[Belief, Felt, Key[Array, "n"]],
         return jax.lax.map(lambda each: one(*each), jax.tree.map(jnp.asarray, (beliefs, felt, keys)))
 
     return learnt
+
+
+class _Begun(NamedTuple):
+    """Particles before an attempt's rows, all rows, and how many of them the particles know."""
+
+    particles: Particles
+    rows: Rows
+    known: int
+
+
+def _begun(memory: Memory | None, rows: Rows, drawn: Particles, config: Config) -> _Begun:
+    """Return what an attempt begins with: particles that know the remembered rows, or drawn ones."""
+    # Particles drawn anew would have to find what several attempts tell at once, and few of them do.
+    if memory is None:
+        return _Begun(drawn, rows, 0)
+    known, rows = len(memory.rows.weight), contact_memory.joined(memory.rows, rows)
+    return _Begun(contact_memory.resumed(memory, drawn, config), rows, known)
 
 
 @pytree
@@ -89,11 +107,9 @@ def begin(
     before = belief if memory is None else memory.before
     origin = estimate if memory is None else before.mean_world
     prior = _prior(before, origin, peg_type, config)
-    drawn, known = particles.drawn(prior, key, config), 0
-    if memory is not None:
-        drawn = contact_memory.resumed(memory, drawn, config)
-        rows, known = contact_memory.joined(memory.rows, rows), len(memory.rows.weight)
-    return Contact(drawn, prior, origin, estimate, rows, jnp.asarray(known, jnp.int32))
+    begun = _begun(memory, rows, particles.drawn(prior, key, config), config)
+    known = jnp.asarray(begun.known, jnp.int32)
+    return Contact(begun.particles, prior, origin, estimate, begun.rows, known)
 
 
 def add(

@@ -8,11 +8,14 @@ from typing import Any
 import numpy as np
 from pydantic import TypeAdapter
 
+from mjx_fit.sensors.trained_sensor import TrainedSensor
 from mjx_fit.types import Belief
 from mjx_fit.utils import bounded_json, files
 from mjx_fit.utils.errors import RequestError
 
 FORMAT = 1
+GEOMETRY = "geometry of contact"
+"""Fingerprint where the geometry of the parts reads, and no sensor."""
 STORED = {"pos_mean_world": "mean_world", "pos_cov": "cov", "type_logp": "type_logp"}
 """Attributes of ``Belief`` by the names that they have in the file."""
 
@@ -65,6 +68,11 @@ class SavedBeliefs:
             raise RequestError(
                 f"{path}: {words}: lengths are invalid: expected the same in each row"
             ) from None
+
+
+def fingerprint_of(sensor: TrainedSensor | None) -> str:
+    """Return what tells the reader of a tracker's logs from others."""
+    return GEOMETRY if sensor is None else sensor.fingerprint
 
 
 def write_beliefs(path: Path, beliefs: SavedBeliefs) -> None:

@@ -4,7 +4,6 @@ The tracker needs only what a robot has (detections, the peg in hand, a sensor l
 ground truth. It calls the same update functions as the experiments.
 """
 
-from dataclasses import replace
 from pathlib import Path
 
 import jax
@@ -13,7 +12,6 @@ import numpy as np
 from jaxtyping import Float
 
 from mjx_fit.config.schema import Config
-from mjx_fit.config.sections.randomize import RandomizeConfig
 from mjx_fit.engines.requests import require_count
 from mjx_fit.filters.belief_check import require_beliefs
 from mjx_fit.filters.outcome_model import success_probability
@@ -24,9 +22,16 @@ from mjx_fit.sensors.trained_sensor import TrainedSensor
 from mjx_fit.task import greedy
 from mjx_fit.task.assembly_snapshot import KEPT_FROM
 from mjx_fit.task.estimator import Update, filter_update
-from mjx_fit.task.estimator_input import require_places
+from mjx_fit.task.estimator_input import require_places, settings_of
 from mjx_fit.task.logged_attempt import AtHole, attempt_of, padded, require_own
-from mjx_fit.task.saved_beliefs import FORMAT, SavedBeliefs, as_stored, read_beliefs, write_beliefs
+from mjx_fit.task.saved_beliefs import (
+    FORMAT,
+    SavedBeliefs,
+    as_stored,
+    fingerprint_of,
+    read_beliefs,
+    write_beliefs,
+)
 from mjx_fit.types import Belief, Felt
 from mjx_fit.utils import numerics
 from mjx_fit.utils.errors import RequestError, shown
@@ -52,38 +57,36 @@ class BeliefTracker:
     """
 
     def __init__(
-        self, sensor: TrainedSensor, detections: Float[np.ndarray, "n 2"], config: Config | None = None
+        self,
+        sensor: TrainedSensor | None,
+        detections: Float[np.ndarray, "n 2"] | Float[np.ndarray, "n D"],
+        config: Config | None = None,
     ):
         """Initialise the beliefs from detections.
 
         Args:
-            sensor: The trained sensor.
-            detections: Estimated hole centres in the robot base frame, m.
+            sensor: The trained sensor; None: the geometry of the parts reads the logs.
+            detections: Estimated hole centres in the robot base frame, m; or estimates of all D believed
+                coordinates, m and rad.
             config: Defines the outcome model and the detector accuracy; its network settings are ignored in
                 favour of the sensor's. None: the configuration of the sensor's training run.
 
         Raises:
-            RequestError: A detection is out of the robot's reach, or the configuration and the sensor have
-                different shapes.
+            RequestError: A detection is out of the robot's reach, the configuration and the sensor have
+                different shapes, or there is no sensor and ``filter.reads`` asks for one.
         """
         numerics.require()
-        self._config = sensor.adapt(config or sensor.config)
+        self._config = settings_of(sensor, config)
         self._sensor = sensor
         self._robot = ROBOTS[self._config.scene.robot]
-        places = require_places(detections, self._robot.estimate_reach_m)
+        places = require_places(detections, self._robot.estimate_reach_m, self._config)
         self.belief: Belief = jax.tree.map(np.array, detected_belief(jnp.asarray(places), self._config))
         self.filled = np.zeros(len(places), bool)
         self.tries = np.zeros(len(places), np.int32)
         self._peg: int | None = None
-        # A logged trace already contains the errors of the robot's own sensors.
-        as_logged = replace(
-            self._config,
-            wrist=self._config.wrist.without_errors(),
-            pose=self._config.pose.without_errors(),
-            randomize=RandomizeConfig(),
-        )
+        network = None if sensor is None else sensor.network
         self._update, self._confirm = (
-            filter_update(as_logged, sensor.network, inserted=inserted) for inserted in (False, True)
+            filter_update(self._config, network, inserted=inserted, logged=True) for inserted in (False, True)
         )
 
     def choose(self, peg: str) -> int:
@@ -188,7 +191,7 @@ class BeliefTracker:
             SavedBeliefs(
                 format=FORMAT,
                 shapes=list(names),
-                sensor=self._sensor.fingerprint,
+                sensor=fingerprint_of(self._sensor),
                 peg=None if self._peg is None else names[self._peg],
                 filled=self.filled.tolist(),
                 tries=self.tries.tolist(),
@@ -197,12 +200,14 @@ class BeliefTracker:
         )
 
     @classmethod
-    def load(cls, path: Path | str, sensor: TrainedSensor, config: Config | None = None) -> "BeliefTracker":
+    def load(
+        cls, path: Path | str, sensor: TrainedSensor | None, config: Config | None = None
+    ) -> "BeliefTracker":
         """Restore a tracker from a file that ``save`` wrote.
 
         Args:
             path: The JSON file.
-            sensor: The same trained sensor as at saving.
+            sensor: The same trained sensor as at saving, or None.
             config: The same configuration as at saving.
 
         Raises:
@@ -213,12 +218,12 @@ class BeliefTracker:
         tracker = cls(sensor, np.array([mean[:2] for mean in saved.pos_mean_world]), config)
         names = tracker._config.scene.names
         for word, there, here in (
-            ("sensor", saved.sensor, sensor.fingerprint),
+            ("sensor", saved.sensor, fingerprint_of(sensor)),
             ("shapes", saved.shapes, list(names)),
         ):
             if there != here:
                 raise RequestError(
-                    f"{path}: {word}: {shown(there)} cannot be used: this sensor has {shown(here)}"
+                    f"{path}: {word}: {shown(there)} cannot be used: this tracker has {shown(here)}"
                 )
         belief, n = saved.belief(path), len(tracker.filled)
         require_beliefs(belief, n, len(names), d=len(tracker._config.filter.coordinates))
