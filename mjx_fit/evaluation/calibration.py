@@ -19,6 +19,7 @@ from mjx_fit.training.compatibility import require_new, require_world
 from mjx_fit.training.sensor_loader import TrainedSensor, load_baseline, load_trained_sensor
 from mjx_fit.training.split import require_sound
 from mjx_fit.utils import provenance
+from mjx_fit.utils.errors import RequestError
 from mjx_fit.utils.progress import Progress
 
 RESAMPLES = 500
@@ -41,8 +42,14 @@ def calibrate(config: Config, out: Path, run: Path, data: Path, seed: int) -> Re
         seed: Root seed of the sensor noise.
 
     Raises:
-        RequestError: Run or data cannot be used, their scenes differ, or the file holds another result.
+        RequestError: Run or data cannot be used, their scenes differ, the file holds another result, or no
+            sensor is to read the traces.
     """
+    if config.filter.reads == "geometry":
+        raise RequestError(
+            "config: filter.reads: geometry cannot be used: expected sensor, since trained sensors are measured; "
+            "evaluate position and evaluate robustness measure the geometry of contact"
+        )
     sensor = load_trained_sensor(run)
     config = sensor.adapt(config)
     baseline = load_baseline(run)

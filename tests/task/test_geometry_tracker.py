@@ -10,6 +10,7 @@ import pytest
 import mjx_fit as mf
 from mjx_fit.config.files import read_config
 from mjx_fit.config.worlds import world_file
+from mjx_fit.evaluation.calibration import calibrate
 from mjx_fit.filters import chart
 from mjx_fit.filters.updates import detected_belief
 from mjx_fit.scene.placement import place_for_tool
@@ -97,6 +98,11 @@ def test_detections_may_have_all_believed_coordinates(config):
         mf.BeliefTracker(None, place, config)
     with pytest.raises(mf.RequestError, match=r"expected \(n, 2\) or \(n, 6\)"):
         mf.BeliefTracker(None, place[:, :3], config)
+
+
+def test_the_calibration_of_trained_sensors_is_not_that_of_the_geometry(config, tmp_path):
+    with pytest.raises(mf.RequestError, match=r"^config: filter\.reads: geometry cannot be used"):
+        calibrate(config, tmp_path / "out.json", tmp_path, tmp_path, 0)
 
 
 @pytest.mark.parametrize("config", [None, mf.Config()])
