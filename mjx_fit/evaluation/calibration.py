@@ -47,7 +47,7 @@ def calibrate(config: Config, out: Path, run: Path, data: Path, seed: int) -> Re
     """
     if config.filter.reads == "geometry":
         raise RequestError(
-            "config: filter.reads: geometry cannot be used: expected sensor, since trained sensors are measured; "
+            "config: filter.reads: geometry cannot be used: expected sensor, whose training is judged; "
             "evaluate position and evaluate robustness measure the geometry of contact"
         )
     sensor = load_trained_sensor(run)
