@@ -72,7 +72,9 @@ def part(ids: np.ndarray, seed: int, config: Config, engine: Any) -> list[dict[s
     told = shared.beliefs(alone, np.ones(len(ids), bool))
     true = np.asarray(place_for_tool(there.hole_pos_world, there.physics, config))
     scores = [scored(belief, true, second, config) for belief in (alone, told)]
-    return [row_of(scores, i) for i in range(len(ids))]
+    z = config.filter.coordinates.index("z")
+    heights = [1000 * np.abs(np.asarray(one.mean_world)[:, 1, z] - true[:, z]) for one in (alone, told)]
+    return [row_of(scores, heights, i) for i in range(len(ids))]
 
 
 def kinds(ids: np.ndarray, config: Config) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -90,11 +92,13 @@ def scored(belief: Belief, true: np.ndarray, kind: np.ndarray, config: Config) -
     return score_places(mean, cov, true[:, None], kind, config)
 
 
-def row_of(scores: list[PlaceScores], i: int) -> dict[str, float]:
+def row_of(scores: list[PlaceScores], heights_mm: list[np.ndarray], i: int) -> dict[str, float]:
     """Return the errors without and with the grasp shared, and by how much they are smaller."""
     row = {}
-    for name in ("distance_cm", "turn_deg", "yaw_deg"):
-        alone, told = (float(getattr(score, name)[i, 0]) for score in scores)
+    names = ("distance_cm", "turn_deg", "yaw_deg")
+    errors = {name: [float(getattr(score, name)[i, 0]) for score in scores] for name in names}
+    errors["height_mm"] = [float(height[i]) for height in heights_mm]
+    for name, (alone, told) in errors.items():
         row |= {name: alone, f"{name}_shared": told, f"less_{name}": alone - told}
     for name, score in zip(("in_90", "in_90_shared"), scores, strict=True):
         row[name] = float(inside(score.squared[i], 0.9, score.degrees[i : i + 1])[0])

@@ -18,7 +18,7 @@ from mjx_fit.types import Array, Belief, Memory, Particles, Rows
 
 
 def remembering(belief: Belief, config: Config) -> Belief:
-    """Return beliefs (*batch) with a memory of no attempt."""
+    """Return beliefs (*batch) with a memory of no attempt: what was believed before any is not forgotten."""
     own, batch = config.particles, belief.type_logp.shape[:-1]
 
     def none(*shape: int) -> Array:
@@ -28,7 +28,8 @@ def remembering(belief: Belief, config: Config) -> Belief:
     attempt = jnp.broadcast_to(1 + jnp.arange(n) // own.remember_rows, (*batch, n)).astype(jnp.int32)
     rows = Rows(none(n, 3), none(n, 3, 3), none(n), none(n, 2), none(n), none(n), attempt)
     count = jnp.zeros(batch, jnp.int32)
-    found = Particles(none(own.count, dimensions(config)), jnp.zeros((*batch, own.count), jnp.int32))
+    size = own.count if own.remember else 0
+    found = Particles(none(size, dimensions(config)), jnp.zeros((*batch, size), jnp.int32))
     return replace(belief, memory=Memory(replace(belief, memory=None), rows, found, count))
 
 

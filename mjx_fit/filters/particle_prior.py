@@ -3,10 +3,10 @@
 A belief that earlier contact misled is narrow and far off, and no later contact could correct it. So the
 place is distributed as
 
-    (1 - ε) N(m, Σ) + ε N(m, Σ₀),
+    (1 - ε) N(m, Σ) + ε N(m₀, Σ₀),
 
-with ε the chance that the belief is wrong and Σ₀ the covariance of a detection. Before any contact both are
-the same.
+with ε the chance that the belief is wrong and N(m₀, Σ₀) the belief before any contact, from a detection.
+Where nobody knows it, m₀ is m: then a belief may wander, from one attempt to the next.
 
 A particle is a vector of numbers in units of the prior: one for each believed coordinate, six for the grasp
 where it varies, and the errors of measurements: that of heights, the logarithm of the noise, and the error of
@@ -52,6 +52,7 @@ class Prior:
         mean: Mean step from the estimate, m and rad.
         scale: Cholesky factor L of its covariance Σ.
         wide: That of Σ₀ in units of L: L⁻¹ L₀.
+        apart: How far the detection is from the mean in these units: L⁻¹ (m₀ - m).
         type_logp: Log probability of each type.
         peg_type: Type of the peg in hand.
     """
@@ -59,15 +60,26 @@ class Prior:
     mean: Float[Array, "D"]
     scale: Float[Array, "D D"]
     wide: Float[Array, "D D"]
+    apart: Float[Array, "D"]
     type_logp: Float[Array, "C"]
     peg_type: Int[Array, ""]
 
 
-def prior_of(belief: Belief, peg_type: Int[Array, ""], config: Config) -> Prior:
-    """Return the prior of a belief that is relative to an estimate (``mjx_fit.filters.frame``)."""
-    scale, stds = scale_tril(belief.cov), prior_stds(config)
-    wide = solve_triangular(scale, jnp.diag(jnp.asarray(stds, scale.dtype)), lower=True)
-    return Prior(belief.mean_world, scale, wide, belief.type_logp, peg_type)
+def prior_of(belief: Belief, first: Belief | None, peg_type: Int[Array, ""], config: Config) -> Prior:
+    """Return the prior of a belief.
+
+    Args:
+        belief: Belief relative to an estimate (``mjx_fit.filters.frame``).
+        first: Belief before any contact, likewise; None: a detection at the mean of the belief.
+        peg_type: Type of the peg.
+        config: Defines the errors of detections.
+    """
+    scale, stds = scale_tril(belief.cov), jnp.asarray(prior_stds(config), belief.cov.dtype)
+    wide, apart = jnp.diag(stds), jnp.zeros_like(belief.mean_world)
+    if first is not None:
+        wide, apart = scale_tril(first.cov), first.mean_world - belief.mean_world
+    wide, apart = (solve_triangular(scale, one, lower=True) for one in (wide, apart))
+    return Prior(belief.mean_world, scale, wide, apart, belief.type_logp, peg_type)
 
 
 def drawn_values(
@@ -78,7 +90,7 @@ def drawn_values(
     values, size = jax.random.normal(of_values, (count, d)), len(prior.mean)
     misled = jax.random.bernoulli(of_misled, config.particles.misled_chance, (count, 1))
     places = values[:, :size]
-    places = jnp.where(misled, places @ prior.wide.T, places)
+    places = jnp.where(misled, prior.apart + places @ prior.wide.T, places)
     return jnp.concatenate([places, values[:, size:]], 1)
 
 
@@ -88,7 +100,7 @@ def values_logp(values: Float[Array, "N d"], prior: Prior, config: Config) -> Fl
     places, rest = values[:, :size], values[:, size:]
     logp = -0.5 * (places * places).sum(-1)
     if chance > 0:
-        far = solve_triangular(prior.wide, places.T, lower=True)
+        far = solve_triangular(prior.wide, (places - prior.apart).T, lower=True)
         wide = -0.5 * (far * far).sum(0) - jnp.log(jnp.diagonal(prior.wide)).sum()
         logp = jnp.logaddexp(math.log1p(-chance) + logp, math.log(chance) + wide)
     return logp - 0.5 * (rest * rest).sum(-1)

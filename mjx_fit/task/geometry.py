@@ -35,7 +35,7 @@ def geometry_update(config: Config, seen_as: Config) -> Callable[[Belief, Felt, 
     def one(belief: Belief, felt: Felt, key: Key[Array, ""]) -> Belief:
         of_noise, of_draw, of_moves, of_rest = jax.random.split(key, 4)
         reading = read_window(felt, of_noise, posed, Window(felt.trace.action_world.shape[0]))
-        rows, memory = every(rows_of(reading, config), config), belief.memory
+        rows, memory = every(rows_of(reading, config), config), _rows_kept(belief, config)
         before = belief if memory is None else memory.before
         origin = felt.estimate_world if memory is None else before.mean_world
         rows = contact_memory.seen_from(rows, felt.estimate_world, origin, names)
@@ -43,9 +43,8 @@ def geometry_update(config: Config, seen_as: Config) -> Callable[[Belief, Felt, 
         begun = _begun(memory, rows, particles.drawn(prior, of_draw, config), config)
         found = particles.conditioned(begun.particles, prior, begun.rows, begun.known, of_moves, config)
         found = particles.settled(found, prior, begun.rows, of_rest, config)
-        if memory is not None:
-            memory = contact_memory.with_attempt(memory, rows, found, config)
-        return replace(_belief(found, prior, origin, config), memory=memory)
+        kept = belief.memory if memory is None else contact_memory.with_attempt(memory, rows, found, config)
+        return replace(_belief(found, prior, origin, config), memory=kept)
 
     def learnt(beliefs: Belief, felt: Felt, keys: Key[Array, "n"]) -> Belief:
         return jax.lax.map(lambda each: one(*each), jax.tree.map(jnp.asarray, (beliefs, felt, keys)))
@@ -59,6 +58,11 @@ class _Begun(NamedTuple):
     particles: Particles
     rows: Rows
     known: int
+
+
+def _rows_kept(belief: Belief, config: Config) -> Memory | None:
+    """Return a belief's memory if it holds rows."""
+    return belief.memory if config.particles.remember else None
 
 
 def _begun(memory: Memory | None, rows: Rows, drawn: Particles, config: Config) -> _Begun:
@@ -103,7 +107,7 @@ def begin(
         key: Random key.
         config: Defines the filter and the most actions of an attempt that are read.
     """
-    memory, rows = belief.memory, no_rows(config.task.attempt_actions // config.particles.every)
+    memory, rows = _rows_kept(belief, config), no_rows(config.task.attempt_actions // config.particles.every)
     before = belief if memory is None else memory.before
     origin = estimate if memory is None else before.mean_world
     prior = _prior(before, origin, peg_type, config)
@@ -179,9 +183,14 @@ def places_of(contact: Contact, config: Config) -> Float[Array, "N 2"]:
 
 def _prior(belief: Belief, origin: Float[Array, "D"], peg_type: Int[Array, ""], config: Config) -> Prior:
     """Return the prior about an origin."""
+    first = None if belief.memory is None else _about(belief.memory.before, origin, config)
+    return prior_of(_about(belief, origin, config), first, peg_type, config)
+
+
+def _about(belief: Belief, origin: Float[Array, "D"], config: Config) -> Belief:
+    """Return a belief as steps from an origin."""
     seen = frame.belief_in_frame(replace(belief, memory=None), origin, config.filter.coordinates)
-    about = replace(seen, mean_world=seen.mean_world - frame.upright(origin))
-    return prior_of(about, peg_type, config)
+    return replace(seen, mean_world=seen.mean_world - frame.upright(origin))
 
 
 def _belief(found: Particles, prior: Prior, origin: Float[Array, "D"], config: Config) -> Belief:

@@ -194,7 +194,7 @@ def _first_belief(
     )
     parts = [known if method.knows_truth else detected for method in methods]
     belief = jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
-    if config.filter.reads == "geometry" and config.particles.remember:
+    if config.filter.reads == "geometry":
         belief = jax.tree.map(np.asarray, remembering(belief, config))
     return belief
 

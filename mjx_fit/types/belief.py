@@ -48,7 +48,7 @@ class Belief:
 
 @pytree
 class Memory:
-    """Contact of earlier attempts at a hole with one peg, for a filter that reads all of it again.
+    """What a belief came from: contact of earlier attempts at a hole with one peg, where it is read again.
 
     Attributes:
         before: Belief before the first of them.

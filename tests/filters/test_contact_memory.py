@@ -132,3 +132,22 @@ def test_two_attempts_are_read_together(config):
     assert np.isfinite(again.type_logp).all()
     # The outcome of the first attempt is remembered, too.
     assert (np.asarray(once.memory.before.type_logp) != np.asarray(before.type_logp)).any()
+
+
+def test_a_belief_that_is_far_off_finds_its_way_back_to_the_detection(config):
+    """Where the detection is forgotten, a wrong belief goes on from where it is."""
+    own = replace(config.particles, count=256, moves=4, remember=0)
+    whole = replace(config, particles=own)
+    attempts = mf.draw_attempts(jax.random.key(5), 2, config=whole)
+    felt = mf.make_engine("native", whole).run(attempts, 60).felt
+    update, keys = filter_update(whole, None), jax.random.split(jax.random.key(1), 2)
+    detected = detected_belief(attempts.estimate_world, whole)
+    off = jnp.array([0.05, 0, 0, 0, 0, 0])
+    known = contact_memory.remembering(detected, whole)
+    wrong = replace(known, mean_world=known.mean_world + off, cov=0.01 * known.cov)
+    back, lost = (update(one, felt, keys) for one in (wrong, replace(wrong, memory=None)))
+    distance = [np.linalg.norm((one.mean_world - detected.mean_world)[:, :2], axis=1) for one in (back, lost)]
+    assert (distance[0] < 0.025).all()
+    assert (distance[1] > 0.03).all()
+    assert back.memory is not None
+    np.testing.assert_array_equal(back.memory.before.mean_world, detected.mean_world)

@@ -13,11 +13,13 @@ import mjx_fit as mf
 from mjx_fit.filters import particles, tempering
 from mjx_fit.filters.contact_model import Pose, peg_pose, row_logp
 from mjx_fit.filters.gaps import bearing_of
-from mjx_fit.filters.particle_prior import Prior
+from mjx_fit.filters.particle_prior import Prior, prior_of
 from mjx_fit.scene.surfaces import surfaces_of
-from mjx_fit.types import Rows
+from mjx_fit.types import Belief, Rows
 
 STD, WIDER, MISLED = np.array([0.004, 0.003]), np.array([1.6, 2.0]), 0.3
+APART = np.array([0.8, -0.5])
+"""Mean of the detection, in units of ``STD`` from that of the belief."""
 TRUE, TRUE_TYPE, PEG = np.array([0.004, -0.003]), 1, 2
 N_ROWS = 20
 THIS = np.array(0.0), np.array(0)  # the believed noise, and the attempt: this one
@@ -64,6 +66,7 @@ def prior():
         jnp.array([0.001, 0.0]),
         jnp.diag(jnp.asarray(STD)),
         jnp.diag(jnp.asarray(WIDER)),
+        jnp.asarray(APART),
         jnp.log(jnp.array([0.5, 0.2, 0.3])),
         jnp.asarray(PEG),
     )
@@ -84,7 +87,7 @@ def enumerated(config, prior, rows):
         logp.append(np.asarray(jax.jit(lambda g, f=of_place: jax.lax.map(f, g, batch_size=64))(grid), float))
     weighed = np.stack(logp) + np.asarray(prior.type_logp)[:, None]
     far = (grid - np.asarray(prior.mean)) / STD
-    wide = MISLED * np.exp(-0.5 * ((far / WIDER) ** 2).sum(1)) / WIDER.prod()
+    wide = MISLED * np.exp(-0.5 * (((far - APART) / WIDER) ** 2).sum(1)) / WIDER.prod()
     weighed = weighed + np.log((1 - MISLED) * np.exp(-0.5 * (far**2).sum(1)) + wide)
     chance = np.exp(weighed - weighed.max())
     chance /= chance.sum()
@@ -170,8 +173,24 @@ def test_without_rows_the_prior_is_the_posterior(config, prior, rows):
         np.testing.assert_array_equal(old, new)
     told = particles.summarised(after, prior, config)
     np.testing.assert_allclose(np.exp(told.type_logp), np.exp(prior.type_logp), atol=1e-3)
-    std = STD * np.sqrt(1 - MISLED + MISLED * WIDER**2)
+    np.testing.assert_allclose(told.mean_world, prior.mean + MISLED * STD * APART, atol=0.05 * STD.max())
+    std = STD * np.sqrt(1 - MISLED + MISLED * WIDER**2 + MISLED * (1 - MISLED) * APART**2)
     np.testing.assert_allclose(np.sqrt(np.diag(told.cov)), std, rtol=0.1)
+
+
+def test_a_prior_knows_the_detection_behind_a_belief():
+    rng, config = np.random.default_rng(4), mf.Config()
+    half, other = rng.normal(0, 0.003, (2, 2, 2))
+    belief = Belief(jnp.array([0.002, 0.001]), jnp.asarray(half @ half.T), jnp.log(jnp.ones(3) / 3))
+    first = replace(belief, mean_world=jnp.array([-0.004, 0.006]), cov=jnp.asarray(other @ other.T))
+    prior = prior_of(belief, first, jnp.asarray(PEG), config)
+    np.testing.assert_allclose(prior.mean + prior.scale @ prior.apart, first.mean_world, atol=1e-7)
+    wide = prior.scale @ prior.wide
+    np.testing.assert_allclose(wide @ wide.T, first.cov, rtol=1e-3)
+    alone = prior_of(belief, None, jnp.asarray(PEG), config)
+    np.testing.assert_array_equal(alone.apart, 0)
+    detected = config.detector.prior_std_m * np.eye(2)
+    np.testing.assert_allclose(prior.scale @ alone.wide, detected, atol=1e-7)
 
 
 def test_resampling_keeps_shares_and_steps_keep_the_effective_number():
