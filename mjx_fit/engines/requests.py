@@ -14,6 +14,7 @@ from mjx_fit.config.schema import Config
 from mjx_fit.config.sections.scene import SceneConfig
 from mjx_fit.control.policies import NAMES
 from mjx_fit.filters.belief_check import require_beliefs
+from mjx_fit.filters.contact_memory import require_memory
 from mjx_fit.scene.robot import ROBOTS
 from mjx_fit.scene.variation import GEOMETRY, require_linear
 from mjx_fit.types import Attempt
@@ -77,6 +78,7 @@ def require_attempts(
     _require_small(attempts.estimate_world, active, config.filter.coordinates)
     if attempts.belief is not None:
         require_beliefs(attempts.belief, n, scene.n_types, active, d)
+        require_memory(attempts.belief, config)
     if attempts.elsewhere_per_s is not None:
         _require_finite("elsewhere_per_s", attempts.elsewhere_per_s, (n,), active)
     _require_keys(attempts.key, n)

@@ -6,15 +6,18 @@ them on all.
 """
 
 from dataclasses import replace
+from functools import partial
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Float
 
 from mjx_fit.config.schema import Config
 from mjx_fit.filters import frame
 from mjx_fit.filters.particle_prior import ERRORS, dimensions, errors_from
 from mjx_fit.types import Array, Belief, Memory, Particles, Rows
+from mjx_fit.utils.errors import RequestError
 
 
 def remembering(belief: Belief, config: Config) -> Belief:
@@ -31,6 +34,27 @@ def remembering(belief: Belief, config: Config) -> Belief:
     size = own.count if own.remember else 0
     found = Particles(none(size, dimensions(config)), jnp.zeros((*batch, size), jnp.int32))
     return replace(belief, memory=Memory(replace(belief, memory=None), rows, found, count))
+
+
+def require_memory(beliefs: Belief, config: Config) -> None:
+    """Check that what beliefs remember has the form that a configuration defines.
+
+    Raises:
+        RequestError: It has not; the message names the field.
+    """
+    if beliefs.memory is None:
+        return
+    wanted = jax.eval_shape(partial(remembering, config=config), replace(beliefs, memory=None)).memory
+    paths = jax.tree_util.tree_flatten_with_path(wanted)[0]
+    found = jax.tree_util.tree_leaves(beliefs.memory)
+    if len(found) != len(paths):
+        raise RequestError("belief: memory: a field is missing: use the memory that an attempt left")
+    for (path, want), leaf in zip(paths, found, strict=True):
+        kind = jnp.integer if jnp.issubdtype(want.dtype, jnp.integer) else jnp.floating
+        if np.shape(leaf) != want.shape or not jnp.issubdtype(np.asarray(leaf).dtype, kind):
+            name, shown = jax.tree_util.keystr(path), f"{np.asarray(leaf).dtype} {np.shape(leaf)}"
+            expected = "integers" if kind is jnp.integer else "floats"
+            raise RequestError(f"belief: memory{name}: {shown} is invalid: expected {expected} {want.shape}")
 
 
 def resumed(memory: Memory, drawn: Particles, config: Config) -> Particles:

@@ -25,6 +25,8 @@ from mjx_fit.filters.kalman import scale_tril
 from mjx_fit.filters.updates import prior_stds
 from mjx_fit.types import Array, Belief, pytree
 
+_SLIDES = (0.3, 1.0, 2.0)
+"""Sizes of steps to another place of the hole, in standard deviations of detections."""
 ERRORS = 2
 """Errors of an attempt's measurements; those of earlier attempts come after them."""
 
@@ -104,3 +106,37 @@ def values_logp(values: Float[Array, "N d"], prior: Prior, config: Config) -> Fl
         wide = -0.5 * (far * far).sum(0) - jnp.log(jnp.diagonal(prior.wide)).sum()
         logp = jnp.logaddexp(math.log1p(-chance) + logp, math.log(chance) + wide)
     return logp - 0.5 * (rest * rest).sum(-1)
+
+
+def slid(
+    values: Float[Array, "N d"], prior: Prior, key: Key[Array, ""], config: Config
+) -> Float[Array, "N d"]:
+    """Propose holes elsewhere in the same plate, about as far as detections err.
+
+    What was felt of the plate stays as probable as it was, so this passes between places that a hole may be
+    at. The step of x and y is random and symmetric, and the height follows the slope of the plate to first
+    order, which depends on rotations alone: Metropolis' rule needs no correction.
+    """
+    names, d, (of_size, of_step) = config.filter.coordinates, len(prior.mean), jax.random.split(key)
+    size = jnp.asarray(_SLIDES)[jax.random.randint(of_size, (len(values), 1), 0, len(_SLIDES))]
+    step = size * jnp.asarray(prior_stds(config)[:2]) * jax.random.normal(of_step, (len(values), 2))
+    moved = jnp.zeros((len(values), d)).at[:, :2].set(step)
+    if "z" in names:
+        roll, pitch = _slope(values, prior, config)
+        moved = moved.at[:, names.index("z")].set(roll * step[:, 1] - pitch * step[:, 0])
+    return jnp.asarray(values).at[:, :d].add(solve_triangular(prior.scale, moved.T, lower=True).T)
+
+
+def _slope(
+    values: Float[Array, "N d"], prior: Prior, config: Config
+) -> tuple[Float[Array, "N"], Float[Array, "N"]]:
+    """Return the plate's roll and pitch to first order: those of the place and of the grasp, rad."""
+    names, d = config.filter.coordinates, len(prior.mean)
+    place = prior.mean + values[:, :d] @ prior.scale.T
+    found = []
+    for axis, name in enumerate(("roll", "pitch")):
+        turn = place[:, names.index(name)] if name in names else jnp.zeros(len(values))
+        if grasp_varies(config):
+            turn = turn + config.particles.grasp_std_rad * values[:, d + 3 + axis]
+        found.append(turn)
+    return found[0], found[1]

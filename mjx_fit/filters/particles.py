@@ -27,11 +27,14 @@ from mjx_fit.filters.particle_prior import (
     drawn_values,
     errors_from,
     grasp_varies,
+    slid,
     values_logp,
 )
 from mjx_fit.scene.surfaces import surfaces_of
 from mjx_fit.types import Array, Belief, Particles, Rows
 
+_SLID = 0.2
+"""Share of moves that take the hole elsewhere in the plate."""
 _RETYPED = 0.2
 """Share of moves that draw the type as well."""
 _IMPOSSIBLE = -1e6
@@ -219,8 +222,11 @@ def _moved(
 ) -> tuple[_State, None]:
     """Propose a move of every particle, and take it by the rule of Metropolis."""
     particles, known_new = state
-    of_move, of_type, of_choice = jax.random.split(key, 3)
+    of_move, of_type, of_choice, of_slide, of_place = jax.random.split(key, 5)
     values, ratio = tempering.proposed(particles.values, reference, of_move)
+    slides = jax.random.bernoulli(of_slide, _SLID, ratio.shape)
+    elsewhere = slid(particles.values, target.prior, of_place, target.config)
+    values, ratio = jnp.where(slides[:, None], elsewhere, values), jnp.where(slides, 0.0, ratio)
     asked = Particles(values, _some_drawn(particles.types, len(target.prior.type_logp), of_type))
     proposed = target.likelihood(asked)
     gain = ratio + (proposed - known_new) @ jnp.stack([jnp.ones(()), beta])

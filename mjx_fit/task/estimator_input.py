@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from mjx_fit.config.schema import Config
 from mjx_fit.filters.belief_check import require_beliefs
+from mjx_fit.filters.contact_memory import require_memory
 from mjx_fit.sensors.traces import require_readable
 from mjx_fit.sensors.trained_sensor import TrainedSensor
 from mjx_fit.types import Belief, Felt
@@ -31,6 +32,7 @@ def require_update(beliefs: Belief, felt: Felt, keys: Any, config: Config) -> No
     require_readable(felt, n_types, d=d)
     n = len(felt.length)
     require_beliefs(beliefs, n, n_types, d=d)
+    require_memory(beliefs, config)
     if not jnp.issubdtype(keys.dtype, jax.dtypes.prng_key) or keys.shape != (n,):
         raise RequestError(
             f"keys: {keys.dtype} {keys.shape} is invalid: expected ({n},) keys from jax.random.key"

@@ -15,6 +15,7 @@ from mjx_fit.filters import contact_memory
 from mjx_fit.filters.updates import detected_belief
 from mjx_fit.task.estimator import filter_update
 from mjx_fit.types import Particles, Rows
+from mjx_fit.utils.errors import RequestError
 
 N_ROWS = 10
 
@@ -112,6 +113,18 @@ def test_an_attempt_begins_with_the_particles_of_the_last_one_and_errors_of_its_
     assert (resumed.values[:, 12:14] == 5).all()
     assert (jnp.delete(resumed.values, jnp.array([12, 13]), axis=1) == 1).all()
     assert (resumed.types == 1).all()
+
+
+def test_a_memory_of_another_configuration_is_refused(config):
+    beliefs = contact_memory.remembering(detected_belief(jnp.zeros((3, 2)), config), config)
+    contact_memory.require_memory(beliefs, config)
+    contact_memory.require_memory(replace(beliefs, memory=None), config)
+    other = replace(config, particles=replace(config.particles, count=128))
+    with pytest.raises(RequestError, match=r"memory.particles.values: float32 \(3, 64, .* floats \(3, 128, "):
+        contact_memory.require_memory(beliefs, other)
+    halves = replace(beliefs.memory, count=jnp.full(3, 0.5))
+    with pytest.raises(RequestError, match=r"memory.count: float32 \(3,\) is invalid: expected integers"):
+        contact_memory.require_memory(replace(beliefs, memory=halves), config)
 
 
 def test_two_attempts_are_read_together(config):
