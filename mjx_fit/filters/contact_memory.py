@@ -36,6 +36,16 @@ def remembering(belief: Belief, config: Config) -> Belief:
     return replace(belief, memory=Memory(replace(belief, memory=None), rows, found, count))
 
 
+def detected_as(beliefs: Belief, detected: Belief, config: Config) -> Belief:
+    """Return beliefs (*batch) that know what was believed before any contact, and remember no attempt.
+
+    Beliefs whose attempts would be remembered stay as they are: a memory of none would be all they know.
+    """
+    if config.filter.reads != "geometry" or config.particles.remember:
+        return beliefs
+    return replace(beliefs, memory=remembering(detected, config).memory)
+
+
 def require_memory(beliefs: Belief, config: Config) -> None:
     """Check that what beliefs remember has the form that a configuration defines.
 

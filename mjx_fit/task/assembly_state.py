@@ -19,6 +19,7 @@ import numpy as np
 from jaxtyping import Bool, Int
 
 from mjx_fit.config.schema import Config
+from mjx_fit.filters.contact_memory import detected_as
 from mjx_fit.filters.updates import detected_belief
 from mjx_fit.scene.scenarios import Trials
 from mjx_fit.scene.slip import with_grasp
@@ -82,8 +83,7 @@ class Table:
 
     def now(self) -> State:
         """Return a copy of the current state."""
-        copied = jax.tree.map(np.copy, (self._beliefs, self._content))
-        return State(self.active, self._peg_number(), *copied)
+        return State(self.active, self._peg_number(), *jax.tree.map(np.copy, (self._beliefs, self._content)))
 
     def next_try(self) -> Try | None:
         """Choose a hole per row and return the next attempts; None once all pegs are inserted."""
@@ -99,7 +99,7 @@ class Table:
         hole, rows = self.choice.hole, np.arange(len(self._trial))
         wiggle_keys, noise_keys = self._keys(self._trial, self._peg_number(), self._attempt_number())
         hole_type, hole_pos = (self._world[name][rows, hole] for name in ("hole_type", "hole_pos_world"))
-        beliefs = about(beliefs, hole)
+        beliefs = detected_as(about(beliefs, hole), about(detected, hole), self._config)
         physics = in_hand(self._world["physics"], self._peg_number(), hole)
         attempts = spirals_at(self._peg(), hole_type, hole_pos, beliefs.mean_world, wiggle_keys, physics)
         return Try(replace(attempts, elsewhere_per_s=elsewhere), self.active, beliefs, noise_keys)
@@ -177,7 +177,7 @@ class Table:
 
     def _store(self, rows: Int[np.ndarray, "k"], beliefs: Belief) -> None:
         """Store the beliefs of some rows about the holes that they tried."""
-        chosen = self.choice.hole[rows]
+        chosen, beliefs = self.choice.hole[rows], replace(beliefs, memory=None)
         for leaf, new in zip(jax.tree.leaves(self._beliefs), jax.tree.leaves(beliefs), strict=True):
             leaf[rows, chosen] = np.asarray(new)[rows]
         if self._shared is not None:
@@ -228,8 +228,8 @@ class Table:
 
     def _initial_beliefs(self) -> Belief:
         """Return writable priors (R, n): from the detector, or the truth if the method knows it."""
-        detected = detected_belief(jnp.asarray(self._world["estimate_world"]), self._config)
-        beliefs = jax.tree.map(np.array, detected)
+        estimate = jnp.asarray(self._world["estimate_world"])
+        beliefs = jax.tree.map(np.array, detected_belief(estimate, self._config))
         reveal_hole(beliefs, self._world, self._of("knows_truth"))
         return beliefs
 

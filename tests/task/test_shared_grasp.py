@@ -168,3 +168,26 @@ def test_what_was_revealed_follows_the_peg_in_hand(world):
             np.testing.assert_allclose(made.after.beliefs.mean_world[row, known], want[0, known], atol=1e-6)
             seen += known[hole] + 10 * (known.any() and made.after.peg[row] > 0)
     assert seen > 20
+
+
+def test_attempts_know_the_detection_however_often_the_belief_has_changed():
+    """A belief that contact misled is wrong about the detection (``particles.misled_chance``)."""
+    config = replace(CONFIG, filter=replace(CONFIG.filter, reads="geometry", grasp_std_m=0.0))
+    trials = scenarios.draw_trials(config, 0, np.arange(3))
+    table = Table(config, tuple(m for m in methods.ASSEMBLY if m.name == "full"), trials, 0)
+    detections, moved = np.asarray(trials.estimate_world), []
+
+    def update(beliefs: Belief, felt, keys) -> Belief:
+        before = np.asarray(beliefs.memory.before.mean_world)
+        apart = np.linalg.norm(detections - before[:, None], axis=-1)
+        np.testing.assert_allclose(apart.min(1), 0, atol=1e-7)
+        moved.append(np.linalg.norm(np.asarray(beliefs.mean_world) - before, axis=-1).max())
+        return replace(beliefs, mean_world=jnp.asarray(beliefs.mean_world) + 0.002)
+
+    for _ in rounds(table, FakeEngine(), update):
+        pass
+    assert moved[0] == 0
+    assert max(moved) > 0.005
+    remembers = replace(config, particles=replace(config.particles, remember=2))
+    own = Table(remembers, tuple(m for m in methods.ASSEMBLY if m.name == "full"), trials, 0).next_try()
+    assert own.beliefs.memory is None
