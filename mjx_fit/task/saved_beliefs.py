@@ -1,17 +1,19 @@
 """JSON file with the beliefs of a tracker."""
 
 import json
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 from pydantic import TypeAdapter
 
 from mjx_fit.sensors.trained_sensor import TrainedSensor
 from mjx_fit.types import Belief
 from mjx_fit.utils import bounded_json, files
-from mjx_fit.utils.errors import RequestError
+from mjx_fit.utils.errors import RequestError, shown
 
 FORMAT = 1
 GEOMETRY = "geometry of contact"
@@ -39,6 +41,7 @@ class SavedBeliefs:
         pos_mean_world: Mean place of each hole in the believed coordinates, m and rad, see ``Belief``.
         pos_cov: Covariance of each place, m² and rad².
         type_logp: Log type probabilities of each hole, ln ξ.
+        detections: Where each hole was detected, m and rad; None, in older files: at its mean place.
     """
 
     format: int
@@ -50,6 +53,47 @@ class SavedBeliefs:
     pos_mean_world: list[list[float]]
     pos_cov: list[list[list[float]]]
     type_logp: list[list[float]]
+    detections: list[list[float]] | None = None
+
+    def require_for(self, path: Path, sensor: TrainedSensor | None, shapes: Sequence[str]) -> None:
+        """Check that the beliefs are those of a sensor and of shapes.
+
+        Raises:
+            RequestError: They are others', or do not have one entry for each hole.
+        """
+        for word, there, here in (
+            ("sensor", self.sensor, fingerprint_of(sensor)),
+            ("shapes", self.shapes, list(shapes)),
+        ):
+            if there != here:
+                raise RequestError(
+                    f"{path}: {word}: {shown(there)} cannot be used: this tracker has {shown(here)}"
+                )
+        n = len(self.pos_mean_world)
+        if not len(self.filled) == len(self.tries) == n:
+            raise RequestError(f"{path}: filled, tries: lengths are invalid: expected {n} entries each")
+
+    def places(self, path: Path) -> Float[np.ndarray, "n D"] | Float[np.ndarray, "n 2"]:
+        """Return where the holes were detected.
+
+        Args:
+            path: The file, for messages.
+
+        Raises:
+            RequestError: Lists have different lengths, or one is missing.
+        """
+        if self.detections is None:
+            return np.array([mean[:2] for mean in self.pos_mean_world])
+        try:
+            places = np.asarray(self.detections, np.float32)
+        except ValueError:
+            raise RequestError(
+                f"{path}: detections: lengths are invalid: expected the same in each row"
+            ) from None
+        n = len(self.pos_mean_world)
+        if len(places) != n:
+            raise RequestError(f"{path}: detections: {len(places)} are invalid: expected {n}, as holes")
+        return places
 
     def belief(self, path: Path) -> Belief:
         """Return the belief; its values are still to be checked.

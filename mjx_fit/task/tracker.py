@@ -4,6 +4,7 @@ The tracker needs only what a robot has (detections, the peg in hand, a sensor l
 ground truth. It calls the same update functions as the experiments.
 """
 
+from dataclasses import replace
 from pathlib import Path
 
 import jax
@@ -14,6 +15,7 @@ from jaxtyping import Float
 from mjx_fit.config.schema import Config
 from mjx_fit.engines.requests import require_count
 from mjx_fit.filters.belief_check import require_beliefs
+from mjx_fit.filters.contact_memory import detected_as
 from mjx_fit.filters.outcome_model import success_probability
 from mjx_fit.filters.updates import detected_belief
 from mjx_fit.scene.robot import ROBOTS
@@ -80,7 +82,8 @@ class BeliefTracker:
         self._sensor = sensor
         self._robot = ROBOTS[self._config.scene.robot]
         places = require_places(detections, self._robot.estimate_reach_m, self._config)
-        self.belief: Belief = jax.tree.map(np.array, detected_belief(jnp.asarray(places), self._config))
+        self._detected = jax.tree.map(np.asarray, detected_belief(jnp.asarray(places), self._config))
+        self.belief: Belief = jax.tree.map(np.array, self._detected)
         self.filled = np.zeros(len(places), bool)
         self.tries = np.zeros(len(places), np.int32)
         self._peg: int | None = None
@@ -171,10 +174,12 @@ class BeliefTracker:
 
     def _learn(self, update: Update, hole: int, felt: Felt) -> Belief:
         """Replace the belief about a hole by its posterior, and return it."""
-        before = jax.tree.map(lambda leaf: leaf[hole : hole + 1], self.belief)
+        before, first = (_row(beliefs, hole) for beliefs in (self.belief, self._detected))
+        before = detected_as(before, first, self._config)
         rows = max(self._config.task.attempt_actions, len(felt.trace.action_world))
         batch = jax.tree.map(lambda leaf: np.asarray(leaf)[None], padded(felt, rows))
         after = jax.tree.map(np.asarray, update(before, batch, numerics.key(0)[None]))
+        after = replace(after, memory=None)
         self.belief = jax.tree.map(lambda leaf, new: _with_row(leaf, hole, new[0]), self.belief, after)
         return jax.tree.map(lambda leaf: leaf[0], after)
 
@@ -195,6 +200,7 @@ class BeliefTracker:
                 peg=None if self._peg is None else names[self._peg],
                 filled=self.filled.tolist(),
                 tries=self.tries.tolist(),
+                detections=self._detected.mean_world.tolist(),
                 **as_stored(self.belief),
             ),
         )
@@ -213,22 +219,12 @@ class BeliefTracker:
         Raises:
             RequestError: ``save`` did not write this file, or it belongs to another sensor or other shapes.
         """
-        path = Path(path)
-        saved = read_beliefs(path)
-        tracker = cls(sensor, np.array([mean[:2] for mean in saved.pos_mean_world]), config)
+        saved = read_beliefs(path := Path(path))
+        tracker = cls(sensor, saved.places(path), config)
         names = tracker._config.scene.names
-        for word, there, here in (
-            ("sensor", saved.sensor, fingerprint_of(sensor)),
-            ("shapes", saved.shapes, list(names)),
-        ):
-            if there != here:
-                raise RequestError(
-                    f"{path}: {word}: {shown(there)} cannot be used: this tracker has {shown(here)}"
-                )
-        belief, n = saved.belief(path), len(tracker.filled)
-        require_beliefs(belief, n, len(names), d=len(tracker._config.filter.coordinates))
-        if not len(saved.filled) == len(saved.tries) == n:
-            raise RequestError(f"{path}: filled, tries: lengths are invalid: expected {n} entries each")
+        saved.require_for(path, sensor, names)
+        belief = saved.belief(path)
+        require_beliefs(belief, len(tracker.filled), len(names), d=len(tracker._config.filter.coordinates))
         tracker.belief = belief
         tracker.filled, tracker.tries = np.array(saved.filled), np.array(saved.tries, np.int32)
         tracker._peg = None if saved.peg is None else tracker._type_of(saved.peg)
@@ -242,6 +238,10 @@ class BeliefTracker:
 
     def _require_hole(self, hole: int) -> int:
         return require_count("hole", hole, 0, len(self.filled) - 1)
+
+
+def _row(beliefs: Belief, row: int) -> Belief:
+    return jax.tree.map(lambda leaf: leaf[row : row + 1], beliefs)
 
 
 def _with_row(leaf: np.ndarray, row: int, value: np.ndarray) -> np.ndarray:

@@ -83,10 +83,37 @@ def test_it_is_saved_and_loaded_without_a_sensor(config, tracked, tmp_path):
     tracked.save(file)
     again = mf.BeliefTracker.load(file, None, config)
     np.testing.assert_allclose(again.belief.cov, tracked.belief.cov, rtol=1e-6)
+    np.testing.assert_array_equal(again._detected.mean_world, tracked._detected.mean_world)
     saved = json.loads(file.read_text())
+    for wrong in ([[0.5, 0.1]], [[0.5, 0.1], [0.4]]):
+        file.write_text(json.dumps(saved | {"detections": wrong}))
+        with pytest.raises(mf.RequestError, match=r"detections: "):
+            mf.BeliefTracker.load(file, None, config)
+    file.write_text(json.dumps({name: saved[name] for name in saved if name != "detections"}))
+    older = mf.BeliefTracker.load(file, None, config)
+    np.testing.assert_allclose(older.belief.mean_world, tracked.belief.mean_world, rtol=1e-6)
     file.write_text(json.dumps(saved | {"sensor": "abc"}))
     with pytest.raises(mf.RequestError, match=r"sensor: 'abc' cannot be used: this tracker has 'geometry"):
         mf.BeliefTracker.load(file, None, config)
+
+
+def test_every_attempt_knows_the_detection(config, attempts, felt):
+    """A belief that contact misled is wrong about the detection (``particles.misled_chance``)."""
+    detection, seen = np.asarray(attempts.estimate_world)[:1], []
+    tracker = mf.BeliefTracker(None, detection, config)
+
+    def update(beliefs, felt, keys):
+        seen.append((beliefs.memory.before.mean_world, beliefs.mean_world))
+        return replace(beliefs, mean_world=beliefs.mean_world + 0.001)
+
+    tracker._update = update
+    tracker.choose(config.scene.names[int(felt.peg_type[0])])
+    for _ in range(2):
+        tracker.update(0, replace(felt[0], estimate_world=tracker.estimate(0)))
+    for known, _ in seen:
+        np.testing.assert_array_equal(known, tracker._detected.mean_world)
+    np.testing.assert_allclose(seen[1][1] - seen[0][1], 0.001, atol=1e-6)
+    assert tracker.belief.memory is None
 
 
 def test_detections_may_have_all_believed_coordinates(config):
