@@ -105,7 +105,7 @@ def _played(args: argparse.Namespace) -> "Generator[Recording]":
     from mjx_fit.config.schema import config_from_stored
     from mjx_fit.engines.select import make_engine
     from mjx_fit.evaluation import playback, results
-    from mjx_fit.task.seek import seek_with
+    from mjx_fit.task.seek import GEOMETRIC, seek_by_geometry, seek_with
     from mjx_fit.training.sensor_loader import load_trained_sensor
 
     asked = args.world or args.parts or args.config or args.set or args.seed or args.engine != "auto"
@@ -125,5 +125,7 @@ def _played(args: argparse.Namespace) -> "Generator[Recording]":
     sensor = load_trained_sensor(run_of(args, name))
     if name == SEEK:
         config, policy = seek_with(sensor, config)
+    elif name == GEOMETRIC:
+        policy = seek_by_geometry(config)
     engine = make_engine(result.engine, config, policy)
     return playback.replay(result, pick, engine, sensor)

@@ -1,6 +1,7 @@
 """Pictures on the bench: sockets, the peg in hand, the tool and the marks of a belief stand as they are."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
@@ -9,15 +10,19 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from mjx_fit.cli import picture_commands
+from mjx_fit.cli.parser import parser
 from mjx_fit.config.files import read_config
-from mjx_fit.config.worlds import world_file
+from mjx_fit.config.schema import config_to_tree
+from mjx_fit.config.worlds import preset, world_file
 from mjx_fit.engines.native.models import Models
 from mjx_fit.engines.select import make_engine
-from mjx_fit.evaluation import playback
+from mjx_fit.evaluation import playback, results
 from mjx_fit.evaluation.playback import Pick
 from mjx_fit.scene.build import pair_index, simulation_scene
 from mjx_fit.scene.parts import plate_top_m
 from mjx_fit.scene.placement import setting_of
+from mjx_fit.task.seek import GEOMETRIC
 from mjx_fit.types import Belief
 from mjx_fit.viz.belief_marks import RADIUS_90, STDS_90, marks_of
 from mjx_fit.viz.panel import Panel
@@ -134,3 +139,19 @@ def test_a_belief_about_x_and_y_has_neither_needle_nor_words(played):
     flat = replace(played, config=planar, steps=played.steps)
     assert "yaw" not in str(Panel(flat, 460, 720).words(moment))
     assert jax.tree.leaves(moment.belief)[0].shape == (3, 6)
+
+
+def test_a_result_of_the_geometry_is_replayed_with_its_policy(tmp_path, monkeypatch):
+    stored = SimpleNamespace(
+        config=config_to_tree(preset("gentle", "bench")),
+        request={"policy": GEOMETRIC},
+        engine="native",
+        experiment="assembly",
+    )
+    monkeypatch.setattr(results, "read", lambda path: stored)
+    asked = []
+    monkeypatch.setattr(playback, "replay", lambda *found: asked.append(found) or iter(()))
+    args = parser().parse_args(["render", str(tmp_path / "a.json"), "--out", str(tmp_path / "a.gif")])
+    assert list(picture_commands._played(args)) == []
+    (result, _, engine, _), *_ = asked
+    assert (result, engine.policy_name) == (stored, GEOMETRIC)
