@@ -38,8 +38,6 @@ NAME = "seek"
 GEOMETRIC = f"{NAME}_geometry"
 SPELL_ACTIONS = 20
 """Actions of a spell that may be led astray."""
-_EASE_LESS, _EASE_MORE = 0.5, 0.1
-"""Factor of the search in rotation after an action whose force was too large, and what others add to it."""
 _SPELLS = 2**22
 """Offset of the keys of spells: beyond those of policies and of errors (``engines.policy_runner``)."""
 
@@ -57,7 +55,6 @@ class Thought:
         turn: Orientation that the tool is to have, a rotation vector from that of the estimate, rad; None: no
             rotation is believed.
         places: Points of equal weight that stand for where the hole may be, m; None: the belief's Gaussian.
-        ease: Share of the search in rotation that forces let the tool make.
     """
 
     past: Past
@@ -67,7 +64,6 @@ class Thought:
     leaves: Bool[Array, ""]
     turn: Float[Array, "3"] | None = None
     places: Float[Array, "k 2"] | None = None
-    ease: Float[Array, ""] | float = 1.0
 
 
 def seek(config: Config, sensor: ContactSensor | None = None, name: str = NAME) -> Policy:
@@ -94,7 +90,7 @@ def seek(config: Config, sensor: ContactSensor | None = None, name: str = NAME) 
         prior = replace(prior, memory=None)  # that is the reader's
         begun, upright = search.begin(start.estimate_world), jnp.zeros(3) if turns else None
         places = None if reader is None or reader.places is None else reader.places(past)
-        return Thought(past, prior, prior, begun, jnp.zeros((), bool), upright, places, jnp.ones(()))
+        return Thought(past, prior, prior, begun, jnp.zeros((), bool), upright, places)
 
     return Policy(
         init,
@@ -125,9 +121,8 @@ def _act(
         if thought.turn is None:
             return thought, command
         turn = turned_to_belief(thought.turn, thought.belief, config)
-        ease = eased(thought.ease, seen.wrench_sensor, config)
-        rocked = turn + ease * rocking(seen.step, thought.belief, now.dropped, config) * now.touched
-        return replace(thought, turn=turn, ease=ease), jnp.concatenate([command, rocked])
+        rocked = turn + rocking(seen.step, thought.belief, now.dropped, config) * now.touched
+        return replace(thought, turn=turn), jnp.concatenate([command, rocked])
 
     return act
 
@@ -191,18 +186,6 @@ def rocking(
     size = own.rock * size + probe * jnp.array([1.0, 1.0, 0.0])
     yaw, tilt = (2 * jnp.pi * ACTION_S * step / period for period in (YAW_S, TILT_S))
     return size * jnp.stack([jnp.cos(tilt), jnp.sin(tilt), jnp.sin(yaw)])
-
-
-def eased(
-    ease: Float[Array, ""] | float, wrench_sensor: Float[Array, "50 6"], config: Config
-) -> Float[Array, ""]:
-    """Return the share of the search in rotation after an action: less where its force was too large.
-
-    A peg whose edge is caught in a hole is a lever, and the tool would go on turning it.
-    """
-    most_n = config.seek.yield_n or jnp.inf
-    force = jnp.linalg.norm(wrench_sensor[:, :3], axis=-1).max()
-    return jnp.where(force > most_n, _EASE_LESS * ease, jnp.minimum(1.0, ease + _EASE_MORE))
 
 
 def decided_or_astray(thought: Thought, seen: PolicyInput, config: Config) -> Thought:

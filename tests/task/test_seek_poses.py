@@ -20,7 +20,7 @@ from mjx_fit.scene.parts import plate_top_m
 from mjx_fit.sensors.contact_sensor import ContactSensor
 from mjx_fit.sensors.reading import Window, read_window
 from mjx_fit.task.estimator import posterior
-from mjx_fit.task.seek import eased, plate_below, rocking, seek, turned_to_belief
+from mjx_fit.task.seek import plate_below, rocking, seek, turned_to_belief
 from mjx_fit.types import Belief
 
 N, ACTIONS, NOT = 2, 8, jnp.zeros((), bool)
@@ -166,17 +166,3 @@ def test_a_peg_in_the_air_does_not_rock():
         turns.append(turn[0])
     np.testing.assert_array_equal(turns[0][:2], 0)
     assert np.abs(turns[1]).max() > 0.05
-
-
-def test_the_tool_rocks_less_after_a_large_force_and_more_again_after_others():
-    config = read_config(None, ["seek.yield_n=15"])
-    calm = jnp.zeros((50, 6)).at[:, 2].set(5.0).at[:, 3:].set(99.0)  # torques do not count
-    caught = calm.at[17, 0].set(14.2)
-    assert float(eased(1.0, calm, config)) == 1
-    assert np.hypot(14.2, 5.0) > 15
-    ease = eased(1.0, caught, config)
-    assert float(ease) == 0.5
-    assert float(eased(ease, calm, config)) == pytest.approx(0.6)
-    assert float(eased(ease, caught.at[17, 0].set(14.0), config)) == pytest.approx(0.6)
-    assert float(eased(ease, caught, config)) == 0.25
-    assert float(eased(1.0, 100 * caught, poses())) == 1  # by default forces change nothing

@@ -25,8 +25,6 @@ class SeekConfig:
         probe_radpm: Tilt for each metre of doubt. The tool rocks by as much more, times the standard
             deviation of the believed position: the rim of the peg feels where the plate ends.
         probe_most_rad: Largest such tilt.
-        yield_n: Force that ends a turn. The tool rocks less after an action with a larger one, and more again
-            after others; 0: forces change nothing.
         change_s: Time that a new centre costs. The rule adds it for slowing down and starting anew.
         feel_s: Longest search that is expected. Contact then tells where the hole is, for any belief.
         sink_s: Time to push the peg in.
@@ -51,7 +49,6 @@ class SeekConfig:
     rock: Annotated[float, Field(ge=0, le=5)] = 0.0
     probe_radpm: Annotated[float, Field(ge=0, le=100, json_schema_extra={"unit": "rad/m"})] = 0.0
     probe_most_rad: Annotated[float, Field(ge=0, le=0.3)] = 0.1
-    yield_n: Annotated[float, Field(ge=0, le=1000)] = 0.0
     change_s: Annotated[float, Field(ge=0, le=10)] = 0.2
     feel_s: Annotated[float, Field(ge=0.1, le=100)] = 2.0
     sink_s: Annotated[float, Field(ge=0, le=100)] = 1.0
