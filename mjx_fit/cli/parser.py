@@ -6,6 +6,7 @@ from mjx_fit import __version__
 from mjx_fit.cli.about_commands import add_about
 from mjx_fit.cli.data_commands import add_collect, add_data
 from mjx_fit.cli.evaluate_commands import add_evaluate
+from mjx_fit.cli.log_commands import add_log
 from mjx_fit.cli.options import Parser
 from mjx_fit.cli.page_commands import add_demo, add_paper, add_report
 from mjx_fit.cli.part_commands import add_part
@@ -22,6 +23,7 @@ def parser() -> argparse.ArgumentParser:
         add_demo,
         add_collect,
         add_data,
+        add_log,
         add_part,
         add_train,
         add_evaluate,

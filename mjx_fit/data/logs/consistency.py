@@ -1,0 +1,150 @@
+"""Does a wrench go with the motion it was felt in? Laws of contact that hold for any peg and any hole.
+
+A map with a wrong sign, a wrong axis or a wrong unit gives numbers that look like any others. But
+
+- an arm that presses pushes along the tool: F_z > 0;
+- friction opposes motion, so the arm pushes to where the tool slides: F · v > 0 for each axis of the world;
+- the force acts at the peg's lower face, the lever L below the sensor: T_y grows by L with F_x, and T_x by -L
+  with F_y;
+- in contact the tool points down.
+
+Each is told from all attempts of a log together. On simulated attempts with the peg straight the share of the
+lateral force along the motion is 0.5 to 1, and the lever 0.9 to 1.2 L; with a tool that rocks in a leaning
+socket, where walls push as well, 0.1 to 0.95 and 0.4 to 1.3 L (72 attempts in three worlds, 2026-12-01).
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
+
+from mjx_fit.data.logs.cutting import TOUCH_N
+from mjx_fit.data.logs.findings import Finding
+from mjx_fit.types import Felt
+from mjx_fit.utils.rates import ACTION_S
+
+LEAST_MPS = 0.002
+"""Lowest speed of sliding."""
+LEAST_SLIDING = 15
+"""Fewest actions of sliding that tell the direction of friction."""
+MOST_TILT_RAD = 0.6
+WRONG_SHARE = -0.1
+"""Share of the lateral force along the motion from which on down an axis has the wrong sign."""
+MOST_TURNED_RAD = math.radians(60)
+LEVERS = (0.2, 4.0)
+"""Plausible levers, in units of that of the configuration."""
+LEAST_LATERAL_N = 0.5
+"""Smallest standard deviation of a lateral force that tells the lever."""
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Contact of an attempt, a row for each action in which the peg touches.
+
+    Attributes:
+        wrench: Mean wrench on the peg, tared, in the axes of the tool (n, 6).
+        samples: All its wrenches (k, 6).
+        force_world: Mean force in the axes of the world (n, 3).
+        slide_world: Displacement of the TCP in the action, x and y (n, 2), m.
+        tilt_rad: Angle between the tool and straight down (n,).
+    """
+
+    wrench: Float[np.ndarray, "n 6"]
+    samples: Float[np.ndarray, "k 6"]
+    force_world: Float[np.ndarray, "n 3"]
+    slide_world: Float[np.ndarray, "n 2"]
+    tilt_rad: Float[np.ndarray, "n"]
+
+
+def inconsistencies(attempts: list[Felt], lever_m: float) -> list[Finding]:
+    """Return what contradicts the laws of contact, over all attempts of a log."""
+    parts = [contact_of(felt) for felt in attempts]
+    if not parts:
+        return []
+    contact = Contact(*(np.concatenate([getattr(one, name) for one in parts]) for name in vars(parts[0])))
+    if not len(contact.wrench):
+        return [Finding("refused", f"wrench: no contact: no force of {TOUCH_N:g} N in any attempt")]
+    found = [*_upside_down(contact), *_pulls(contact), *_against_motion(contact), *_lever(contact, lever_m)]
+    return [Finding("refused", text) for text in found]
+
+
+def contact_of(felt: Felt) -> Contact:
+    """Return the contact of an attempt; its first action has no displacement and does not count."""
+    n = int(felt.length)
+    samples = np.asarray(felt.trace.wrench_sensor, float)[1:n] - np.asarray(felt.tare_sensor, float)
+    position = np.asarray(felt.trace.tip_pos_world, float)[:n]
+    turns = Rotation.from_quat(np.asarray(felt.trace.tip_quat_world, float)[:n], scalar_first=True)[1:]
+    mean = samples.mean(1)
+    touches = np.linalg.norm(mean[:, :3], axis=1) > TOUCH_N
+    return Contact(
+        mean[touches],
+        samples[touches].reshape(-1, 6),
+        turns.apply(mean[:, :3])[touches],
+        np.diff(position[:, :2], axis=0)[touches],
+        np.arccos(np.clip(-turns.apply([0.0, 0.0, 1.0])[:, 2], -1, 1))[touches],
+    )
+
+
+def _upside_down(contact: Contact) -> list[str]:
+    tilt = float(np.median(contact.tilt_rad))
+    if tilt <= MOST_TILT_RAD:
+        return []
+    return [
+        f"pose: the tool leans by {math.degrees(tilt):.0f}° from straight down in contact: expected at most "
+        f"{math.degrees(MOST_TILT_RAD):.0f}°: check pose.rotation, pose.tool_in_pose and pose.base_in_world"
+    ]
+
+
+def _pulls(contact: Contact) -> list[str]:
+    press = float(np.median(contact.wrench[:, 2]))
+    if press > 0:
+        return []
+    return [
+        f"wrench: the arm pulls by {-press:.1f} N in contact, where it presses: check wrench.acts_on, "
+        "wrench.sensor_in_tool and the column of F_z"
+    ]
+
+
+def _against_motion(contact: Contact) -> list[str]:
+    """Compare the lateral force with the direction in which the tool slides."""
+    speed = np.linalg.norm(contact.slide_world, axis=1) / ACTION_S
+    slides = speed > LEAST_MPS
+    if slides.sum() < LEAST_SLIDING:
+        return []
+    along = contact.slide_world[slides] / (ACTION_S * speed[slides, None])
+    force = contact.force_world[slides, :2]
+    size = np.linalg.norm(force, axis=1).sum() + 1e-9
+    with_it = (force * along).sum() / size
+    across = (force[:, 1] * along[:, 0] - force[:, 0] * along[:, 1]).sum() / size
+    if math.hypot(with_it, across) > -WRONG_SHARE and abs(math.atan2(across, with_it)) > MOST_TURNED_RAD:
+        angle = math.degrees(math.atan2(across, with_it))
+        return [
+            f"wrench: lateral forces point {angle:.0f}° away from the motion that they cause: check the axes "
+            "of the sensor (wrench.sensor_in_tool), wrench.acts_on and pose.rotation"
+        ]
+    shares = (force * along).sum(0) / (np.abs(force * along).sum(0) + 1e-9)
+    return [
+        f"wrench: the force along the world's {axis} opposes the motion: check the sign of that axis"
+        for axis, share in zip("xy", shares, strict=True)
+        if share < WRONG_SHARE
+    ]
+
+
+def _lever(contact: Contact, lever_m: float) -> list[str]:
+    """Compare torques with the lateral forces that cause them."""
+    found = []
+    away = contact.samples - contact.samples.mean(0)
+    for force, torque, sign, names in ((0, 4, 1, ("F_x", "T_y")), (1, 3, -1, ("F_y", "T_x"))):
+        spread = away[:, force].std()
+        if spread < LEAST_LATERAL_N:
+            continue
+        lever = sign * (away[:, force] * away[:, torque]).mean() / spread**2
+        if not LEVERS[0] <= lever / lever_m <= LEVERS[1]:
+            found.append(
+                f"wrench: {names[1]} changes with {names[0]} as with a lever of {1000 * lever:.3g} mm: "
+                f"expected about {1000 * lever_m:.0f} mm: check wrench.torque, the signs and "
+                "wrench.sensor_in_tool"
+            )
+    return found

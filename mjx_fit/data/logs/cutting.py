@@ -1,0 +1,167 @@
+"""Cut a log into attempts, and find the free motion before each.
+
+An attempt begins in free motion and ends when its contact is over. Contact is a force that differs by
+``TOUCH_N`` from that of free motion, for at least ``TOUCH_S``. Spells of contact less than ``APART_S`` apart
+belong together. An attempt begins ``LEAD_S`` before its contact, or where the last one ends; its tare is the
+mean of the free motion from there to ``CLEAR_S`` before the contact.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from mjx_fit.data.logs.cleaning import runs
+from mjx_fit.data.logs.findings import Finding
+from mjx_fit.data.logs.raw_log import Labels
+from mjx_fit.data.logs.signals import Signals
+from mjx_fit.utils.rates import ACTION_S
+
+TOUCH_N = 2.0
+TOUCH_S = 0.02
+APART_S = 0.5
+LEAD_S = 1.0
+CLEAR_S = 0.05
+LEAST_FREE_S = 0.1
+"""Shortest free motion that gives a tare."""
+LEAST_S = 3 * ACTION_S
+"""Shortest attempt."""
+_BASELINE_S = 0.3
+"""Free motion at the beginning of a log, where its force is known to be that of no contact."""
+_STILL_N = 1.5
+"""Largest standard deviation of the force there, each axis."""
+
+
+class Span(NamedTuple):
+    """An attempt in a log, s.
+
+    Attributes:
+        begin_s: Start of its first action.
+        end_s: Its end.
+        free_s: Interval of free motion that gives its tare.
+        label: Its label in the log, if attempts have labels.
+    """
+
+    begin_s: float
+    end_s: float
+    free_s: tuple[float, float]
+    label: str | None = None
+
+
+_Interval = tuple[float, float]
+_Candidate = tuple[float, float, _Interval | None, str | None]
+"""An attempt that may be too short, or have no free motion: as a ``Span``."""
+
+
+def spans_of_contact(signals: Signals) -> tuple[list[Span], list[Finding]]:
+    """Cut by contact."""
+    time, force = signals.wrench_time_s, signals.wrench_sensor[:, :3]
+    first = time < time[0] + _BASELINE_S
+    if force[first].std(0).max() > _STILL_N:
+        text = (
+            f"wrench: it varies by {force[first].std(0).max():.2f} N in the first {_BASELINE_S} s: expected "
+            "free motion there; or cut the log by: column"
+        )
+        return [], [Finding("refused", text, float(time[0]))]
+    spells = _spells(time, force)
+    if not spells:
+        return [], [
+            Finding("refused", f"wrench: no contact: no force of {TOUCH_N:g} N differs from the first")
+        ]
+    spans: list[_Candidate] = []
+    before = float(time[0])
+    for touch, leave in spells:
+        begin = max(before, touch - LEAD_S)
+        begin = touch - ACTION_S * np.floor((touch - begin) / ACTION_S + 1e-6)
+        end = min(leave + ACTION_S, float(time[-1]))
+        spans.append((begin, end, _free(begin, touch), None))
+        before = leave
+    return _long_enough(spans)
+
+
+def _spells(time: Float[np.ndarray, "N"], force: Float[np.ndarray, "N 3"]) -> list[_Interval]:
+    """Return begin and end of each spell of contact, s.
+
+    The force of free motion follows the sensor's drift: after each spell it is that of the time after it.
+    """
+    base, found, start = force[time < time[0] + _BASELINE_S].mean(0), [], 0
+    while start < len(time):
+        away = np.linalg.norm(force[start:] - base, axis=1) > TOUCH_N
+        merged = _merged(time[start:], away)
+        if not merged:
+            break
+        touch, leave = merged[0]
+        found.append((touch, leave))
+        start = int(np.searchsorted(time, leave, side="right"))
+        after = (time > leave + CLEAR_S) & (time < leave + APART_S - CLEAR_S)
+        base = force[after].mean(0) if after.sum() > 1 else base
+    return found
+
+
+def _merged(time: Float[np.ndarray, "N"], away: Bool[np.ndarray, "N"]) -> list[_Interval]:
+    """Return the first spell of contact, of runs that are long enough and near each other, in a list."""
+    spell: _Interval | None = None
+    for begin, end in runs(away):
+        touch, leave = float(time[begin]), float(time[end - 1])
+        if spell is None:
+            spell = (touch, leave) if leave - touch >= TOUCH_S else None
+        elif touch - spell[1] < APART_S:
+            spell = (spell[0], leave)
+        elif leave - touch >= TOUCH_S:
+            break
+    return [] if spell is None else [spell]
+
+
+def spans_of_labels(signals: Signals, labels: Labels) -> tuple[list[Span], list[Finding]]:
+    """Cut where the label changes."""
+    order = np.argsort(labels.time_s, kind="stable")
+    time, values = labels.time_s[order], labels.values[order]
+    change = np.flatnonzero(np.concatenate([[True], values[1:] != values[:-1]]))
+    ends = np.append(time[change[1:]], max(float(time[-1]), _last(signals)))
+    spans = [(float(time[i]), float(end), str(values[i])) for i, end in zip(change, ends, strict=True)]
+    return _long_enough([(begin, end, _free_of(signals, begin, end), label) for begin, end, label in spans])
+
+
+def whole(signals: Signals) -> tuple[list[Span], list[Finding]]:
+    """Take a log for one attempt."""
+    begin = max(signals.wrench_time_s[0], signals.pose_time_s[0])
+    if signals.command_time_s is not None and len(signals.command_time_s):
+        begin = max(begin, signals.command_time_s[0])
+    begin, end = float(begin), _last(signals)
+    return _long_enough([(begin, end, _free_of(signals, begin, end), None)])
+
+
+def _last(signals: Signals) -> float:
+    return float(min(signals.wrench_time_s[-1], signals.pose_time_s[-1]))
+
+
+def _free_of(signals: Signals, begin_s: float, end_s: float) -> _Interval | None:
+    """Return the free motion at the beginning of an attempt, before its first contact."""
+    # The peg may hang free for longer before the attempt than in it.
+    inside = (signals.wrench_time_s >= begin_s - _BASELINE_S) & (signals.wrench_time_s <= end_s)
+    time, force = signals.wrench_time_s[inside], signals.wrench_sensor[inside, :3]
+    first = time < time[0] + LEAST_FREE_S if len(time) else np.zeros(0, bool)
+    if not first.any() or force[first].std(0).max() > _STILL_N:
+        return None
+    spells = _merged(time, np.linalg.norm(force - force[first].mean(0), axis=1) > TOUCH_N)
+    return _free(float(time[0]), spells[0][0] if spells else end_s)
+
+
+def _free(begin_s: float, touch_s: float) -> _Interval | None:
+    end = touch_s - CLEAR_S
+    return (begin_s, end) if end - begin_s >= LEAST_FREE_S else None
+
+
+def _long_enough(spans: list[_Candidate]) -> tuple[list[Span], list[Finding]]:
+    kept, found = [], []
+    for number, (begin, end, free, label) in enumerate(spans):
+        what = f"attempt {number if label is None else label}"
+        if end - begin < LEAST_S:
+            text = f"{what}: it lasts {end - begin:.3f} s: expected at least {LEAST_S:.1f}"
+            found.append(Finding("left out", text, begin))
+        elif free is None:
+            text = f"{what}: no {LEAST_FREE_S} s of free motion before its contact, and so no tare"
+            found.append(Finding("left out", text, begin))
+        else:
+            kept.append(Span(begin, end, free, label))
+    return kept, found

@@ -1,0 +1,225 @@
+"""From a log to attempts: read, clean, convert, cut, resample, and check against the laws of contact."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from mjx_fit.config.schema import Config
+from mjx_fit.data.logs import cutting
+from mjx_fit.data.logs.cleaning import FROZEN_S, BadTime, bad_times, cleaned
+from mjx_fit.data.logs.consistency import inconsistencies
+from mjx_fit.data.logs.cutting import Span
+from mjx_fit.data.logs.findings import Finding
+from mjx_fit.data.logs.log_map import LogMap
+from mjx_fit.data.logs.raw_log import RawLog
+from mjx_fit.data.logs.signals import FORCE_N, Signals, signals_of
+from mjx_fit.data.logs.sources import read_raw
+from mjx_fit.scene.robot import ROBOTS
+from mjx_fit.sensors.resampling import felt_from_log
+from mjx_fit.sensors.sensor_log import SensorLog
+from mjx_fit.types import Felt
+from mjx_fit.utils.errors import RequestError, shown
+from mjx_fit.utils.rates import ACTION_S
+
+MOST_M = 5.0
+"""A TCP further than this from the origin is in other units."""
+_OFF_GRID_S = 0.02
+
+
+@dataclass(frozen=True)
+class LoggedAttempt:
+    """One attempt of a log.
+
+    Attributes:
+        begin_s: Start of its first action, in the time of the log, s.
+        end_s: End of its last action, s.
+        label: Its label in the log; None: the log has none.
+        log: Its samples, in the library's units, frames and signs.
+        felt: The same, resampled to the library's times.
+    """
+
+    begin_s: float
+    end_s: float
+    label: str | None
+    log: SensorLog
+    felt: Felt
+
+
+@dataclass(frozen=True)
+class ImportedLog:
+    """Attempts of a log, and what was found in it.
+
+    Attributes:
+        name: Name of the file.
+        attempts: The attempts that can be used.
+        findings: One line each about what is wrong. With one that is ``refused`` there is no attempt.
+    """
+
+    name: str
+    attempts: tuple[LoggedAttempt, ...]
+    findings: tuple[Finding, ...]
+
+    @property
+    def refused(self) -> bool:
+        """Whether the log cannot be used."""
+        return _refused(self.findings)
+
+
+def import_log(path: Path, said: LogMap, config: Config) -> ImportedLog:
+    """Read the attempts of a log.
+
+    Args:
+        path: The log (``mjx_fit.data.logs.sources``).
+        said: Its map.
+        config: Defines the parts, the robot's workspace and the length of the peg.
+
+    Raises:
+        RequestError: The file cannot be read or lacks a signal, or the map does not suit it. What is wrong
+            with its samples is a finding.
+    """
+    raw = read_raw(path, said)
+    peg = _peg_of(said, config)
+    raw, bad, findings = _in_order(raw, said)
+    if _refused(findings):
+        return ImportedLog(raw.name, (), tuple(findings))
+    signals = signals_of(raw, said, config.scene.peg_length_m)
+    findings += _out_of_place(signals)
+    spans: list[Span] = []
+    if not _refused(findings):
+        spans, cut = _cut(signals, raw, said)
+        findings += cut
+    attempts = []
+    for number, span in enumerate(spans):
+        what = f"attempt {number if span.label is None else span.label}"
+        try:
+            attempts.append(_attempt(signals, span, bad, peg, said, config))
+        except RequestError as error:
+            findings.append(Finding("left out", f"{what}: {error}", span.begin_s))
+    findings += inconsistencies([one.felt for one in attempts], config.scene.peg_length_m)
+    if not attempts and not _refused(findings):
+        findings.append(Finding("refused", "no attempt can be used"))
+    told = ImportedLog(raw.name, tuple(attempts), tuple(findings))
+    return replace(told, attempts=()) if told.refused else told
+
+
+def _refused(findings: Iterable[Finding]) -> bool:
+    return any(one.severity == "refused" for one in findings)
+
+
+def _peg_of(said: LogMap, config: Config) -> int:
+    name, names = said.attempts.peg, config.scene.names
+    if name is None:
+        raise RequestError(f"map: attempts.peg: it is missing: expected one of {', '.join(names)}")
+    if name not in names:
+        raise RequestError(f"map: attempts.peg: {shown(name)} is invalid: expected one of {', '.join(names)}")
+    return names.index(name)
+
+
+def _in_order(raw: RawLog, said: LogMap) -> tuple[RawLog, list[BadTime], list[Finding]]:
+    """Return the log with its samples in order, times at which the wrench is wrong, and what was found."""
+    streams, findings, bad = {}, [], []
+    for name, stream in raw.streams.items():
+        streams[name], found = cleaned(name, stream)
+        findings += found
+    if not _refused(findings):
+        bad = bad_times(streams["wrench"], said.wrench.most_n / FORCE_N[said.wrench.force])
+    return replace(raw, streams=streams), bad, findings
+
+
+def _out_of_place(signals: Signals) -> list[Finding]:
+    """Find positions in other units."""
+    far = np.linalg.norm(signals.tip_pos_world, axis=1)
+    if np.median(far) <= MOST_M:
+        return []
+    text = (
+        f"pose: the TCP is {np.median(far):.4g} m from the origin: expected at most {MOST_M:g}: check "
+        "pose.length (m or mm) and pose.base_in_world"
+    )
+    return [Finding("refused", text, float(signals.pose_time_s[0]))]
+
+
+def _cut(signals: Signals, raw: RawLog, said: LogMap) -> tuple[list[Span], list[Finding]]:
+    if said.attempts.by == "contact":
+        return cutting.spans_of_contact(signals)
+    if said.attempts.by == "file":
+        return cutting.whole(signals)
+    assert raw.labels is not None
+    return cutting.spans_of_labels(signals, raw.labels)
+
+
+def _attempt(
+    signals: Signals,
+    span: Span,
+    bad: list[BadTime],
+    peg: int,
+    said: LogMap,
+    config: Config,
+) -> LoggedAttempt:
+    """Return an attempt, checked and resampled.
+
+    Raises:
+        RequestError: Samples are missing, saturated, or out of the robot's workspace.
+    """
+    for one in bad:
+        if _harms(one, span):
+            raise RequestError(f"{one.why} at {one.begin_s:.3f} s")
+    times, commands = _commands(signals, span)
+    log = _within(signals, span, times, commands)
+    estimate = said.attempts.estimate
+    if estimate is None:
+        estimate = _at(signals, times[:1])[0, :2]
+    robot = ROBOTS[config.scene.robot]
+    felt = felt_from_log(log, peg, np.asarray(estimate, np.float32), robot)
+    return LoggedAttempt(float(times[0]), float(times[-1]) + ACTION_S, span.label, log, felt)
+
+
+def _harms(one: BadTime, span: Span) -> bool:
+    """Tell whether an interval is in an attempt; where the sensor stopped, in its contact."""
+    begin = max(span.begin_s, span.free_s[1]) if one.stopped else span.begin_s
+    return one.begin_s < span.end_s - one.stopped * FROZEN_S and one.end_s > begin + one.stopped * FROZEN_S
+
+
+def _commands(signals: Signals, span: Span) -> tuple[Float[np.ndarray, "J"], Float[np.ndarray, "J 3"]]:
+    """Return start times of actions and their displacements; those of the TCP where there are no commands."""
+    if signals.command_time_s is None or signals.command_world is None:
+        count = int((span.end_s - span.begin_s) / ACTION_S + 1e-6)
+        times = span.begin_s + ACTION_S * np.arange(count)
+        return times, _at(signals, times + ACTION_S) - _at(signals, times)
+    inside = (signals.command_time_s >= span.begin_s - _OFF_GRID_S) & (
+        signals.command_time_s <= span.end_s - ACTION_S + _OFF_GRID_S
+    )
+    if not inside.any():
+        raise RequestError(f"command: none between {span.begin_s:.3f} and {span.end_s:.3f} s")
+    return signals.command_time_s[inside], signals.command_world[inside]
+
+
+def _at(signals: Signals, times: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n 3"]:
+    """Return positions of the TCP."""
+    columns = signals.tip_pos_world.T
+    return np.column_stack([np.interp(times, signals.pose_time_s, column) for column in columns])
+
+
+def _within(
+    signals: Signals, span: Span, times: Float[np.ndarray, "J"], commands: Float[np.ndarray, "J 3"]
+) -> SensorLog:
+    """Return the samples of an attempt and of the free motion before it, with one more on either side."""
+    begin, end = min(span.begin_s, span.free_s[0]), times[-1] + ACTION_S
+    wrench, pose = (_around(time, begin, end) for time in (signals.wrench_time_s, signals.pose_time_s))
+    return SensorLog(
+        wrench_time_s=signals.wrench_time_s[wrench],
+        wrench_sensor=signals.wrench_sensor[wrench],
+        pose_time_s=signals.pose_time_s[pose],
+        tip_pos_world=signals.tip_pos_world[pose],
+        tip_quat_world=signals.turns[pose].as_quat(scalar_first=True),
+        command_time_s=times,
+        command_world=commands,
+        free_s=np.array(span.free_s),
+    )
+
+
+def _around(time: Float[np.ndarray, "N"], begin: float, end: float) -> slice:
+    first, last = np.searchsorted(time, begin, "right") - 1, np.searchsorted(time, end, "left") + 1
+    return slice(max(int(first), 0), int(last))

@@ -1,0 +1,191 @@
+"""Map of a log: where its signals are, and in which units, frames and signs (a YAML file).
+
+Nothing of this is guessed: what a log does not say about itself, the map says.
+"""
+
+import json
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field, TypeAdapter, ValidationError
+from pydantic.dataclasses import dataclass
+
+from mjx_fit.config import schema_errors
+from mjx_fit.config.files import read_tree
+from mjx_fit.config.sections.fields import STRICT
+from mjx_fit.utils.errors import RequestError, shown
+
+Name = Annotated[str, Field(min_length=1, max_length=200)]
+Source = Name | tuple[Name, ...]
+"""A topic, an array or a feature; or the columns of a table, in order."""
+_Metres = Annotated[float, Field(ge=-10, le=10)]
+_Degrees = Annotated[float, Field(ge=-360, le=360)]
+
+
+@dataclass(frozen=True, config=STRICT)
+class FrameMap:
+    """Pose of a frame in another one: its origin, and turns about x, then y, then z of the other frame."""
+
+    position_m: tuple[_Metres, _Metres, _Metres] = (0.0, 0.0, 0.0)
+    rpy_deg: tuple[_Degrees, _Degrees, _Degrees] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, config=STRICT)
+class WrenchMap:
+    """Force and torque.
+
+    Attributes:
+        source: Topic (``WrenchStamped``, ``Wrench``), array (N, 6), or six columns: forces, then torques.
+        acts_on: What the wrench acts on: ``peg`` (what the arm exerts on the peg, the library's sign:
+            pressing down is positive along the tool) or ``arm`` (the reaction, as most drivers publish it).
+        force: Unit of forces.
+        torque: Unit of torques.
+        axes: Frame that the wrench is expressed in: ``sensor``, or the robot's ``base``.
+        sensor_in_tool: The sensor's frame in that of the tool at the TCP, whose z points away from the arm.
+            The position matters where the axes are those of the base, and for a load.
+        most_n: Range of the sensor, N: values beyond it are saturated.
+    """
+
+    source: Source
+    acts_on: Literal["peg", "arm"]
+    force: Literal["N", "lbf"] = "N"
+    torque: Literal["N m", "N mm", "lbf in"] = "N m"
+    axes: Literal["sensor", "base"] = "sensor"
+    sensor_in_tool: FrameMap = FrameMap()
+    most_n: Annotated[float, Field(ge=1, le=100_000)] = 300.0
+
+
+@dataclass(frozen=True, config=STRICT)
+class PoseMap:
+    """Pose of the tool.
+
+    Attributes:
+        source: Topic (``PoseStamped``, ``Pose``, ``TransformStamped``, ``tf2_msgs/TFMessage``), array (M, 7)
+            or (M, 6), or columns: position, then rotation.
+        rotation: How the rotation is written. Topics have quaternions.
+        length: Unit of positions.
+        angle: Unit of the angles of ``rotvec`` and ``rpy``.
+        frame: Child frame to take from a topic of transforms.
+        tool_in_pose: The frame of the tool in that of the logged pose. The tool's origin is the TCP, the
+            centre of the peg's lower face; its z points along the peg, out of the hand.
+        base_in_world: The frame that poses are in, in the library's world: z up, 0 on the table.
+    """
+
+    source: Source
+    rotation: Literal["quat_xyzw", "quat_wxyz", "rotvec", "rpy"] = "quat_xyzw"
+    length: Literal["m", "mm"] = "m"
+    angle: Literal["rad", "deg"] = "rad"
+    frame: Name | None = None
+    tool_in_pose: FrameMap = FrameMap()
+    base_in_world: FrameMap = FrameMap()
+
+
+@dataclass(frozen=True, config=STRICT)
+class CommandMap:
+    """Commands of the policy, 10 a second.
+
+    Attributes:
+        source: Topic (``Vector3Stamped``, ``PointStamped``, ``TwistStamped``), array (J, 3), or columns.
+        kind: ``displacement`` of the TCP in an action, or the ``target`` it is to be at; in the axes of the
+            robot's base.
+        length: Unit.
+    """
+
+    source: Source
+    kind: Literal["displacement", "target"] = "displacement"
+    length: Literal["m", "mm"] = "m"
+
+
+@dataclass(frozen=True, config=STRICT)
+class LoadMap:
+    """What hangs on the sensor: tool and peg.
+
+    Its weight is taken out of the wrench, as the tool turns. Without it the weight is a part of the tare, and
+    a tool that tilts by 0.1 rad with 1 kg changes the wrench by 1 N.
+
+    Attributes:
+        mass_kg: Mass.
+        centre_m: Centre of mass in the sensor's frame, m.
+    """
+
+    mass_kg: Annotated[float, Field(ge=0, le=50)]
+    centre_m: tuple[_Metres, _Metres, _Metres] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, config=STRICT)
+class TimeMap:
+    """Times of samples.
+
+    Attributes:
+        source: Column or array of times; that of a signal is ``SIGNAL_time`` if it exists. Bags have stamps.
+        unit: Unit.
+        stamps: Of bags: those of the messages' headers, or when they were received.
+    """
+
+    source: Name = "time"
+    unit: Literal["s", "ms", "us", "ns"] = "s"
+    stamps: Literal["header", "received"] = "header"
+
+
+@dataclass(frozen=True, config=STRICT)
+class AttemptsMap:
+    """Where attempts are.
+
+    Attributes:
+        by: ``contact``: an attempt is a spell of contact with the free motion before it. ``column``: rows
+            with the same number (or text) in a column, an array or a topic. ``file``: the log is one attempt.
+        source: That column, array or topic.
+        peg: Name of the peg's type; None: nobody says.
+        estimate: Where the hole was believed to be, x and y in the world, m; None: where the attempt begins.
+    """
+
+    by: Literal["contact", "column", "file"] = "contact"
+    source: Name | None = None
+    peg: Name | None = None
+    estimate: tuple[_Metres, _Metres] | None = None
+
+    def __post_init__(self) -> None:
+        if (self.by == "column") != (self.source is not None):
+            raise ValueError("source: it is needed with by: column, and with nothing else")
+
+
+@dataclass(frozen=True, config=STRICT)
+class LogMap:
+    """The whole map.
+
+    Attributes:
+        wrench: Force and torque.
+        pose: Pose of the tool.
+        command: Commands; None: the displacement of the TCP in each action.
+        load: What hangs on the sensor; None: nothing that is known.
+        time: Times of samples.
+        attempts: Where attempts are.
+    """
+
+    wrench: WrenchMap
+    pose: PoseMap
+    command: CommandMap | None = None
+    load: LoadMap | None = None
+    time: TimeMap = TimeMap()
+    attempts: AttemptsMap = AttemptsMap()
+
+    @property
+    def sources(self) -> dict[str, Source]:
+        """Where each signal is, by its name."""
+        found: dict[str, Source] = {"wrench": self.wrench.source, "pose": self.pose.source}
+        if self.command is not None:
+            found["command"] = self.command.source
+        return found
+
+
+def read_map(path: Path) -> LogMap:
+    """Read a map.
+
+    Raises:
+        RequestError: The file cannot be read, or a key or value is invalid.
+    """
+    tree = read_tree(path)
+    try:
+        return TypeAdapter(LogMap).validate_json(json.dumps(tree, default=shown))
+    except ValidationError as error:
+        raise RequestError(f"{path}: {schema_errors.in_words(error, LogMap)}") from None

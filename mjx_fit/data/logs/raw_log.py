@@ -1,0 +1,50 @@
+"""A log as it was written: samples in their order, with their own units, frames and faults."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+
+@dataclass(frozen=True)
+class Stream:
+    """Samples of one signal.
+
+    Attributes:
+        time_s: Times (N,), s.
+        values: Values (N, k), in the log's units.
+    """
+
+    time_s: Float[np.ndarray, "N"]
+    values: Float[np.ndarray, "N k"]
+
+
+@dataclass(frozen=True)
+class Labels:
+    """To which attempt samples belong.
+
+    Attributes:
+        time_s: Times (N,), s, from each of which on the label holds.
+        values: Labels (N,), numbers or texts.
+    """
+
+    time_s: Float[np.ndarray, "N"]
+    values: np.ndarray[Any, Any]
+
+
+@dataclass(frozen=True)
+class RawLog:
+    """The signals that a map asks for.
+
+    Attributes:
+        name: Name of the file, for messages.
+        streams: ``wrench`` (six values), ``pose`` (seven or six), and ``command`` (three) if the map has it.
+        labels: Labels of attempts; None: the map asks for none.
+        quaternions_xyzw: Whether poses have quaternions in this order, whatever the map says: messages do.
+    """
+
+    name: str
+    streams: dict[str, Stream] = field(default_factory=dict)
+    labels: Labels | None = None
+    quaternions_xyzw: bool = False

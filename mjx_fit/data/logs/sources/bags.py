@@ -1,0 +1,137 @@
+"""Bags of ROS 1 and ROS 2 (also as MCAP), read without an installation of ROS."""
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mjx_fit.data.logs.log_map import LogMap
+from mjx_fit.data.logs.raw_log import Labels, RawLog, Stream
+from mjx_fit.data.logs.time_units import SECONDS
+from mjx_fit.utils.errors import RequestError, shortened, shown
+
+try:
+    from rosbags.highlevel import AnyReader, AnyReaderError
+    from rosbags.typesys import Stores, get_typestore
+except ImportError:
+    raise ImportError("bags need rosbags, which is not installed: pip install 'mjx-fit[logs]'") from None
+
+_Numbers = tuple[float, ...]
+_Samples = Callable[[Any, str | None], Iterable[tuple[Any, _Numbers]]]
+
+
+def read_bag(path: Path, asked: LogMap) -> RawLog:
+    """Read topics of a bag; times count from its beginning, since a double resolves dates to 0.2 µs only.
+
+    Raises:
+        RequestError: The bag cannot be read, lacks a topic, or has another type of messages there.
+    """
+    streams, label = {}, asked.attempts.source
+    try:
+        with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+            for name, topic in asked.sources.items():
+                streams[name] = _stream(path, reader, name, topic, asked)
+            labels = None if label is None else _labels(path, reader, label, asked)
+    except AnyReaderError as error:
+        raise RequestError(f"{path} cannot be read: {_line(error)}") from None
+    except RequestError:
+        raise
+    except Exception as error:  # a bag that was cut off raises whatever its parser meets
+        raise RequestError(f"{path} is damaged: {type(error).__name__}: {_line(error)}") from None
+    return RawLog(path.name, streams, labels, quaternions_xyzw=True)
+
+
+def _stream(path: Path, reader: AnyReader, name: str, topic: Any, asked: LogMap) -> Stream:
+    if not isinstance(topic, str):
+        raise RequestError(f"map: {name}.source: {shown(topic)} is invalid: expected a topic")
+    frame = asked.pose.frame if name == "pose" else None
+    found = list(_messages(path, reader, name, topic, frame, asked))
+    if not found:
+        raise RequestError(f"{path}: {topic} has no message{f' about {frame}' if frame else ''}")
+    time, values = zip(*found, strict=True)
+    return Stream(np.array(time, float), np.array(values, float))
+
+
+def _labels(path: Path, reader: AnyReader, topic: str, asked: LogMap) -> Labels:
+    found = list(_messages(path, reader, "attempts", topic, None, asked))
+    return Labels(np.array([time for time, _ in found], float), np.array([value[0] for _, value in found]))
+
+
+def _messages(
+    path: Path, reader: AnyReader, name: str, topic: str, frame: str | None, asked: LogMap
+) -> Iterable[tuple[float, _Numbers]]:
+    """Return times, s, and values of a topic's messages."""
+    connections = [one for one in reader.connections if one.topic == topic]
+    if not connections:
+        topics = ", ".join(sorted({one.topic for one in reader.connections})) or "no topics"
+        raise RequestError(f"{path}: the topic {shown(topic)} is missing: it has {shortened(topics, 300)}")
+    for connection in connections:
+        if connection.msgtype not in _READERS[name]:
+            raise RequestError(
+                f"{path}: {topic}: {connection.msgtype} is invalid: expected {', '.join(_READERS[name])}"
+            )
+    for connection, received_ns, data in reader.messages(connections):
+        message = reader.deserialize(data, connection.msgtype)
+        for stamp, values in _READERS[name][connection.msgtype](message, frame):
+            at = received_ns if stamp is None or asked.time.stamps == "received" else _nanoseconds(stamp)
+            yield SECONDS["ns"] * (at - reader.start_time), values
+
+
+def _nanoseconds(stamp: Any) -> int:
+    return stamp.sec * 10**9 + stamp.nanosec
+
+
+def _line(error: Exception) -> str:
+    return shortened(" ".join(str(error).split()), 200)
+
+
+def _xyz(vector: Any) -> _Numbers:
+    return vector.x, vector.y, vector.z
+
+
+def _wrench(wrench: Any) -> _Numbers:
+    return *_xyz(wrench.force), *_xyz(wrench.torque)
+
+
+def _pose(position: Any, turn: Any) -> _Numbers:
+    return *_xyz(position), turn.x, turn.y, turn.z, turn.w
+
+
+def _transform(one: Any, frame: str | None) -> Iterable[tuple[Any, _Numbers]]:
+    if frame is None or one.child_frame_id == frame:
+        moved = one.transform
+        yield one.header.stamp, _pose(moved.translation, moved.rotation)
+
+
+def _transforms(message: Any, frame: str | None) -> Iterable[tuple[Any, _Numbers]]:
+    for one in message.transforms:
+        yield from _transform(one, frame)
+
+
+_G = "geometry_msgs/msg/"
+_READERS: dict[str, dict[str, _Samples]] = {
+    "wrench": {
+        f"{_G}WrenchStamped": lambda said, _: [(said.header.stamp, _wrench(said.wrench))],
+        f"{_G}Wrench": lambda said, _: [(None, _wrench(said))],
+    },
+    "pose": {
+        f"{_G}PoseStamped": lambda said, _: [
+            (said.header.stamp, _pose(said.pose.position, said.pose.orientation))
+        ],
+        f"{_G}Pose": lambda said, _: [(None, _pose(said.position, said.orientation))],
+        f"{_G}TransformStamped": _transform,
+        "tf2_msgs/msg/TFMessage": _transforms,
+    },
+    "command": {
+        f"{_G}Vector3Stamped": lambda said, _: [(said.header.stamp, _xyz(said.vector))],
+        f"{_G}PointStamped": lambda said, _: [(said.header.stamp, _xyz(said.point))],
+        f"{_G}TwistStamped": lambda said, _: [(said.header.stamp, _xyz(said.twist.linear))],
+    },
+    "attempts": {
+        "std_msgs/msg/Int32": lambda said, _: [(None, (said.data,))],
+        "std_msgs/msg/Int64": lambda said, _: [(None, (said.data,))],
+        "std_msgs/msg/String": lambda said, _: [(None, (said.data,))],
+    },
+}
+"""Samples of messages, their stamps first; None: the time at which the message was received."""

@@ -1,0 +1,145 @@
+"""Logs come in: in other units, frames, signs and files, damaged, and with maps that are wrong."""
+
+import numpy as np
+import pytest
+import yaml
+from robot_logs import COMMAND, FORCE, PLACE, QUAT, TORQUE, map_of_table, recorded, table_of
+from scipy.spatial.transform import Rotation, Slerp
+
+import mjx_fit as mf
+from mjx_fit.data.logs.importing import import_log
+from mjx_fit.data.logs.log_map import read_map
+
+CONFIG = mf.Config()
+
+
+@pytest.fixture(scope="module")
+def own(attempts):
+    return recorded(attempts, noise_n=0.02)
+
+
+@pytest.fixture(scope="module")
+def clean(own, tmp_path_factory):
+    path = tmp_path_factory.mktemp("clean")
+    return imported(path, table_of(own))
+
+
+def imported(folder, rows, said=None):
+    rows.to_csv(folder / "log.csv", index=False)
+    (folder / "map.yaml").write_text(yaml.safe_dump(said or map_of_table()))
+    return import_log(folder / "log.csv", read_map(folder / "map.yaml"), CONFIG)
+
+
+def compare(got, want, wrench=1e-3, place=1e-6):
+    assert len(got.attempts) == len(want)
+    for one, other in zip(got.attempts, want, strict=True):
+        assert one.felt.length == other.length
+        np.testing.assert_allclose(
+            one.felt.trace.wrench_sensor, other.trace.wrench_sensor[: other.length], atol=wrench
+        )
+        for name in ("tip_pos_world", "tip_quat_world", "action_world"):
+            new, old = (np.asarray(getattr(each.trace, name))[: other.length] for each in (one.felt, other))
+            np.testing.assert_allclose(new, old, atol=place)
+
+
+def test_a_clean_log_is_what_was_felt(attempts, tmp_path):
+    got = imported(tmp_path, table_of(recorded(attempts, noise_n=1e-6)))
+    compare(got, attempts, wrench=1e-4)
+    assert [str(finding) for finding in got.findings] == []
+    for one, felt in zip(got.attempts, attempts, strict=True):
+        np.testing.assert_allclose(one.felt.tare_sensor, felt.tare_sensor, atol=0.01)
+        np.testing.assert_allclose(one.felt.estimate_world, felt.start.pos_world[:2], atol=1e-5)
+
+
+def in_millimetres(rows, said):
+    rows[PLACE] *= 1000
+    said["pose"]["length"] = "mm"
+
+
+def as_a_driver_publishes(rows, said):
+    rows[FORCE + TORQUE] *= -1
+    said["wrench"]["acts_on"] = "arm"
+
+
+def with_a_turned_sensor(rows, said):
+    turn = Rotation.from_euler("xyz", [10, -5, 30], degrees=True)  # of the sensor's axes in the tool's
+    turned(rows, turn.inv())
+    said["wrench"]["sensor_in_tool"]["rpy_deg"] = [10, -5, 30]
+
+
+def with_a_sensor_further_up(rows, said):
+    up = np.array([0.01, -0.02, -0.05])  # from the library's sensor
+    rows[TORQUE] -= np.cross(up, rows[FORCE].to_numpy())
+    said["wrench"]["sensor_in_tool"]["position_m"] = [0.01, -0.02, -0.12]
+
+
+def in_other_units(rows, said):
+    rows[TORQUE] *= 1000
+    rows["time"] *= 1e6
+    said["wrench"]["torque"] = "N mm"
+    said["time"] = {"unit": "us"}
+
+
+def as_rotation_vectors(rows, said):
+    there = rows["qw"].notna()
+    turns = Rotation.from_quat(rows.loc[there, QUAT].to_numpy(), scalar_first=True)
+    rows.loc[there, ["a", "b", "c"]] = turns.as_rotvec(degrees=True)
+    said["pose"] |= {"source": [*PLACE, "a", "b", "c"], "rotation": "rotvec", "angle": "deg"}
+
+
+def of_the_flange_in_a_turned_base(rows, said):
+    there, moved = rows["qw"].notna(), rows["dx"].notna()
+    turns = Rotation.from_quat(rows.loc[there, QUAT].to_numpy(), scalar_first=True)
+    base, hand = (Rotation.from_euler("z", angle, degrees=True) for angle in (90, 45))
+    # World = base · flange · hand; the flange is 0.2 m above the TCP.
+    flange = turns * hand.inv()
+    place = rows.loc[there, PLACE].to_numpy() - flange.apply([0, 0, 0.2]) - [0.1, 0, 0.4]
+    rows.loc[there, PLACE] = base.inv().apply(place)
+    rows.loc[there, QUAT] = (base.inv() * flange).as_quat(scalar_first=True)
+    rows.loc[moved, COMMAND] = base.inv().apply(np.array(rows.loc[moved, COMMAND]))
+    said["pose"] |= {
+        "tool_in_pose": {"position_m": [0, 0, 0.2], "rpy_deg": [0, 0, 45]},
+        "base_in_world": {"position_m": [0.1, 0, 0.4], "rpy_deg": [0, 0, 90]},
+    }
+
+
+def in_the_axes_of_the_base(rows, said):
+    there, felt = rows["qw"].notna(), rows["fx"].notna()
+    times = rows.loc[there, "time"].to_numpy()
+    tool = Slerp(times, Rotation.from_quat(rows.loc[there, QUAT].to_numpy(), scalar_first=True))
+    turned(rows, tool(np.clip(rows.loc[felt, "time"], times[0], times[-1])))
+    said["wrench"]["axes"] = "base"
+
+
+def with_targets(rows, said):
+    there, moved = rows["qw"].notna(), rows["dx"].notna()
+    for name, step in zip(PLACE, COMMAND, strict=True):
+        at = np.interp(rows.loc[moved, "time"], rows.loc[there, "time"], rows.loc[there, name])
+        rows.loc[moved, step] += at
+    said["command"]["kind"] = "target"
+
+
+def turned(rows, turn):
+    felt = rows["fx"].notna()
+    for names in (FORCE, TORQUE):
+        rows.loc[felt, names] = turn.apply(np.array(rows.loc[felt, names]))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        in_millimetres,
+        as_a_driver_publishes,
+        with_a_turned_sensor,
+        with_a_sensor_further_up,
+        in_other_units,
+        as_rotation_vectors,
+        of_the_flange_in_a_turned_base,
+        in_the_axes_of_the_base,
+        with_targets,
+    ],
+)
+def test_other_units_frames_and_signs_give_the_same(change, own, clean, tmp_path):
+    rows, said = table_of(own), map_of_table()
+    change(rows, said)
+    compare(imported(tmp_path, rows, said), [one.felt for one in clean.attempts], 1e-3, 1e-5)
