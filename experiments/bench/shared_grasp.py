@@ -1,6 +1,6 @@
 """What is known about a second hole before its first touch, with the grasp shared and without.
 
-    python experiments/bench/shared_grasp.py OUT.json [--trials N] [--seed K]
+    python experiments/bench/shared_grasp.py OUT.json [--trials N] [--seed K] [--config FILE.yaml]
 
 A peg visits one hole for at most 10 s with `seek`, which the geometry of contact leads. Then the peg, in the
 same grasp, is to go to another hole, of which there is a detection. With the grasp shared
@@ -16,8 +16,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from mjx_fit.config.files import read_config
 from mjx_fit.config.schema import Config
-from mjx_fit.config.worlds import preset
+from mjx_fit.config.worlds import world_file
 from mjx_fit.data.schedule import draw_places, mismatched_pairs
 from mjx_fit.engines.select import make_engine
 from mjx_fit.evaluation.place_scores import PlaceScores, score_places
@@ -31,14 +32,16 @@ from mjx_fit.task.attempt_loop import spirals_at
 from mjx_fit.task.seek import seek_by_geometry
 from mjx_fit.task.shared_grasp import SharedGrasp
 from mjx_fit.types import Belief
+from mjx_fit.utils import resources
 from mjx_fit.utils.randomness import root_key
 
 GRASP_STD_M, GRASP_STD_RAD = 0.0017, 0.03
 PART = 50
 
 
-def main(out: Path, trials: int, seed: int) -> None:
-    config = preset("gentle", "bench")
+def main(out: Path, trials: int, seed: int, files: list[Path]) -> None:
+    gentle = resources.folder("configs") / "gentle.yaml"
+    config = read_config([*world_file("bench"), gentle, *files])
     config = replace(
         config, filter=replace(config.filter, grasp_std_m=GRASP_STD_M, grasp_std_rad=GRASP_STD_RAD)
     )
@@ -120,5 +123,6 @@ if __name__ == "__main__":
     parser.add_argument("out", type=Path, metavar="OUT.json")
     parser.add_argument("--trials", type=int, default=300, metavar="N")
     parser.add_argument("--seed", type=int, default=1, metavar="K")
+    parser.add_argument("--config", type=Path, action="append", default=[], metavar="FILE.yaml")
     asked = parser.parse_args()
-    main(asked.out, asked.trials, asked.seed)
+    main(asked.out, asked.trials, asked.seed, asked.config)
