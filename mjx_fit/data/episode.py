@@ -6,7 +6,12 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from mjx_fit.types import Array, Rollout, pytree
+from mjx_fit.config.schema import Config
+from mjx_fit.scene.robot import ROBOTS
+from mjx_fit.types import Array, Rollout, Truth, pytree
+
+UNKNOWN = -1
+"""Type of a hole that nobody knows."""
 
 
 @pytree
@@ -28,6 +33,26 @@ class Episode:
     policy: Int[Array, "*batch"]
     estimate_cov: Float[Array, "*batch D D"]
     rollout: Rollout
+
+
+def unknown_truth(n: int, config: Config) -> Truth:
+    """Return the truth about n attempts of a robot: no type, no place, and nothing that is an insertion.
+
+    ``hole_type`` is ``UNKNOWN`` and all numbers are NaN, so that whatever is computed from them shows it.
+    """
+    joints = len(ROBOTS[config.scene.robot].joints)
+
+    def nothing(*shape: int) -> Array:
+        return np.full((n, *shape), np.nan, np.float32)
+
+    return Truth(
+        hole_type=np.full(n, UNKNOWN, np.int32),
+        hole_pos_world=nothing(2),
+        inserted=np.zeros(n, bool),
+        valid=np.ones(n, bool),
+        end_qpos=nothing(joints),
+        end_qvel=nothing(joints),
+    )
 
 
 def happened(data: Episode) -> Bool[Array, "*batch"]:

@@ -12,8 +12,9 @@ import numpy as np
 from jaxtyping import Int
 
 from mjx_fit.config.schema import Config, config_from_stored
-from mjx_fit.data.episode import Episode, happened
-from mjx_fit.data.hdf5 import fields_of, flat
+from mjx_fit.data.episode import UNKNOWN, Episode, happened
+from mjx_fit.data.hdf5 import flat
+from mjx_fit.data.hdf5_fields import fields_of, kind_of
 from mjx_fit.data.manifest import Manifest, read_complete_manifest
 from mjx_fit.data.reader import load, read_shards
 from mjx_fit.data.schedule import stored_policies
@@ -74,13 +75,11 @@ def export(folder: Path, out: Path) -> None:
 def _write_npz(folder: Path, manifest: Manifest, path: Path) -> None:
     data = load(folder)
     keep, config = happened(data), config_from_stored(manifest.request["config"])
-    turns = manifest.request.get("turns", False)
+    kind = kind_of(manifest.request)
     arrays: dict[str, Any] = {
-        name.replace("/", "_"): value[keep] for name, value in flat(data, config).items()
+        name.replace("/", "_"): value[keep] for name, value in flat(data, config, kind).items()
     }
-    about = {
-        name.replace("/", "_"): field._asdict() for name, field in fields_of(config, turns=turns).items()
-    }
+    about = {name.replace("/", "_"): field._asdict() for name, field in fields_of(config, kind).items()}
     about |= {"shapes": list(manifest.shapes), "request": manifest.request, "versions": manifest.versions}
     with path.open("wb") as file:  # savez would append .npz to a temporary file name
         np.savez_compressed(file, about=np.array(json.dumps(about)), **arrays)
@@ -134,9 +133,11 @@ def _add_demonstration(root: h5py.Group, episode: Episode, policy: str, config: 
     demo = root.create_group(f"demo_{int(episode.episode)}")
     demo.attrs["num_samples"] = n
     demo.attrs["peg_type"] = names[int(rollout.felt.peg_type)]
-    demo.attrs["hole_type"] = names[int(rollout.truth.hole_type)]
-    demo.attrs["inserted"], demo.attrs["policy"] = bool(rollout.truth.inserted), policy
-    demo.attrs["hole_pos_world"] = rollout.truth.hole_pos_world
+    demo.attrs["policy"] = policy
+    if rollout.truth.hole_type != UNKNOWN:
+        demo.attrs["hole_type"] = names[int(rollout.truth.hole_type)]
+        demo.attrs["inserted"] = bool(rollout.truth.inserted)
+        demo.attrs["hole_pos_world"] = rollout.truth.hole_pos_world
     demo.attrs["estimate_world"] = rollout.felt.estimate_world
     demo.attrs["tare_sensor"] = rollout.felt.tare_sensor
     demo.attrs["sequence"], demo.attrs["number"] = int(episode.sequence), int(episode.number)

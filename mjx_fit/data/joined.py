@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from mjx_fit.config.schema import Config, config_from_stored
 from mjx_fit.data.episode import Episode, padded
-from mjx_fit.data.manifest import read_complete_manifest
+from mjx_fit.data.manifest import read_complete_manifest, require_truth
 from mjx_fit.data.manifest_schema import MAX_EPISODES
 from mjx_fit.data.reader import load
 from mjx_fit.scene.placement import GRASP, SOCKET, TOOL
@@ -48,7 +48,9 @@ def load_joined(folders: Sequence[Path]) -> Episode:
 
 
 def _config_of(folder: Path) -> Config:
-    return config_from_stored(read_complete_manifest(folder).request["config"])
+    request = read_complete_manifest(folder).request
+    require_truth(folder, request)
+    return config_from_stored(request["config"])
 
 
 def _poses(data: Episode, config: Config) -> dict[str, Float[np.ndarray, "n"]]:

@@ -14,6 +14,8 @@ from mjx_fit.utils import bounded_json, files
 from mjx_fit.utils.errors import RequestError
 
 MANIFEST_NAME = "manifest.json"
+ROBOT = "robot"
+"""Engine, and policy, of data sets that come from logs of robots."""
 FORMAT = 4
 """Version of the files that are written: 3 adds the physics of randomised worlds, 4 turns of the TCP and
 estimates of more than x and y."""
@@ -128,6 +130,19 @@ def read_complete_manifest(folder: Path) -> Manifest:
     if not manifest.complete:
         raise RequestError(f"data: {folder} cannot be used: it is not complete; rerun its collect command")
     return manifest
+
+
+def require_truth(folder: Path, request: dict[str, Any]) -> None:
+    """Check that a simulator made a data set.
+
+    Raises:
+        RequestError: A robot did: nobody knows the types and places of its holes.
+    """
+    if request["engine"] == ROBOT:
+        raise RequestError(
+            f"data: {folder} cannot be used: it comes from logs of a robot, and types and places of holes "
+            "are needed"
+        )
 
 
 def read_manifest(folder: Path) -> Manifest:

@@ -39,6 +39,14 @@ class _Shard(TypedDict):
     device: _Words
 
 
+class _Log(TypedDict):
+    __pydantic_config__ = _STRICT  # pyright: ignore[reportGeneralTypeIssues]
+
+    name: _Words
+    sha256: _Digest
+    attempts: Annotated[list[Annotated[list[float], Field(min_length=2, max_length=2)]], Field(min_length=1)]
+
+
 class _Request(TypedDict):
     __pydantic_config__ = _STRICT  # pyright: ignore[reportGeneralTypeIssues]
 
@@ -50,7 +58,8 @@ class _Request(TypedDict):
     sequence: Annotated[int, Field(ge=1, le=MAX_SEQUENCE)]
     sensor: NotRequired[_Words]
     turns: NotRequired[Literal[True]]
-    engine: Literal["mjx", "native"]
+    logs: NotRequired[Annotated[list[_Log], Field(min_length=1)]]
+    engine: Literal["mjx", "native", "robot"]
     config: dict[str, dict[str, Any]]
 
 
@@ -84,6 +93,8 @@ def require(fields: Any) -> dict[str, Any]:
     asked = request["config"].get("scene", {}).get("shapes")
     if isinstance(asked, list) and len(asked) != len(manifest["shapes"]):
         raise ValueError(f"shapes: {len(manifest['shapes'])} names: request.config has {len(asked)} shapes")
+    if (request["engine"] == "robot") != ("logs" in request):
+        raise ValueError("request.logs: expected with the engine robot, and with no other")
     if request["episodes"] % request["sequence"]:
         raise ValueError("request.episodes: expected a multiple of request.sequence")
     _require_shards(manifest["shards"], request)

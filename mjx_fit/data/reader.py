@@ -12,8 +12,10 @@ import numpy as np
 from mjx_fit.config.schema import config_from_stored
 from mjx_fit.data import hdf5
 from mjx_fit.data.episode import Episode, happened
+from mjx_fit.data.hdf5_fields import fields_of, kind_of
 from mjx_fit.data.manifest import (
     MANIFEST_NAME,
+    ROBOT,
     FormatError,
     Manifest,
     Shard,
@@ -23,7 +25,7 @@ from mjx_fit.data.manifest import (
     read_manifest_text,
 )
 from mjx_fit.sensors.force_torque import touched
-from mjx_fit.types import Array, Rollout
+from mjx_fit.types import Array, Felt, Rollout
 from mjx_fit.utils import files
 from mjx_fit.utils.errors import RequestError
 
@@ -137,6 +139,8 @@ def _damage(folder: Path, shard: Shard, manifest: Manifest) -> str:
 def describe(folder: Path) -> dict[str, Any]:
     """Summarise a data set: episodes, actions, pairs, success rates, units, engine, seed; JSON-ready.
 
+    One of a robot has no pairs and no success rates, but its logs and pegs.
+
     Raises:
         RequestError: As in ``load``.
     """
@@ -144,21 +148,8 @@ def describe(folder: Path) -> dict[str, Any]:
     request = manifest.request
     keep = happened(data)
     done: Rollout = jax.tree.map(lambda leaf: leaf[keep], data.rollout)
-    felt, truth = done.felt, done.truth
-    config = config_from_stored(request["config"])
-    pairs: dict[str, dict[str, int]] = {}
-    for peg, hole, succeeded, wrong in zip(
-        felt.peg_type, truth.hole_type, done.succeeded, done.inserted_wrongly, strict=True
-    ):
-        row = pairs.setdefault(
-            f"{manifest.shapes[peg]}-{manifest.shapes[hole]}", {"episodes": 0, "inserted": 0}
-        )
-        row["episodes"] += 1
-        row["inserted"] += int(succeeded)
-        if wrong:
-            row["inserted_wrongly"] = row.get("inserted_wrongly", 0) + 1
-    matched = np.asarray(felt.peg_type == truth.hole_type)
-    wrongly = done.inserted_wrongly[~matched]
+    config, felt = config_from_stored(request["config"]), done.felt
+    robots = request["engine"] == ROBOT
     return {
         "policy": request["policy"],
         "engine": request["engine"],
@@ -170,20 +161,46 @@ def describe(folder: Path) -> dict[str, Any]:
         "steps": request["steps"],
         "actions": int(felt.length.sum()),
         "contact_fraction": _mean(touched(felt, config.wrist)[_real(felt.length, request["steps"])]),
+        **(_logs(manifest, felt) if robots else _outcomes(manifest, done)),
+        "part": "{} of {}".format(*manifest.part),
+        "shards": len(manifest.shards),
+        "bytes": sum(shard.bytes for shard in manifest.shards),
+        "devices": sorted({shard.device for shard in manifest.shards}),
+        "units": {name: field.unit for name, field in fields_of(config, kind_of(request)).items()},
+    }
+
+
+def _logs(manifest: Manifest, felt: Felt) -> dict[str, Any]:
+    """Return what is known of a robot's attempts."""
+    count = np.bincount(felt.peg_type, minlength=len(manifest.shapes))
+    return {
+        "logs": {log["name"]: len(log["attempts"]) for log in manifest.request["logs"]},
+        "pegs": {name: int(n) for name, n in zip(manifest.shapes, count, strict=True) if n},
+    }
+
+
+def _outcomes(manifest: Manifest, done: Rollout) -> dict[str, Any]:
+    """Return the success rates of simulated attempts, and the counts of each pair."""
+    felt, truth = done.felt, done.truth
+    pairs: dict[str, dict[str, int]] = {}
+    for peg, hole, succeeded, wrong in zip(
+        felt.peg_type, truth.hole_type, done.succeeded, done.inserted_wrongly, strict=True
+    ):
+        name = f"{manifest.shapes[peg]}-{manifest.shapes[hole]}"
+        row = pairs.setdefault(name, {"episodes": 0, "inserted": 0})
+        row["episodes"] += 1
+        row["inserted"] += int(succeeded)
+        if wrong:
+            row["inserted_wrongly"] = row.get("inserted_wrongly", 0) + 1
+    matched = np.asarray(felt.peg_type == truth.hole_type)
+    wrongly = done.inserted_wrongly[~matched]
+    return {
         "success_rate": {
             "matched": _mean(done.succeeded[matched]),
             "mismatched": _mean(done.succeeded[~matched]),
         },
         **({"inserted_wrongly": _mean(wrongly)} if wrongly.any() else {}),
         "pairs": dict(sorted(pairs.items())),
-        "part": "{} of {}".format(*manifest.part),
-        "shards": len(manifest.shards),
-        "bytes": sum(shard.bytes for shard in manifest.shards),
-        "devices": sorted({shard.device for shard in manifest.shards}),
-        "units": {
-            name: field.unit
-            for name, field in hdf5.fields_of(config, turns=request.get("turns", False)).items()
-        },
     }
 
 

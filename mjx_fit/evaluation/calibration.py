@@ -9,7 +9,7 @@ from jaxtyping import Int
 from mjx_fit.config.schema import Config
 from mjx_fit.data import reader
 from mjx_fit.data.episode import Episode
-from mjx_fit.data.manifest import read_manifest
+from mjx_fit.data.manifest import read_manifest, require_truth
 from mjx_fit.engines.select import resolve
 from mjx_fit.evaluation import held_out, result_file, scores
 from mjx_fit.evaluation.place_scores import rotation_errors
@@ -55,6 +55,7 @@ def calibrate(config: Config, out: Path, run: Path, data: Path, seed: int) -> Re
     baseline = load_baseline(run)
     sensors = {"full": sensor} | ({"frame_by_frame": baseline} if baseline else {})
     asked_for = read_manifest(data).request
+    require_truth(data, asked_for)
     require_world(asked_for, config)
     episodes = reader.load(data)
     actions = _actions_read(episodes, config)

@@ -1,6 +1,7 @@
 """Section of a data set: how it was collected, what happened, and figures of it."""
 
 from pathlib import Path
+from typing import Any
 
 import jax
 import yaml
@@ -8,7 +9,7 @@ import yaml
 from mjx_fit.config.schema import config_from_stored
 from mjx_fit.data import reader
 from mjx_fit.data.episode import happened
-from mjx_fit.data.manifest import read_manifest
+from mjx_fit.data.manifest import ROBOT, read_manifest
 from mjx_fit.report.figures import data_set
 from mjx_fit.report.figures.catalogue import Drawing
 from mjx_fit.report.sections import Section, pictures_of, provenance
@@ -27,7 +28,13 @@ def of_dataset(slug: str, folder: Path) -> Section:
     asked = config_from_stored(manifest.request["config"])
     if not len(data.felt.length):
         raise RequestError(f"report: {folder} contains no valid interaction: nothing to show")
-    shown: list[Drawing] = [
+    forces: Drawing = (
+        "forces",
+        "Contact force by pair: median (dot), middle 50 % (bar) and middle 90 % (line) of the samples "
+        "of actions with contact, moments without contact included.",
+        lambda: data_set.forces_by_pair(data, asked),
+    )
+    of_truth: list[Drawing] = [
         (
             "visited",
             "Coverage: end-effector position relative to the true hole centre (cross) after each action.",
@@ -38,13 +45,8 @@ def of_dataset(slug: str, folder: Path) -> Section:
             "Share of pegs not yet inserted (Kaplan-Meier estimate, since some interactions end earlier).",
             lambda: data_set.interaction_lengths(data, manifest.shapes),
         ),
-        (
-            "forces",
-            "Contact force by pair: median (dot), middle 50 % (bar) and middle 90 % (line) of the samples "
-            "of actions with contact, moments without contact included.",
-            lambda: data_set.forces_by_pair(data, asked),
-        ),
     ]
+    shown: list[Drawing] = [forces] if manifest.request["engine"] == ROBOT else [*of_truth, forces]
     pictures = pictures_of(slug, shown)
     config = yaml.safe_dump(manifest.request["config"], sort_keys=False)
     title, facts = f"Data set: {folder.resolve().name}", _data_facts(folder)
@@ -57,27 +59,11 @@ def _data_facts(folder: Path) -> tuple[tuple[str, str], ...]:
     manifest, told = read_manifest(folder), reader.describe(folder)
     request = manifest.request
     index, of = manifest.part
-    rates = ", ".join(
-        f"{name} {'-' if rate is None else f'{rate:.1%}'}" for name, rate in told["success_rate"].items()
-    )
-    pairs = _inserted_by_pair(told["pairs"], manifest.shapes)
-    wrongly = ", ".join(
-        f"{pair} {row['inserted_wrongly']} of {row['episodes']}"
-        for pair, row in told["pairs"].items()
-        if "inserted_wrongly" in row
-    )
     size = f"{told['bytes'] / 1e6:,.0f} MB in {told['shards']} files"
+    several = f", {request['sequence']} consecutive attempts at each hole" if request["sequence"] > 1 else ""
     return (
         ("requested", f"{request['episodes']:,} interactions of up to {request['steps']} actions"),
-        (
-            "policy",
-            request["policy"]
-            + (
-                f", {request['sequence']} consecutive attempts at each hole"
-                if request["sequence"] > 1
-                else ""
-            ),
-        ),
+        ("policy", request["policy"] + several),
         *([("part", f"{index} of {of}")] if of > 1 else []),
         ("performed", f"{told['episodes'] - told['not_performed'] - told['invalid']:,}"),
         *(
@@ -86,12 +72,35 @@ def _data_facts(folder: Path) -> tuple[tuple[str, str], ...]:
             else []
         ),
         ("actions", f"{told['actions']:,}, {told['contact_fraction']:.1%} of them in contact"),
-        ("inserted", rates),
-        ("inserted by pair", pairs),
-        *([("inserted wrongly", wrongly)] if wrongly else []),
-        ("excluded, diverged", str(told["invalid"])),
+        *(_of_logs(told) if request["engine"] == ROBOT else _outcomes(told, manifest.shapes)),
         ("size", size),
         *provenance(request | {"device": " and ".join(told["devices"]), "versions": manifest.versions}),
+    )
+
+
+def _of_logs(told: dict[str, Any]) -> tuple[tuple[str, str], ...]:
+    """Describe the logs of a robot, whose outcomes nobody knows."""
+    return (
+        ("logs", ", ".join(f"{name} ({count})" for name, count in told["logs"].items())),
+        ("pegs", ", ".join(f"{name} {count}" for name, count in told["pegs"].items())),
+    )
+
+
+def _outcomes(told: dict[str, Any], shapes: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
+    """Describe which pegs went in, and which simulations diverged."""
+    rates = ", ".join(
+        f"{name} {'-' if rate is None else f'{rate:.1%}'}" for name, rate in told["success_rate"].items()
+    )
+    wrongly = ", ".join(
+        f"{pair} {row['inserted_wrongly']} of {row['episodes']}"
+        for pair, row in told["pairs"].items()
+        if "inserted_wrongly" in row
+    )
+    return (
+        ("inserted", rates),
+        ("inserted by pair", _inserted_by_pair(told["pairs"], shapes)),
+        *([("inserted wrongly", wrongly)] if wrongly else []),
+        ("excluded, diverged", str(told["invalid"])),
     )
 
 

@@ -16,7 +16,7 @@ from mjx_fit.config.files import read_config
 from mjx_fit.config.schema import Config
 from mjx_fit.config.worlds import world_file
 from mjx_fit.control.policies import SPIRAL
-from mjx_fit.data import hdf5, reader
+from mjx_fit.data import hdf5_fields, reader
 from mjx_fit.data.manifest import read_manifest, write_manifest
 from mjx_fit.data.merge import merge
 from mjx_fit.data.plan import Plan, plan_of
@@ -42,7 +42,7 @@ def test_one_trace_can_be_read_alone(folder):
 def test_every_field_has_unit_frame_shape_and_meaning(folder):
     sizes = {"n": 5, "J": 3, "joints": 7}
     with h5py.File(folder / "shard-00000000.h5") as file:
-        for name in hdf5.FIELDS:
+        for name in hdf5_fields.FIELDS:
             about, data = file[name].attrs, file[name]
             assert {"unit", "frame", "meaning"} <= set(about)
             said = about["shape"].split()

@@ -11,7 +11,7 @@ import pytest
 from collecting import Collector
 
 from mjx_fit.config.schema import Config
-from mjx_fit.data import hdf5, reader
+from mjx_fit.data import hdf5, hdf5_fields, reader
 from mjx_fit.data.export import export
 from mjx_fit.data.manifest import read_manifest, write_manifest
 from mjx_fit.data.split import split_sequences
@@ -28,10 +28,10 @@ def test_npz_holds_every_field(folder, tmp_path):
     data = reader.load(folder)
     with np.load(tmp_path / "set.npz") as file:
         about = json.loads(str(file["about"]))
-        for name, value in hdf5.flat(data, Config()).items():
+        for name, value in hdf5.flat(data, Config(), hdf5_fields.Kind()).items():
             key = name.replace("/", "_")
             assert np.array_equal(file[key], value[data.rollout.felt.length > 0])
-            assert about[key]["unit"] == hdf5.FIELDS[name].unit
+            assert about[key]["unit"] == hdf5_fields.FIELDS[name].unit
     assert about["request"]["seed"] == 5
 
 
@@ -46,7 +46,7 @@ def test_demonstrations_are_laid_out_as_robomimic_reads_them(folder, native, tmp
         about = json.loads(root.attrs["env_args"])
         assert about["env_kwargs"]["seed"] == 5
         assert (about["env_name"], about["type"]) == ("mjx_fit", 2)
-        fields = hdf5.flat(data, Config())
+        fields = hdf5.flat(data, Config(), hdf5_fields.Kind())
         for i, name in enumerate(demos):
             demo = root[name]
             n = demo.attrs["num_samples"]

@@ -13,7 +13,7 @@ from mjx_fit.config.files import read_config
 from mjx_fit.config.worlds import world_file
 from mjx_fit.control import open_loop, policies
 from mjx_fit.control.policies import SPIRAL
-from mjx_fit.data import collect, hdf5, reader
+from mjx_fit.data import collect, hdf5_fields, reader
 from mjx_fit.data.plan import Plan
 from mjx_fit.data.schedule import draw_attempts, pair_of
 from mjx_fit.engines import attempt_rules, failures, select
@@ -152,7 +152,7 @@ def test_both_engines_store_the_same_schema(rollouts, tmp_path):
         files[simulator.name] = h5py.File(tmp_path / simulator.name / "shard-00000000.h5")
     with files["native"] as c, files["mjx"] as mjx:
         assert set(mjx) == set(c)
-        for name in hdf5.FIELDS:
+        for name in hdf5_fields.FIELDS:
             assert mjx[name].dtype == c[name].dtype
             assert dict(mjx[name].attrs) == dict(c[name].attrs)
             assert mjx[name].shape == c[name].shape

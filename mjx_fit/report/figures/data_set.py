@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
 from mjx_fit.config.schema import Config
+from mjx_fit.data.episode import UNKNOWN
 from mjx_fit.report.figures import style
 from mjx_fit.sensors.force_torque import touched
 from mjx_fit.types import Rollout
@@ -99,6 +100,8 @@ def forces_by_pair(data: Rollout, config: Config) -> Figure:
 def _pairs(data: Rollout, names: tuple[str, ...]) -> list[tuple[str, Bool[np.ndarray, "n"], bool]]:
     """Return the rows of a figure by pair: label, mask of its rollouts, and whether peg and hole match."""
     peg, hole = np.asarray(data.felt.peg_type), np.asarray(data.truth.hole_type)
+    if (hole == UNKNOWN).all():  # a robot's attempts
+        return [(name, peg == i, True) for i, name in enumerate(names)]
     if len(names) ** 2 <= MOST_ROWS:
         return [
             (f"{a} in {b}", (peg == i) & (hole == j), i == j)
