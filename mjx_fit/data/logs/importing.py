@@ -13,6 +13,7 @@ from mjx_fit.data.logs.cleaning import FROZEN_S, BadTime, bad_times, cleaned
 from mjx_fit.data.logs.consistency import inconsistencies
 from mjx_fit.data.logs.cutting import Span
 from mjx_fit.data.logs.findings import Finding
+from mjx_fit.data.logs.lateness import late_wrenches
 from mjx_fit.data.logs.log_map import LogMap
 from mjx_fit.data.logs.raw_log import RawLog
 from mjx_fit.data.logs.signals import FORCE_N, Signals, signals_of
@@ -26,6 +27,8 @@ from mjx_fit.utils.rates import ACTION_S
 
 MOST_M = 5.0
 """A TCP further than this from the origin is in other units."""
+MOST_COMMAND_M = 0.05
+"""So is a command, in the median, of a longer way than this in 0.1 s."""
 _OFF_GRID_S = 0.02
 
 
@@ -90,7 +93,7 @@ def import_log(path: Path, said: LogMap, config: Config) -> ImportedLog:
     spans: list[Span] = []
     if not _refused(findings):
         spans, cut = _cut(signals, raw, said)
-        findings += cut
+        findings += [*cut, *late_wrenches(signals, spans)]
     attempts = []
     for number, span in enumerate(spans):
         what = f"attempt {number if span.label is None else span.label}"
@@ -132,6 +135,11 @@ def _in_order(raw: RawLog, said: LogMap) -> tuple[RawLog, list[BadTime], list[Fi
 def _out_of_place(signals: Signals) -> list[Finding]:
     """Find positions in other units."""
     far = np.linalg.norm(signals.tip_pos_world, axis=1)
+    if signals.command_world is not None:
+        way = float(np.median(np.linalg.norm(signals.command_world, axis=1)))
+        if way > MOST_COMMAND_M:
+            text = f"command: {way:.4g} m in an action is too far: check command.length and command.kind"
+            return [Finding("refused", text, float(signals.pose_time_s[0]))]
     if np.median(far) <= MOST_M:
         return []
     text = (

@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from robot_logs import FORCE, PLACE, QUAT, TORQUE, map_of_table, recorded, table_of
+from robot_logs import COMMAND, FORCE, PLACE, QUAT, TORQUE, map_of_table, recorded, table_of
+from scipy.spatial.transform import Rotation
 from test_importing import compare, imported
 
 rng = np.random.default_rng(5)
@@ -208,3 +209,26 @@ def test_another_order_of_the_quaternion_is_refused(own, tmp_path):
     rows, said = table_of(own), map_of_table()
     said["pose"]["rotation"] = "quat_xyzw"
     assert imported(tmp_path, rows, said).refused
+
+
+def test_a_late_wrench_and_a_tilted_sensor_are_told(own, felt, tmp_path):
+    rows = table_of(own)
+    rows.loc[wrenches(rows), "time"] += 0.15
+    got = imported(tmp_path, rows.sort_values("time", kind="stable"))
+    assert got.refused
+    assert any("ms after the tool is stopped" in str(one) for one in got.findings)
+    for angle, severity in ((20, "noted"), (40, "refused")):
+        rows = table_of(own)
+        turn = Rotation.from_euler("y", angle, degrees=True)
+        for names in (FORCE, TORQUE):
+            rows.loc[wrenches(rows), names] = turn.apply(np.array(rows.loc[wrenches(rows), names]))
+        (line,) = [one for one in imported(tmp_path, rows).findings if "the force leans" in one.what]
+        assert line.severity == severity
+
+
+def test_commands_in_millimetres_are_refused(own, tmp_path):
+    rows = table_of(own)
+    rows[COMMAND] *= 1000
+    got = imported(tmp_path, rows)
+    assert got.refused
+    assert "check command.length" in got.findings[-1].what
