@@ -6,6 +6,7 @@ A map with a wrong sign, a wrong axis or a wrong unit gives numbers that look li
 - friction opposes motion, so the arm pushes to where the tool slides: F · v > 0 for each axis of the world;
 - the force acts at the peg's lower face, the lever L below the sensor: T_y grows by L with F_x, and T_x by -L
   with F_y;
+- a force at a point has no torque about its own line: T · F = 0;
 - in contact the tool points down;
 - friction that points everywhere leaves the force along the plate's normal on the mean, which is about that
   of the tool: a socket that leans by 5° changes it by 0.09.
@@ -36,7 +37,10 @@ LEAST_SLIDING = 15
 MOST_TILT_RAD = 0.6
 WRONG_SHARE = -0.1
 """Share of the lateral force along the motion from which on down an axis has the wrong sign."""
-MOST_TURNED_RAD = math.radians(60)
+TURNED_RAD, MOST_TURNED_RAD = math.radians(15), math.radians(40)
+"""Angle between lateral force and motion that is told, and that is refused."""
+LEAST_TWIST = -0.3
+"""Smallest slope of T_z over what the others say it is; 0.2 to 1 in good logs with the peg straight."""
 LEVERS = (0.2, 4.0)
 """Plausible levers, in units of that of the configuration."""
 LEANS, LEANS_TOO_MUCH = 0.25, 0.6
@@ -72,8 +76,8 @@ def inconsistencies(attempts: list[Felt], lever_m: float) -> list[Finding]:
     contact = Contact(*(np.concatenate([getattr(one, name) for one in parts]) for name in vars(parts[0])))
     if not len(contact.wrench):
         return [Finding("refused", f"wrench: no contact: no force of {TOUCH_N:g} N in any attempt")]
-    found = [*_upside_down(contact), *_pulls(contact), *_against_motion(contact), *_lever(contact, lever_m)]
-    return [*(Finding("refused", text) for text in found), *_leaning(contact)]
+    found = [*_upside_down(contact), *_pulls(contact), *_lever(contact, lever_m), *_twisted(contact)]
+    return [*(Finding("refused", text) for text in found), *_against_motion(contact), *_leaning(contact)]
 
 
 def contact_of(felt: Felt) -> Contact:
@@ -125,8 +129,8 @@ def _leaning(contact: Contact) -> list[Finding]:
     if share <= LEANS:
         return []
     text = (
-        f"wrench: the force leans by {math.degrees(math.atan(share)):.0f}° from straight up on the mean: right "
-        "for a socket that leans or a tool that rocks; otherwise check wrench.sensor_in_tool"
+        f"wrench: the force leans by {math.degrees(math.atan(share)):.0f}° from straight up on the mean: "
+        "right for a socket that leans or a tool that rocks; otherwise check wrench.sensor_in_tool"
     )
     return [Finding("refused" if share > LEANS_TOO_MUCH else "noted", text)]
 
@@ -138,27 +142,38 @@ def _directions(contact: Contact) -> tuple[Float[np.ndarray, "k 2"], Bool[np.nda
     return contact.slide_world[slides] / (ACTION_S * speed[slides, None]), slides
 
 
-def _against_motion(contact: Contact) -> list[str]:
+def _against_motion(contact: Contact) -> list[Finding]:
     """Compare the lateral force with the direction in which the tool slides."""
     along, slides = _directions(contact)
     if slides.sum() < LEAST_SLIDING:
         return []
     force = contact.force_world[slides, :2]
-    size = np.linalg.norm(force, axis=1).sum() + 1e-9
-    with_it = (force * along).sum() / size
-    across = (force[:, 1] * along[:, 0] - force[:, 0] * along[:, 1]).sum() / size
-    if math.hypot(with_it, across) > -WRONG_SHARE and abs(math.atan2(across, with_it)) > MOST_TURNED_RAD:
-        angle = math.degrees(math.atan2(across, with_it))
-        return [
-            f"wrench: lateral forces point {angle:.0f}° away from the motion that they cause: check the axes "
-            "of the sensor (wrench.sensor_in_tool), wrench.acts_on and pose.rotation"
-        ]
     shares = (force * along).sum(0) / (np.abs(force * along).sum(0) + 1e-9)
-    return [
-        f"wrench: the force along the world's {axis} opposes the motion: check the sign of that axis"
-        for axis, share in zip("xy", shares, strict=True)
-        if share < WRONG_SHARE
-    ]
+    wrong = [axis for axis, share in zip("xy", shares, strict=True) if share < WRONG_SHARE]
+    angle = math.atan2((force[:, 1] * along[:, 0] - force[:, 0] * along[:, 1]).sum(), (force * along).sum())
+    if len(wrong) == 1 and abs(angle) < math.pi / 2:
+        text = (
+            f"wrench: the force along the world's {wrong[0]} opposes the motion: check the sign of that axis"
+        )
+        return [Finding("refused", text)]
+    if abs(angle) <= TURNED_RAD:
+        return []
+    text = (
+        f"wrench: lateral forces point {math.degrees(angle):.0f}° away from the motion that they cause: "
+        "check the axes of the sensor (wrench.sensor_in_tool), wrench.acts_on and pose.rotation"
+    )
+    return [Finding("refused" if abs(angle) > MOST_TURNED_RAD else "noted", text)]
+
+
+def _twisted(contact: Contact) -> list[str]:
+    """Compare T_z with -(T_x F_x + T_y F_y) / F_z."""
+    force, torque = contact.wrench[:, :3], contact.wrench[:, 3:]
+    pressed = force[:, 2] > TOUCH_N
+    said = -(force[:, :2] * torque[:, :2]).sum(1)[pressed] / force[pressed, 2]
+    slope = (said * torque[pressed, 2]).sum() / ((said * said).sum() + 1e-12)
+    if slope >= LEAST_TWIST:
+        return []
+    return ["wrench: T_z has the opposite sign of what the other components say: check that of torques"]
 
 
 def _lever(contact: Contact, lever_m: float) -> list[str]:

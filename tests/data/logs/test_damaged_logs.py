@@ -146,6 +146,10 @@ def flipped_torque(rows, own):
     rows[TORQUE] *= -1
 
 
+def flipped_twist(rows, own):
+    rows["tz"] *= -1
+
+
 def swapped_axes(rows, own):
     rows[["fx", "fy", "tx", "ty"]] = rows[["fy", "fx", "ty", "tx"]].to_numpy()
 
@@ -184,6 +188,7 @@ def contact_from_the_first_sample_on(rows, own):
         (a_flipped_sign, "the arm pulls by"),
         (flipped_x, "F_x"),
         (flipped_y, "F_y"),
+        (flipped_twist, "T_z has the opposite sign"),
         (flipped_torque, "T_y changes with F_x as with a lever of -"),
         (swapped_axes, "wrench: "),
         (a_sensor_turned_by_90_degrees, "lateral forces point"),
