@@ -15,7 +15,8 @@ Each is told from all attempts of a log together. On simulated attempts with the
 lateral force along the motion is 0.5 to 1, and the lever 0.9 to 1.2 L; with a tool that rocks in a leaning
 socket, where walls push as well, 0.1 to 0.95 and 0.4 to 1.3 L (72 attempts in three worlds, 2026-12-01). The
 force without friction leans by up to 0.17 with the peg straight, and by 0.2 to 0.45 where the tool rocks
-(three attempts each).
+(three attempts each). So where beliefs are about upright sockets (``filter.coordinates``), and a log has
+three attempts, less is refused than where tools may lean.
 """
 
 import math
@@ -25,6 +26,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.spatial.transform import Rotation
 
+from mjx_fit.config.schema import Config
 from mjx_fit.data.logs.cutting import TOUCH_N
 from mjx_fit.data.logs.findings import Finding
 from mjx_fit.types import Felt
@@ -38,13 +40,14 @@ MOST_TILT_RAD = 0.6
 WRONG_SHARE = -0.1
 """Share of the lateral force along the motion from which on down an axis has the wrong sign."""
 TURNED_RAD, MOST_TURNED_RAD = math.radians(15), math.radians(40)
-"""Angle between lateral force and motion that is told, and that is refused."""
+"""Angle between lateral force and motion that is refused in upright worlds, and in any."""
 LEAST_TWIST = -0.3
 """Smallest slope of T_z over what the others say it is; 0.2 to 1 in good logs with the peg straight."""
 LEVERS = (0.2, 4.0)
 """Plausible levers, in units of that of the configuration."""
 LEANS, LEANS_TOO_MUCH = 0.25, 0.6
-"""Lateral force without friction, as a share of the press, that is told, and that is refused: 14° and 31°."""
+"""Lateral force without friction, as a share of the press: likewise, 14° and 31°."""
+ENOUGH_ATTEMPTS = 3
 LEAST_LATERAL_N = 0.5
 """Smallest standard deviation of a lateral force that tells the lever."""
 
@@ -68,16 +71,29 @@ class Contact:
     tilt_rad: Float[np.ndarray, "n"]
 
 
-def inconsistencies(attempts: list[Felt], lever_m: float) -> list[Finding]:
-    """Return what contradicts the laws of contact, over all attempts of a log."""
+def inconsistencies(attempts: list[Felt], config: Config) -> list[Finding]:
+    """Return what contradicts the laws of contact, over all attempts of a log.
+
+    Args:
+        attempts: The attempts, resampled.
+        config: Defines the length of the peg, and whether sockets may lean.
+    """
+    lever_m = config.scene.peg_length_m
+    enough = len(attempts) >= ENOUGH_ATTEMPTS
+    strict = enough and "roll" not in config.filter.coordinates
     parts = [contact_of(felt) for felt in attempts]
     if not parts:
         return []
     contact = Contact(*(np.concatenate([getattr(one, name) for one in parts]) for name in vars(parts[0])))
     if not len(contact.wrench):
         return [Finding("refused", f"wrench: no contact: no force of {TOUCH_N:g} N in any attempt")]
-    found = [*_upside_down(contact), *_pulls(contact), *_lever(contact, lever_m), *_twisted(contact)]
-    return [*(Finding("refused", text) for text in found), *_against_motion(contact), *_leaning(contact)]
+    found = [*_upside_down(contact), *_pulls(contact), *_lever(contact, lever_m)]
+    return [
+        *(Finding("refused", text) for text in found),
+        *_against_motion(contact, strict),
+        *(Finding("refused" if enough else "noted", text) for text in _twisted(contact)),
+        *_leaning(contact, enough, strict),
+    ]
 
 
 def contact_of(felt: Felt) -> Contact:
@@ -117,7 +133,7 @@ def _pulls(contact: Contact) -> list[str]:
     ]
 
 
-def _leaning(contact: Contact) -> list[Finding]:
+def _leaning(contact: Contact, enough: bool, strict: bool) -> list[Finding]:
     """Fit F_xy = N (a + B v/|v|): what is not friction, a, should be small."""
     along, slides = _directions(contact)
     if slides.sum() < LEAST_SLIDING:
@@ -132,7 +148,7 @@ def _leaning(contact: Contact) -> list[Finding]:
         f"wrench: the force leans by {math.degrees(math.atan(share)):.0f}° from straight up on the mean: "
         "right for a socket that leans or a tool that rocks; otherwise check wrench.sensor_in_tool"
     )
-    return [Finding("refused" if share > LEANS_TOO_MUCH else "noted", text)]
+    return [Finding("refused" if strict or (enough and share > LEANS_TOO_MUCH) else "noted", text)]
 
 
 def _directions(contact: Contact) -> tuple[Float[np.ndarray, "k 2"], Bool[np.ndarray, "n"]]:
@@ -142,12 +158,14 @@ def _directions(contact: Contact) -> tuple[Float[np.ndarray, "k 2"], Bool[np.nda
     return contact.slide_world[slides] / (ACTION_S * speed[slides, None]), slides
 
 
-def _against_motion(contact: Contact) -> list[Finding]:
+def _against_motion(contact: Contact, strict: bool) -> list[Finding]:
     """Compare the lateral force with the direction in which the tool slides."""
     along, slides = _directions(contact)
     if slides.sum() < LEAST_SLIDING:
         return []
+    # Directions alone: a peg that is caught in a hole pushes hard, and not where it moves.
     force = contact.force_world[slides, :2]
+    force = force / (np.linalg.norm(force, axis=1, keepdims=True) + 1e-9)
     shares = (force * along).sum(0) / (np.abs(force * along).sum(0) + 1e-9)
     wrong = [axis for axis, share in zip("xy", shares, strict=True) if share < WRONG_SHARE]
     angle = math.atan2((force[:, 1] * along[:, 0] - force[:, 0] * along[:, 1]).sum(), (force * along).sum())
@@ -162,7 +180,7 @@ def _against_motion(contact: Contact) -> list[Finding]:
         f"wrench: lateral forces point {math.degrees(angle):.0f}° away from the motion that they cause: "
         "check the axes of the sensor (wrench.sensor_in_tool), wrench.acts_on and pose.rotation"
     )
-    return [Finding("refused" if abs(angle) > MOST_TURNED_RAD else "noted", text)]
+    return [Finding("refused" if strict or abs(angle) > MOST_TURNED_RAD else "noted", text)]
 
 
 def _twisted(contact: Contact) -> list[str]:

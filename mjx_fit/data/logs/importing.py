@@ -101,7 +101,7 @@ def import_log(path: Path, said: LogMap, config: Config) -> ImportedLog:
             attempts.append(_attempt(signals, span, bad, peg, said, config))
         except RequestError as error:
             findings.append(Finding("left out", f"{what}: {error}", span.begin_s))
-    findings += inconsistencies([one.felt for one in attempts], config.scene.peg_length_m)
+    findings += inconsistencies([one.felt for one in attempts], config)
     if not attempts and not _refused(findings):
         findings.append(Finding("refused", "no attempt can be used"))
     told = ImportedLog(raw.name, tuple(attempts), tuple(findings))

@@ -11,8 +11,8 @@ from mjx_fit.data.logs.cutting import CLEAR_S, Span
 from mjx_fit.data.logs.findings import Finding
 from mjx_fit.data.logs.signals import Signals
 
-OFF_S, MOST_OFF_S = 0.045, 0.08
-"""Lateness that is told, and that is refused."""
+MOST_OFF_S = 0.045
+"""Largest lateness that is taken for that of poses."""
 AGREE_S = 0.05
 """Largest difference between attempts whose lateness is believed."""
 USUAL_S = -0.04
@@ -30,13 +30,13 @@ def late_wrenches(signals: Signals, spans: list[Span]) -> list[Finding]:
     if len(found) < LEAST_ATTEMPTS or np.ptp(found) > AGREE_S:
         return []
     off = float(np.median(found)) - USUAL_S
-    if abs(off) <= OFF_S:
+    if abs(off) <= MOST_OFF_S:
         return []
     side = "after" if off > 0 else "before"
     text = (
         f"wrench: forces begin {1000 * abs(off):.0f} ms {side} the tool is stopped: expected the same clock"
     )
-    return [Finding("refused" if abs(off) > MOST_OFF_S else "noted", text, spans[0].begin_s)]
+    return [Finding("refused", text, spans[0].begin_s)]
 
 
 def _lateness(signals: Signals, span: Span) -> float | None:
