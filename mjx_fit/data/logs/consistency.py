@@ -43,11 +43,13 @@ TURNED_RAD, MOST_TURNED_RAD = math.radians(15), math.radians(40)
 """Angle between lateral force and motion that is refused in upright worlds, and in any."""
 LEAST_TWIST = -0.3
 """Smallest slope of T_z over what the others say it is; 0.2 to 1 in good logs with the peg straight."""
-LEVERS = (0.2, 4.0)
-"""Plausible levers, in units of that of the configuration."""
+LEVERS, STRICT_LEVERS = (0.2, 2.2), (0.6, 1.6)
+"""Plausible levers, in units of that of the configuration; the latter in upright worlds."""
 LEANS, LEANS_TOO_MUCH = 0.25, 0.6
 """Lateral force without friction, as a share of the press: likewise, 14° and 31°."""
 ENOUGH_ATTEMPTS = 3
+LEAST_PRESS = 0.5
+"""Smallest share of the force along the tool, in the median: with a friction of 1.25 it is 0.62."""
 LEAST_LATERAL_N = 0.5
 """Smallest standard deviation of a lateral force that tells the lever."""
 
@@ -87,7 +89,11 @@ def inconsistencies(attempts: list[Felt], config: Config) -> list[Finding]:
     contact = Contact(*(np.concatenate([getattr(one, name) for one in parts]) for name in vars(parts[0])))
     if not len(contact.wrench):
         return [Finding("refused", f"wrench: no contact: no force of {TOUCH_N:g} N in any attempt")]
-    found = [*_upside_down(contact), *_pulls(contact), *_lever(contact, lever_m)]
+    found = [
+        *_upside_down(contact),
+        *_pulls(contact),
+        *_lever(contact, lever_m, STRICT_LEVERS if strict else LEVERS),
+    ]
     return [
         *(Finding("refused", text) for text in found),
         *_against_motion(contact, strict),
@@ -124,12 +130,18 @@ def _upside_down(contact: Contact) -> list[str]:
 
 
 def _pulls(contact: Contact) -> list[str]:
-    press = float(np.median(contact.wrench[:, 2]))
-    if press > 0:
+    press, size = contact.wrench[:, 2], np.linalg.norm(contact.wrench[:, :3], axis=1)
+    if np.median(press) <= 0:
+        return [
+            f"wrench: the arm pulls by {-np.median(press):.1f} N in contact, where it presses: check "
+            "wrench.acts_on, wrench.sensor_in_tool and the column of F_z"
+        ]
+    share = float(np.median(press / size))
+    if share >= LEAST_PRESS:
         return []
     return [
-        f"wrench: the arm pulls by {-press:.1f} N in contact, where it presses: check wrench.acts_on, "
-        "wrench.sensor_in_tool and the column of F_z"
+        f"wrench: F_z is {share:.2f} of the force in contact: expected at least {LEAST_PRESS}, since the arm "
+        "presses: check the columns of the force and wrench.sensor_in_tool"
     ]
 
 
@@ -194,7 +206,7 @@ def _twisted(contact: Contact) -> list[str]:
     return ["wrench: T_z has the opposite sign of what the other components say: check that of torques"]
 
 
-def _lever(contact: Contact, lever_m: float) -> list[str]:
+def _lever(contact: Contact, lever_m: float, plausible: tuple[float, float]) -> list[str]:
     """Compare torques with the lateral forces that cause them."""
     found = []
     away = contact.samples - contact.samples.mean(0)
@@ -203,7 +215,7 @@ def _lever(contact: Contact, lever_m: float) -> list[str]:
         if spread < LEAST_LATERAL_N:
             continue
         lever = sign * (away[:, force] * away[:, torque]).mean() / spread**2
-        if not LEVERS[0] <= lever / lever_m <= LEVERS[1]:
+        if not plausible[0] <= lever / lever_m <= plausible[1]:
             found.append(
                 f"wrench: {names[1]} changes with {names[0]} as with a lever of {1000 * lever:.3g} mm: "
                 f"expected about {1000 * lever_m:.0f} mm: check wrench.torque, the signs and "

@@ -2,8 +2,9 @@
 
 An attempt begins in free motion and ends when its contact is over. Contact is a force that differs by
 ``TOUCH_N`` from that of free motion, for at least ``TOUCH_S``. Spells of contact less than ``APART_S`` apart
-belong together. An attempt begins ``LEAD_S`` before its contact, or where the last one ends; its tare is the
-mean of the free motion from there to ``CLEAR_S`` before the contact.
+belong together. An attempt begins with its first command, or where a log without commands shows the tool set
+off from rest, at most ``LEAD_S`` before the contact and not before the last one; its tare is the mean of the
+free motion in that time, to ``CLEAR_S`` before the contact.
 """
 
 from typing import NamedTuple
@@ -28,6 +29,9 @@ LEAST_S = 3 * ACTION_S
 """Shortest attempt."""
 _BASELINE_S = 0.3
 """Free motion at the beginning of a log, where its force is known to be that of no contact."""
+_GRID_S = 0.002
+_STILL_M = 0.0002
+"""Longest way of a tool at rest in an action, m."""
 _STILL_N = 1.5
 """Largest standard deviation of the force there, each axis."""
 
@@ -71,12 +75,41 @@ def spans_of_contact(signals: Signals) -> tuple[list[Span], list[Finding]]:
     spans: list[_Candidate] = []
     before = float(time[0])
     for touch, leave in spells:
-        begin = max(before, touch - LEAD_S)
-        begin = touch - ACTION_S * np.floor((touch - begin) / ACTION_S + 1e-6)
-        end = min(leave + ACTION_S, float(time[-1]))
-        spans.append((begin, end, _free(begin, touch), None))
+        earliest = max(before, touch - LEAD_S)
+        begin = _sets_off(signals, earliest, touch)
+        end = _stops(signals, begin, leave)
+        spans.append((begin, end, _free(earliest, touch), None))
         before = leave
     return _long_enough(spans)
+
+
+def _stops(signals: Signals, begin: float, leave: float) -> float:
+    """Return the end of an attempt whose contact ends at ``leave``."""
+    if signals.command_time_s is not None:  # they say where actions are
+        return min(leave + ACTION_S, float(signals.wrench_time_s[-1]))
+    # A contact that ends within the last fifth of an action was that action's.
+    return begin + ACTION_S * np.floor((leave - begin) / ACTION_S + 0.2)
+
+
+def _sets_off(signals: Signals, earliest: float, touch: float) -> float:
+    """Return when the tool leaves its last place of rest before a contact; without one, ``earliest``."""
+    if signals.command_time_s is not None:  # they say where actions are
+        return earliest
+    time = np.arange(earliest, touch, _GRID_S)
+    at = np.column_stack([np.interp(time, signals.pose_time_s, one) for one in signals.tip_pos_world.T])
+    still = round(ACTION_S / _GRID_S)
+    if len(time) <= still:
+        return earliest
+    rests = np.linalg.norm(at[still:] - at[:-still], axis=1) < _STILL_M
+    if not rests.any():
+        return earliest
+    last = int(np.flatnonzero(rests)[-1])
+    here = np.median(at[last : last + still], axis=0)
+    away = np.linalg.norm(at - here, axis=1)
+    left = int(np.flatnonzero(away < _STILL_M)[-1])
+    ahead = min(left + still // 2, len(time) - 1)
+    speed = (away[ahead] - away[left]) / max(_GRID_S * (ahead - left), _GRID_S)
+    return float(time[left] - min(away[left] / max(speed, 1e-6), ACTION_S / 2))
 
 
 def _spells(time: Float[np.ndarray, "N"], force: Float[np.ndarray, "N 3"]) -> list[_Interval]:

@@ -71,7 +71,7 @@ class ImportedLog:
         return _refused(self.findings)
 
 
-def import_log(path: Path, said: LogMap, config: Config) -> ImportedLog:
+def import_log(path: Path | str, said: LogMap, config: Config) -> ImportedLog:
     """Read the attempts of a log.
 
     Args:
@@ -83,7 +83,7 @@ def import_log(path: Path, said: LogMap, config: Config) -> ImportedLog:
         RequestError: The file cannot be read or lacks a signal, or the map does not suit it. What is wrong
             with its samples is a finding.
     """
-    raw = read_raw(path, said)
+    raw = read_raw(Path(path), said)
     peg = _peg_of(said, config)
     raw, bad, findings = _in_order(raw, said)
     if _refused(findings):

@@ -41,17 +41,18 @@ class WrenchMap:
         force: Unit of forces.
         torque: Unit of torques.
         axes: Frame that the wrench is expressed in: ``sensor``, or the robot's ``base``.
-        sensor_in_tool: The sensor's frame in that of the tool at the TCP, whose z points away from the arm.
-            The position matters where the axes are those of the base, and for a load.
+        sensor_in_tool: The sensor's frame in that of the tool, whose origin is the TCP and whose z points
+            away from the arm: a sensor 0.1 m above the peg's lower face is at [0, 0, -0.1]. Torques are about
+            its origin, wherever its axes point.
         most_n: Range of the sensor, N: values beyond it are saturated.
     """
 
     source: Source
     acts_on: Literal["peg", "arm"]
+    sensor_in_tool: FrameMap
     force: Literal["N", "lbf"] = "N"
     torque: Literal["N m", "N mm", "lbf in"] = "N m"
     axes: Literal["sensor", "base"] = "sensor"
-    sensor_in_tool: FrameMap = FrameMap()
     most_n: Annotated[float, Field(ge=1, le=100_000)] = 300.0
 
 
@@ -68,7 +69,8 @@ class PoseMap:
         frame: Child frame to take from a topic of transforms.
         tool_in_pose: The frame of the tool in that of the logged pose. The tool's origin is the TCP, the
             centre of the peg's lower face; its z points along the peg, out of the hand.
-        base_in_world: The frame that poses are in, in the library's world: z up, 0 on the table.
+        base_in_world: The frame that poses are in, in the library's world: that of the robot's base, but with
+            z = 0 on the table. A base 0.2 m below the table top is at [0, 0, -0.2].
     """
 
     source: Source
@@ -178,13 +180,13 @@ class LogMap:
         return found
 
 
-def read_map(path: Path) -> LogMap:
+def read_map(path: Path | str) -> LogMap:
     """Read a map.
 
     Raises:
         RequestError: The file cannot be read, or a key or value is invalid.
     """
-    tree = read_tree(path)
+    tree = read_tree(Path(path))
     try:
         return TypeAdapter(LogMap).validate_json(json.dumps(tree, default=shown))
     except ValidationError as error:

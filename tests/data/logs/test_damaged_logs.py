@@ -156,6 +156,10 @@ def flipped_twist(rows, own):
     rows["tz"] *= -1
 
 
+def swapped_with_the_press(rows, own):
+    rows[["fx", "fz"]] = rows[["fz", "fx"]].to_numpy()
+
+
 def swapped_axes(rows, own):
     rows[["fx", "fy", "tx", "ty"]] = rows[["fy", "fx", "ty", "tx"]].to_numpy()
 
@@ -197,6 +201,7 @@ def contact_from_the_first_sample_on(rows, own):
         (flipped_twist, "T_z has the opposite sign"),
         (flipped_torque, "T_y changes with F_x as with a lever of -"),
         (swapped_axes, "wrench: "),
+        (swapped_with_the_press, "of the force in contact: expected at least 0.5"),
         (a_sensor_turned_by_90_degrees, "lateral forces point"),
         (newton_millimetres, "as with a lever of"),
         (mirrored_positions, "lateral forces point"),

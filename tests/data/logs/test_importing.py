@@ -143,3 +143,26 @@ def test_other_units_frames_and_signs_give_the_same(change, own, clean, tmp_path
     rows, said = table_of(own), map_of_table()
     change(rows, said)
     compare(imported(tmp_path, rows, said), [one.felt for one in clean.attempts], 1e-3, 1e-5)
+
+
+def test_without_commands_an_attempt_is_the_motion_from_rest_to_the_end_of_contact(attempts, tmp_path):
+    own = recorded(attempts, noise_n=0.02)
+    rows, said = table_of(own), map_of_table()
+    del said["command"]
+    got = imported(tmp_path, rows, said)
+    assert len(got.attempts) == len(attempts)
+    for one, (begin, end), felt in zip(got.attempts, own.attempts, attempts, strict=True):
+        assert abs(one.begin_s - begin) < 0.06
+        assert abs(one.end_s - end) < 0.11
+        n = min(int(one.felt.length), int(felt.length))
+        moved = np.diff(felt.trace.tip_pos_world[:n], axis=0)
+        same = np.abs(one.felt.trace.action_world[1:n] - moved)
+        assert np.median(same) < 0.001
+
+
+def test_a_sensor_elsewhere_than_the_map_says_is_refused(own, tmp_path):
+    rows, said = table_of(own), map_of_table()
+    said["wrench"]["sensor_in_tool"]["position_m"] = [0, 0, 0]
+    got = imported(tmp_path, rows, said)
+    assert got.refused
+    assert any("as with a lever of" in str(one) for one in got.findings)
