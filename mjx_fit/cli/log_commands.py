@@ -3,7 +3,7 @@
 import argparse
 from typing import TYPE_CHECKING
 
-from mjx_fit.cli.options import add_command, config_of, configurable
+from mjx_fit.cli.options import add_command, config_of, with_config
 from mjx_fit.cli.path_argument import path
 from mjx_fit.utils.errors import RequestError, WorkError
 
@@ -38,7 +38,7 @@ def add_log(parsers: argparse._SubParsersAction) -> None:
             metavar="MAP.yaml",
             help="topics or columns, units, frames, signs",
         )
-        configurable(parser)
+        with_config(parser)
     read.add_argument("--out", type=path, required=True, metavar="DIR", help="folder of the data set")
 
 

@@ -7,7 +7,7 @@ A map with a wrong sign, a wrong axis or a wrong unit gives numbers that look li
 - the force acts at the peg's lower face, the lever L below the sensor: T_y grows by L with F_x, and T_x by -L
   with F_y;
 - a force at a point has no torque about its own line: T · F = 0;
-- in contact the tool points down;
+- in contact the tool points down, and its TCP is at the plate or in a hole;
 - friction that points everywhere leaves the force along the plate's normal on the mean, which is about that
   of the tool: a socket that leans by 5° changes it by 0.09.
 
@@ -29,6 +29,7 @@ from scipy.spatial.transform import Rotation
 from mjx_fit.config.schema import Config
 from mjx_fit.data.logs.cutting import TOUCH_N
 from mjx_fit.data.logs.findings import Finding
+from mjx_fit.scene.parts import plate_top_m
 from mjx_fit.types import Felt
 from mjx_fit.utils.rates import ACTION_S
 
@@ -50,6 +51,8 @@ LEANS, LEANS_TOO_MUCH = 0.25, 0.6
 ENOUGH_ATTEMPTS = 3
 LEAST_PRESS = 0.5
 """Smallest share of the force along the tool, in the median: with a friction of 1.25 it is 0.62."""
+ABOVE_M = (-0.03, 0.02)
+"""Heights of the TCP above the plate in contact, in the median."""
 LEAST_LATERAL_N = 0.5
 """Smallest standard deviation of a lateral force that tells the lever."""
 
@@ -64,6 +67,7 @@ class Contact:
         force_world: Mean force in the axes of the world (n, 3).
         slide_world: Displacement of the TCP in the action, x and y (n, 2), m.
         tilt_rad: Angle between the tool and straight down (n,).
+        height_m: Height of the TCP (n,).
     """
 
     wrench: Float[np.ndarray, "n 6"]
@@ -71,6 +75,7 @@ class Contact:
     force_world: Float[np.ndarray, "n 3"]
     slide_world: Float[np.ndarray, "n 2"]
     tilt_rad: Float[np.ndarray, "n"]
+    height_m: Float[np.ndarray, "n"]
 
 
 def inconsistencies(attempts: list[Felt], config: Config) -> list[Finding]:
@@ -90,6 +95,7 @@ def inconsistencies(attempts: list[Felt], config: Config) -> list[Finding]:
     if not len(contact.wrench):
         return [Finding("refused", f"wrench: no contact: no force of {TOUCH_N:g} N in any attempt")]
     found = [
+        *_off_the_plate(contact, config),
         *_upside_down(contact),
         *_pulls(contact),
         *_lever(contact, lever_m, STRICT_LEVERS if strict else LEVERS),
@@ -116,7 +122,18 @@ def contact_of(felt: Felt) -> Contact:
         turns.apply(mean[:, :3])[touches],
         np.diff(position[:, :2], axis=0)[touches],
         np.arccos(np.clip(-turns.apply([0.0, 0.0, 1.0])[:, 2], -1, 1))[touches],
+        position[1:, 2][touches],
     )
+
+
+def _off_the_plate(contact: Contact, config: Config) -> list[str]:
+    above = float(np.median(contact.height_m)) - plate_top_m(config.scene)
+    if ABOVE_M[0] <= above <= ABOVE_M[1]:
+        return []
+    return [
+        f"pose: the TCP is {1000 * above:.0f} mm above the plate in contact: expected "
+        f"{1000 * ABOVE_M[0]:.0f} to {1000 * ABOVE_M[1]:.0f}: check pose.tool_in_pose and pose.base_in_world"
+    ]
 
 
 def _upside_down(contact: Contact) -> list[str]:

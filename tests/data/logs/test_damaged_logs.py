@@ -176,6 +176,10 @@ def scalar_last(rows, own):
     rows[QUAT] = rows[["qx", "qy", "qz", "qw"]].to_numpy()
 
 
+def a_hand_of_another_length(rows, own):
+    rows["z"] += 0.05
+
+
 def mirrored_positions(rows, own):
     rows["x"] = 1.0 - rows["x"]
 
@@ -204,6 +208,7 @@ def contact_from_the_first_sample_on(rows, own):
         (swapped_with_the_press, "of the force in contact: expected at least 0.5"),
         (a_sensor_turned_by_90_degrees, "lateral forces point"),
         (newton_millimetres, "as with a lever of"),
+        (a_hand_of_another_length, "mm above the plate in contact: expected -30 to 20"),
         (mirrored_positions, "lateral forces point"),
         (no_contact, "no contact"),
         (contact_from_the_first_sample_on, "expected free motion there"),
