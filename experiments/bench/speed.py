@@ -31,9 +31,9 @@ attempts = draw_attempts(jax.random.key(1), 2 * worlds, config=config)
 apart = np.flatnonzero(np.asarray(attempts.peg_type) != np.asarray(attempts.hole_type))[:worlds]
 attempts = jax.tree.map(lambda leaf: leaf[apart], attempts)
 run = make_engine(engine, config).run
-run(attempts, worlds)
+run(attempts)
 began = time.perf_counter()
-done = run(attempts, worlds)
+done = run(attempts)
 print(ACTION_S * float(np.sum(done.felt.length)) / (time.perf_counter() - began))
 """
 
