@@ -4,11 +4,11 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import pandas
 from robot_logs import COMMAND, FORCE, PLACE, QUAT, TORQUE, Recorded, table_of
 from scipy.spatial.transform import Rotation
 
-Rows = pandas.DataFrame
+Rows = Any
+"""A table of pandas, whose own types are too wide to be of use."""
 Damage = Callable[[Rows, Recorded, np.random.Generator], str]
 """Changes a table in place, and says by how much."""
 

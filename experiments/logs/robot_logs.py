@@ -61,6 +61,7 @@ def recorded(attempts: list[Felt], start_s: float = 100.0, noise_n: float = 0.0,
 def _poses(felt: Felt, n: int, now: float, begin: float) -> np.ndarray:
     """Return poses every 10 ms: at rest above the hole, in the attempt, and back up."""
     first = felt.start
+    assert first is not None
     at = np.concatenate([[np.asarray(first.pos_world)], np.asarray(felt.trace.tip_pos_world)[:n]]).astype(
         float
     )

@@ -122,6 +122,7 @@ def test_a_memory_of_another_configuration_is_refused(config):
     other = replace(config, particles=replace(config.particles, count=128))
     with pytest.raises(RequestError, match=r"memory.particles.values: float32 \(3, 64, .* floats \(3, 128, "):
         contact_memory.require_memory(beliefs, other)
+    assert beliefs.memory is not None
     halves = replace(beliefs.memory, count=jnp.full(3, 0.5))
     with pytest.raises(RequestError, match=r"memory.count: float32 \(3,\) is invalid: expected integers"):
         contact_memory.require_memory(replace(beliefs, memory=halves), config)

@@ -29,7 +29,9 @@ def config():
 
 @pytest.fixture(scope="module")
 def prior(config):
-    return jax.tree.map(jnp.asarray, prior_of(detected_belief(jnp.zeros(2), config), None, 1, config))
+    return jax.tree.map(
+        jnp.asarray, prior_of(detected_belief(jnp.zeros(2), config), None, jnp.int32(1), config)
+    )
 
 
 def of_part(config, i):

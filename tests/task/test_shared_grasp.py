@@ -178,6 +178,7 @@ def test_attempts_know_the_detection_however_often_the_belief_has_changed():
     detections, moved = np.asarray(trials.estimate_world), []
 
     def update(beliefs: Belief, felt, keys) -> Belief:
+        assert beliefs.memory is not None
         before = np.asarray(beliefs.memory.before.mean_world)
         apart = np.linalg.norm(detections - before[:, None], axis=-1)
         np.testing.assert_allclose(apart.min(1), 0, atol=1e-7)
@@ -190,4 +191,5 @@ def test_attempts_know_the_detection_however_often_the_belief_has_changed():
     assert max(moved) > 0.005
     remembers = replace(config, particles=replace(config.particles, remember=2))
     own = Table(remembers, tuple(m for m in methods.ASSEMBLY if m.name == "full"), trials, 0).next_try()
+    assert own is not None
     assert own.beliefs.memory is None

@@ -47,6 +47,7 @@ def test_the_data_set_holds_what_was_felt(folder, attempts):
         assert there.length == n
         for name in ("wrench_sensor", "tip_pos_world", "tip_quat_world", "action_world"):
             np.testing.assert_array_equal(getattr(there.trace, name)[:n], getattr(one.trace, name))
+        assert one.start is not None
         np.testing.assert_array_equal(there.start.pos_world, one.start.pos_world)
         np.testing.assert_array_equal(there.tare_sensor, one.tare_sensor)
         np.testing.assert_allclose(
