@@ -27,10 +27,11 @@ from mjx_fit.evaluation.scores import inside
 from mjx_fit.filters.updates import detected_belief
 from mjx_fit.report import script
 from mjx_fit.sensors.pose import start_of
+from mjx_fit.task.logged_attempt import padded
 from mjx_fit.types import Felt
 from mjx_fit.utils import numerics
 
-PER_LOG = 3
+PER_LOG, STEPS = 3, 120
 
 
 def main(out: Path, count: int, seed: int) -> None:
@@ -99,15 +100,10 @@ def compared(
 
 
 def posteriors(felt: list[Felt], update: Any) -> mf.Belief:
-    steps = 120
-
-    def pad(leaf: np.ndarray) -> np.ndarray:
-        return np.pad(leaf, [(0, steps - len(leaf)), *[(0, 0)] * (np.ndim(leaf) - 1)])
-
     # Always as many: one compilation.
     felt = [*felt, *[felt[0]] * (2 * PER_LOG - len(felt))]
-    padded = [replace(one, trace=jax.tree.map(lambda leaf: pad(np.asarray(leaf)), one.trace)) for one in felt]
-    batch = jax.tree.map(lambda *leaves: np.stack([np.asarray(leaf) for leaf in leaves]), *padded)
+    same = [padded(one, STEPS) for one in felt]
+    batch = jax.tree.map(lambda *leaves: np.stack([np.asarray(leaf) for leaf in leaves]), *same)
     prior = jax.tree.map(np.asarray, detected_belief(jnp.asarray(batch.estimate_world), mf.Config()))
     return update(prior, batch, jax.random.split(numerics.key(0), len(felt)))
 

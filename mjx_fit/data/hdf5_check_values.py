@@ -5,13 +5,15 @@ from dataclasses import replace
 import jax
 import numpy as np
 
-from mjx_fit.data.episode import UNKNOWN, Episode, happened
+from mjx_fit.data.episode import Episode, happened
 
 LARGEST = 1e12
 """Largest magnitude of a simulated value, whose square is still far below the largest float."""
 
 
-def require(episodes: Episode, first_episode: int, sequence: int, *, types: int, policies: int) -> None:
+def require(
+    episodes: Episode, first_episode: int, sequence: int, *, types: int, policies: int, known: bool = True
+) -> None:
     """Check that the values of a shard are valid.
 
     Args:
@@ -20,11 +22,12 @@ def require(episodes: Episode, first_episode: int, sequence: int, *, types: int,
         sequence: Number of consecutive attempts at one hole.
         types: Number of shapes.
         policies: Number of policies that the index may refer to.
+        known: Whether the shard has the truth, which a robot's has not.
 
     Raises:
         ValueError: A value is invalid; the message names the field and the episode.
     """
-    if (np.asarray(episodes.rollout.truth.hole_type) == UNKNOWN).all():  # a robot's: nothing to check
+    if not known:
         truth = jax.tree.map(np.zeros_like, episodes.rollout.truth)
         truth = replace(truth, valid=np.ones_like(truth.valid))
         episodes = replace(episodes, rollout=replace(episodes.rollout, truth=truth))

@@ -2,6 +2,7 @@
 
 import errno
 import os
+from collections import Counter
 from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any
@@ -172,9 +173,11 @@ def describe(folder: Path) -> dict[str, Any]:
 
 def _logs(manifest: Manifest, felt: Felt) -> dict[str, Any]:
     """Return what is known of a robot's attempts."""
-    count = np.bincount(felt.peg_type, minlength=len(manifest.shapes))
+    count, logs = np.bincount(felt.peg_type, minlength=len(manifest.shapes)), Counter()
+    for log in manifest.request["logs"]:  # files in several folders may share a name
+        logs[log["name"]] += len(log["attempts"])
     return {
-        "logs": {log["name"]: len(log["attempts"]) for log in manifest.request["logs"]},
+        "logs": dict(logs),
         "pegs": {name: int(n) for name, n in zip(manifest.shapes, count, strict=True) if n},
     }
 

@@ -7,7 +7,7 @@ A map with a wrong sign, a wrong axis or a wrong unit gives numbers that look li
 - the force acts at the peg's lower face, the lever L below the sensor: T_y grows by L with F_x, and T_x by -L
   with F_y;
 - a force at a point has no torque about its own line: T · F = 0;
-- in contact the tool points down, and its TCP is at the plate or in a hole;
+- a tool in contact points down, and its TCP is at the plate or in a hole;
 - friction that points everywhere leaves the force along the plate's normal on the mean, which is about that
   of the tool: a socket that leans by 5° changes it by 0.09.
 

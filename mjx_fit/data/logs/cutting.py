@@ -146,7 +146,11 @@ def _merged(time: Float[np.ndarray, "N"], away: Bool[np.ndarray, "N"]) -> list[_
 
 
 def spans_of_labels(signals: Signals, labels: Labels) -> tuple[list[Span], list[Finding]]:
-    """Cut where the label changes."""
+    """Cut where the label changes; samples without a label do not change it."""
+    has_one = labels.values == labels.values  # not NaN
+    labels = Labels(labels.time_s[has_one], labels.values[has_one])
+    if not len(labels.values):
+        return [], [Finding("refused", "attempts: no sample has a label")]
     order = np.argsort(labels.time_s, kind="stable")
     time, values = labels.time_s[order], labels.values[order]
     change = np.flatnonzero(np.concatenate([[True], values[1:] != values[:-1]]))

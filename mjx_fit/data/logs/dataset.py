@@ -1,6 +1,7 @@
 """Write the attempts of logs as a data set, in which nobody knows types and places of holes."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import jax
@@ -15,7 +16,8 @@ from mjx_fit.data.manifest import ROBOT
 from mjx_fit.data.schedule import stored_policies
 from mjx_fit.data.writer import Writer, new_manifest, new_shard
 from mjx_fit.filters.updates import detected_belief
-from mjx_fit.types import Felt, Rollout, StartPose
+from mjx_fit.task.logged_attempt import padded
+from mjx_fit.types import Felt, Rollout
 from mjx_fit.utils import files
 from mjx_fit.utils.errors import RequestError
 
@@ -74,7 +76,7 @@ def _told(log: ImportedLog, path: Path) -> dict[str, object]:
 
 
 def _episodes(attempts: list[LoggedAttempt], first: int, steps: int, config: Config) -> Episode:
-    felt = [_padded(one.felt, steps) for one in attempts]
+    felt = [padded(one.felt, steps) for one in attempts]
     stacked: Felt = jax.tree.map(lambda *leaves: np.stack(leaves), *felt)
     ids, n = first + np.arange(len(felt)), len(felt)
     d = len(config.filter.coordinates)
@@ -87,27 +89,5 @@ def _episodes(attempts: list[LoggedAttempt], first: int, steps: int, config: Con
         number=np.zeros(n, int),
         policy=np.full(n, stored_policies(ROBOT).index(ROBOT), np.int32),
         estimate_cov=np.asarray(belief.cov, np.float32),
-        rollout=Rollout(_with_estimate(stacked, estimate), unknown_truth(n, config)),
-    )
-
-
-def _with_estimate(felt: Felt, estimate: np.ndarray) -> Felt:
-    return Felt(felt.trace, felt.length, felt.tare_sensor, estimate, felt.peg_type, felt.start)
-
-
-def _padded(felt: Felt, steps: int) -> Felt:
-    rows = steps - int(felt.length)
-
-    def pad(leaf: np.ndarray) -> np.ndarray:
-        return np.pad(leaf, [(0, rows), *[(0, 0)] * (leaf.ndim - 1)])
-
-    assert felt.start is not None
-    start = StartPose(*(np.asarray(leaf, np.float32) for leaf in vars(felt.start).values()))
-    return Felt(
-        jax.tree.map(pad, felt.trace),
-        felt.length,
-        felt.tare_sensor,
-        felt.estimate_world,
-        felt.peg_type,
-        start,
+        rollout=Rollout(replace(stacked, estimate_world=estimate), unknown_truth(n, config)),
     )

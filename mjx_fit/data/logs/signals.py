@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation, Slerp
 
+from mjx_fit.control.operational_space import GRAVITY_MPS2
 from mjx_fit.data.logs.log_map import FrameMap, LogMap
 from mjx_fit.data.logs.raw_log import RawLog, Stream
 from mjx_fit.utils.errors import RequestError
@@ -13,7 +14,6 @@ from mjx_fit.utils.errors import RequestError
 FORCE_N = {"N": 1.0, "lbf": 4.4482216152605}
 _TORQUE_NM = {"N m": 1.0, "N mm": 1e-3, "lbf in": 0.1129848290276167}
 _METRES = {"m": 1.0, "mm": 1e-3}
-GRAVITY_MPS2 = 9.81
 LEAST_NORM, MOST_NORM = 0.98, 1.02
 """Range of a quaternion's norm, which is rounded where a log has few digits."""
 

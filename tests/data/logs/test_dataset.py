@@ -1,6 +1,7 @@
 """Data sets of robots: what is written is what was felt, and what needs the truth is refused."""
 
 import json
+from dataclasses import replace
 
 import h5py
 import jax
@@ -11,7 +12,7 @@ from robot_logs import map_of_table, recorded, table_of
 
 import mjx_fit as mf
 from mjx_fit.cli import main
-from mjx_fit.data import reader
+from mjx_fit.data import hdf5_check_values, reader
 from mjx_fit.data.episode import UNKNOWN
 from mjx_fit.data.logs import import_log, read_map
 
@@ -113,3 +114,13 @@ def test_the_same_logs_resume_and_others_are_refused(folder, tmp_path, capsys):
     assert main.main(words(tmp_path, tmp_path / "data")) == 2
     assert "one.csv: refused: wrench: the arm pulls by" in capsys.readouterr().err
     assert not (tmp_path / "data").exists()
+
+
+def test_a_simulated_shard_does_not_pass_for_a_robots(folder):
+    """Types that nobody knows are a robot's alone."""
+    data = reader.load(folder / "data")
+    truth = replace(data.rollout.truth, hole_pos_world=np.zeros((3, 2), np.float32))
+    simulated = replace(data, rollout=replace(data.rollout, truth=truth))
+    with pytest.raises(ValueError, match="hole_type of episode 0: -1 is invalid: expected 0 to 2"):
+        hdf5_check_values.require(simulated, 0, 1, types=3, policies=3)
+    hdf5_check_values.require(data, 0, 1, types=3, policies=3, known=False)

@@ -9,6 +9,8 @@ from scipy.spatial.transform import Rotation, Slerp
 import mjx_fit as mf
 from mjx_fit.data.logs.importing import import_log
 from mjx_fit.data.logs.log_map import read_map
+from mjx_fit.data.logs.raw_log import RawLog, Stream
+from mjx_fit.data.logs.signals import signals_of
 
 CONFIG = mf.Config()
 
@@ -166,3 +168,39 @@ def test_a_sensor_elsewhere_than_the_map_says_is_refused(own, tmp_path):
     got = imported(tmp_path, rows, said)
     assert got.refused
     assert any("as with a lever of" in str(one) for one in got.findings)
+
+
+def test_the_weight_of_a_load_is_taken_out_as_the_tool_turns(tmp_path):
+    """A tool in free space, in many orientations: the wrench is the weight of the load, and a bias."""
+    turns = Rotation.random(30, random_state=0)
+    centre, mount = np.array([0.01, -0.02, 0.03]), Rotation.from_euler("z", 40, degrees=True)
+    up = (turns * mount).inv().apply([0.0, 0.0, 1.5 * 9.81])  # what holds 1.5 kg, in the sensor's axes
+    bias = np.array([1.0, -2.0, 3.0, 0.1, 0.2, -0.3])
+    wrench = np.hstack([up, np.cross(centre, up)]) + bias
+    time = np.arange(30.0)
+    pose = np.hstack([np.tile([0.5, 0.0, 0.3], (30, 1)), turns.as_quat()])
+    raw = RawLog("x", {"wrench": Stream(time, wrench), "pose": Stream(time, pose)}, quaternions_xyzw=True)
+    said = map_of_table()
+    said["wrench"]["sensor_in_tool"]["rpy_deg"] = [0, 0, 40]
+    (tmp_path / "map.yaml").write_text(yaml.safe_dump(said))
+    heavy = signals_of(raw, read_map(tmp_path / "map.yaml"), 0.07).wrench_sensor
+    assert heavy.std(0).max() > 5
+    said["load"] = {"mass_kg": 1.5, "centre_m": centre.tolist()}
+    (tmp_path / "map.yaml").write_text(yaml.safe_dump(said))
+    light = signals_of(raw, read_map(tmp_path / "map.yaml"), 0.07).wrench_sensor
+    want = np.concatenate([mount.apply(bias[:3]), mount.apply(bias[3:])])
+    np.testing.assert_allclose(light, np.tile(want, (30, 1)), atol=1e-9)
+
+
+def test_a_column_of_labels_cuts_and_needs_one(attempts, own, clean, tmp_path):
+    rows, said = table_of(own), map_of_table()
+    said["attempts"] = {"by": "column", "source": "trial", "peg": "cross"}
+    rows["trial"] = None
+    with_none = imported(tmp_path, rows, said)
+    assert with_none.refused
+    assert "no sample has a label" in str(with_none.findings[-1])
+    for name, (begin, end) in zip("abc", own.attempts, strict=True):
+        rows.loc[rows["time"].between(begin - 0.5, end), "trial"] = name
+    got = imported(tmp_path, rows, said)
+    assert [one.label for one in got.attempts] == ["a", "b", "c"]
+    compare(got, [one.felt for one in clean.attempts], 1e-3, 1e-5)

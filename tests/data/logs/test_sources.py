@@ -162,6 +162,9 @@ def test_a_missing_or_foreign_file_is_refused(own, tmp_path):
         with pytest.raises(RequestError, match=message) as error:
             read_raw(path, said)
         assert "\n" not in str(error.value)
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(RequestError, match="folder"):
+        read_raw(tmp_path / "folder", said)
     rows = table_of(own).astype(object)
     rows.loc[5, "fx"] = "three"
     rows.to_csv(tmp_path / "log.csv", index=False)

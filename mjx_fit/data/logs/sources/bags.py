@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from mjx_fit.data.logs.log_map import LogMap
-from mjx_fit.data.logs.raw_log import Labels, RawLog, Stream
-from mjx_fit.data.logs.time_units import SECONDS
+from mjx_fit.data.logs.raw_log import SECONDS, Labels, RawLog, Stream
 from mjx_fit.utils.errors import RequestError, shortened, shown
 
 try:
