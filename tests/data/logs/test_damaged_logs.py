@@ -1,5 +1,7 @@
 """Damaged logs and wrong maps: each is refused in one line, or what is accepted is what was felt."""
 
+from dataclasses import replace
+
 import jax
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ from test_importing import compare, imported
 import mjx_fit as mf
 from mjx_fit.config.files import read_config
 from mjx_fit.config.worlds import world_file
-from mjx_fit.data.logs.consistency import inconsistencies
+from mjx_fit.data.logs.consistency import Contact, _against_motion, inconsistencies
 
 rng = np.random.default_rng(5)
 
@@ -266,3 +268,19 @@ def test_commands_in_millimetres_are_refused(own, tmp_path):
     got = imported(tmp_path, rows)
     assert got.refused
     assert "check command.length" in got.findings[-1].what
+
+
+def test_a_peg_that_is_caught_pushes_hard_and_is_no_wrong_axis():
+    """Directions count, not sizes: 35 actions of sliding outweigh five of pushing against a wall."""
+    turn = np.linspace(0, 4 * np.pi, 40)
+    along = np.column_stack([np.cos(turn), np.sin(turn)])
+    across = along @ np.array([[0.0, 1.0], [-1.0, 0.0]])
+    caught = (np.arange(40) % 8 == 0)[:, None]
+    lateral = np.where(caught, 60 * across, 3 * along)
+    force = np.column_stack([lateral, np.full(40, -8.0)])
+    wrench = np.hstack([force, np.zeros((40, 3))])
+    contact = Contact(wrench, wrench, force, 0.001 * along, np.zeros(40), np.zeros(40))
+    assert _against_motion(contact, strict=False) == []
+    turned = replace(contact, force_world=np.column_stack([across, np.full(40, -8.0)]))
+    (line,) = _against_motion(turned, strict=False)
+    assert line.severity == "refused"
