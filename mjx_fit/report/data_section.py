@@ -28,9 +28,10 @@ def of_dataset(slug: str, folder: Path) -> Section:
     asked = config_from_stored(manifest.request["config"])
     if not len(data.felt.length):
         raise RequestError(f"report: {folder} contains no valid interaction: nothing to show")
+    robots = manifest.request["engine"] == ROBOT
     forces: Drawing = (
         "forces",
-        "Contact force by pair: median (dot), middle 50 % (bar) and middle 90 % (line) of the samples "
+        f"Contact force by {'peg' if robots else 'pair'}: median (dot), middle 50 % (bar) and middle 90 % (line) of the samples "
         "of actions with contact, moments without contact included.",
         lambda: data_set.forces_by_pair(data, asked),
     )
@@ -46,7 +47,7 @@ def of_dataset(slug: str, folder: Path) -> Section:
             lambda: data_set.interaction_lengths(data, manifest.shapes),
         ),
     ]
-    shown: list[Drawing] = [forces] if manifest.request["engine"] == ROBOT else [*of_truth, forces]
+    shown: list[Drawing] = [forces] if robots else [*of_truth, forces]
     pictures = pictures_of(slug, shown)
     config = yaml.safe_dump(manifest.request["config"], sort_keys=False)
     title, facts = f"Data set: {folder.resolve().name}", _data_facts(folder)

@@ -101,7 +101,7 @@ def _pairs(data: Rollout, names: tuple[str, ...]) -> list[tuple[str, Bool[np.nda
     """Return the rows of a figure by pair: label, mask of its rollouts, and whether peg and hole match."""
     peg, hole = np.asarray(data.felt.peg_type), np.asarray(data.truth.hole_type)
     if (hole == UNKNOWN).all():  # a robot's attempts
-        return [(name, peg == i, True) for i, name in enumerate(names)]
+        return [(name, peg == i, True) for i, name in enumerate(names) if (peg == i).any()]
     if len(names) ** 2 <= MOST_ROWS:
         return [
             (f"{a} in {b}", (peg == i) & (hole == j), i == j)

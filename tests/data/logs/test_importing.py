@@ -172,7 +172,7 @@ def test_a_sensor_elsewhere_than_the_map_says_is_refused(own, tmp_path):
 
 def test_the_weight_of_a_load_is_taken_out_as_the_tool_turns(tmp_path):
     """A tool in free space, in many orientations: the wrench is the weight of the load, and a bias."""
-    turns = Rotation.random(30, random_state=0)
+    turns = Rotation.from_rotvec(np.random.default_rng(0).normal(size=(30, 3)))
     centre, mount = np.array([0.01, -0.02, 0.03]), Rotation.from_euler("z", 40, degrees=True)
     up = (turns * mount).inv().apply([0.0, 0.0, 1.5 * 9.81])  # what holds 1.5 kg, in the sensor's axes
     bias = np.array([1.0, -2.0, 3.0, 0.1, 0.2, -0.3])
