@@ -31,8 +31,8 @@ def of_dataset(slug: str, folder: Path) -> Section:
     robots = manifest.request["engine"] == ROBOT
     forces: Drawing = (
         "forces",
-        f"Contact force by {'peg' if robots else 'pair'}: median (dot), middle 50 % (bar) and middle 90 % (line) of the samples "
-        "of actions with contact, moments without contact included.",
+        f"Contact force by {'peg' if robots else 'pair'}: median (dot), middle 50 % (bar) and middle 90 % "
+        "(line) of the samples of actions with contact, moments without contact included.",
         lambda: data_set.forces_by_pair(data, asked),
     )
     of_truth: list[Drawing] = [
