@@ -6,7 +6,7 @@ from dataclasses import fields, replace
 from mjx_fit.cli.options import SEEK, add_command, config_of, configurable, policy_of, simulating, with_policy
 from mjx_fit.cli.output import show
 from mjx_fit.cli.path_argument import path, run_path
-from mjx_fit.utils.errors import WorkError
+from mjx_fit.utils.errors import RequestError, WorkError
 
 # Each command imports its own dependencies, so that `mjx-fit --help` answers immediately.
 
@@ -61,10 +61,14 @@ def add_data(parsers: argparse._SubParsersAction) -> None:
     merge = add_command(whats, "merge", data_merge, "join parts made with --num-shards", resumes=True)
     merge.add_argument("folders", type=path, nargs="+", metavar="DIR")
     merge.add_argument("--out", type=path, required=True, metavar="DIR")
-    export = add_command(whats, "export", data_export, "convert a data set to one file for other tools")
+    export = add_command(whats, "export", data_export, "convert a data set to files of other tools")
     export.add_argument("folder", type=path, metavar="DIR")
     export.add_argument(
-        "--out", type=path, required=True, metavar="FILE", help=".npz, or .hdf5 in robomimic's layout"
+        "--out",
+        type=path,
+        required=True,
+        metavar="OUT",
+        help=".npz, .hdf5 (robomimic), .mcap (ROS 2, Foxglove), or the name of a folder (LeRobot v3)",
     )
 
 
@@ -142,7 +146,10 @@ def data_merge(args: argparse.Namespace) -> None:
 
 def data_export(args: argparse.Namespace) -> None:
     """Run ``data export``."""
-    from mjx_fit.data.export import export
+    from mjx_fit.data.exports import export
 
-    export(args.folder, args.out)
-    print(args.out)
+    try:
+        written = export(args.folder, args.out)
+    except ImportError as error:
+        raise RequestError(str(error)) from None
+    print(*written, sep="\n")

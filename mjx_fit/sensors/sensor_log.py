@@ -150,8 +150,9 @@ def action_times(command_time_s: Float[np.ndarray, "J"]) -> Float[np.ndarray, "J
 
 def require_covered(name: str, time: Float[np.ndarray, "n"], first: float, last: float) -> None:
     """Check that samples from ``first`` to ``last`` (s) have no gap too long to interpolate."""
-    inside = time[(time > first) & (time < last)]
-    before, after = time[time <= first][-1:], time[time >= last][:1]
+    slack = SLACK * ACTION_S  # clocks of logs are rounded
+    inside = time[(time > first + slack) & (time < last - slack)]
+    before, after = time[time <= first + slack][-1:], time[time >= last - slack][:1]
     ends = (before if len(before) else [first]), (after if len(after) else [last])
     marks = np.concatenate([ends[0], inside, ends[1]])
     gap = np.diff(marks)

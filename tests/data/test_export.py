@@ -12,7 +12,7 @@ from collecting import Collector
 
 from mjx_fit.config.schema import Config
 from mjx_fit.data import hdf5, hdf5_fields, reader
-from mjx_fit.data.export import export
+from mjx_fit.data.exports import export
 from mjx_fit.data.manifest import read_manifest, write_manifest
 from mjx_fit.data.split import split_sequences
 from mjx_fit.utils.errors import RequestError

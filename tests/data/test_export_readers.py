@@ -14,7 +14,7 @@ from collecting import Collector
 from places import TESTS
 
 from mjx_fit.data import reader
-from mjx_fit.data.export import export
+from mjx_fit.data.exports import export
 
 READER = TESTS / "robomimic_reader.py"
 NEEDS = ("robomimic==0.3.0", "torch==2.13.0", "h5py>=3.12,<4", "numpy>=2.0,<3")

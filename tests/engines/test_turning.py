@@ -15,7 +15,7 @@ from mjx_fit.control.kinematics import STRAIGHT_DOWN, turned_down
 from mjx_fit.control.policies import Policy, PolicyInput
 from mjx_fit.control.policy_file import require_policy
 from mjx_fit.data.collect import collect
-from mjx_fit.data.export import export
+from mjx_fit.data.exports import export
 from mjx_fit.data.manifest import read_manifest
 from mjx_fit.data.plan import Plan
 from mjx_fit.data.reader import load

@@ -15,7 +15,7 @@ from mjx_fit.data.logs.raw_log import Stream
 
 MOST_LATE_S = 0.05
 """Longest time by which a sample may come after a later one."""
-LEAST_HZ = {"wrench": 90.0, "pose": 9.0, "command": 5.0}
+LEAST_HZ = {"wrench": 90.0, "pose": 9.0, "command": 5.0, "twist": 9.0}
 """Lowest mean rates: those of 100 and 10 Hz, a little late."""
 FROZEN_S = 0.1
 """A wrench that does not change at all for so long comes from a sensor that has stopped."""

@@ -146,7 +146,10 @@ def _merged(time: Float[np.ndarray, "N"], away: Bool[np.ndarray, "N"]) -> list[_
 
 
 def spans_of_labels(signals: Signals, labels: Labels) -> tuple[list[Span], list[Finding]]:
-    """Cut where the label changes; samples without a label do not change it."""
+    """Cut where the label changes; samples without a label do not change it.
+
+    A negative number or an empty text is the label of what is no attempt.
+    """
     has_one = labels.values == labels.values  # not NaN
     labels = Labels(labels.time_s[has_one], labels.values[has_one])
     if not len(labels.values):
@@ -155,8 +158,16 @@ def spans_of_labels(signals: Signals, labels: Labels) -> tuple[list[Span], list[
     time, values = labels.time_s[order], labels.values[order]
     change = np.flatnonzero(np.concatenate([[True], values[1:] != values[:-1]]))
     ends = np.append(time[change[1:]], max(float(time[-1]), _last(signals)))
-    spans = [(float(time[i]), float(end), str(values[i])) for i, end in zip(change, ends, strict=True)]
+    spans = [
+        (float(time[i]), float(end), str(values[i]))
+        for i, end in zip(change, ends, strict=True)
+        if not _means_none(values[i])
+    ]
     return _long_enough([(begin, end, _free_of(signals, begin, end), label) for begin, end, label in spans])
+
+
+def _means_none(label: str | float) -> bool:
+    return label == "" if isinstance(label, str) else label < 0
 
 
 def whole(signals: Signals) -> tuple[list[Span], list[Finding]]:

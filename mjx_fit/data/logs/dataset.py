@@ -79,9 +79,8 @@ def _episodes(attempts: list[LoggedAttempt], first: int, steps: int, config: Con
     felt = [padded(one.felt, steps) for one in attempts]
     stacked: Felt = jax.tree.map(lambda *leaves: np.stack(leaves), *felt)
     ids, n = first + np.arange(len(felt)), len(felt)
-    d = len(config.filter.coordinates)
-    estimate = np.zeros((n, d), np.float32)
-    estimate[:, :2] = np.asarray(stacked.estimate_world)[:, :2]
+    said = np.asarray(stacked.estimate_world)
+    estimate = np.pad(said, ((0, 0), (0, len(config.filter.coordinates) - said.shape[1])))
     belief = detected_belief(jnp.asarray(estimate), config)
     return Episode(
         episode=ids,

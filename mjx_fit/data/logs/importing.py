@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from mjx_fit.config.schema import Config
 from mjx_fit.data.logs import cutting
+from mjx_fit.data.logs.attempt_facts import AttemptFacts, facts_of
 from mjx_fit.data.logs.cleaning import FROZEN_S, BadTime, bad_times, cleaned
 from mjx_fit.data.logs.consistency import inconsistencies
 from mjx_fit.data.logs.cutting import Span
@@ -18,11 +19,11 @@ from mjx_fit.data.logs.log_map import LogMap
 from mjx_fit.data.logs.raw_log import RawLog
 from mjx_fit.data.logs.signals import FORCE_N, Signals, signals_of
 from mjx_fit.data.logs.sources import read_raw
-from mjx_fit.scene.robot import ROBOTS
+from mjx_fit.scene.robot import ROBOTS, Robot
 from mjx_fit.sensors.resampling import felt_from_log
 from mjx_fit.sensors.sensor_log import SensorLog
 from mjx_fit.types import Felt
-from mjx_fit.utils.errors import RequestError, shown
+from mjx_fit.utils.errors import RequestError
 from mjx_fit.utils.rates import ACTION_S
 
 MOST_M = 5.0
@@ -30,6 +31,8 @@ MOST_M = 5.0
 MOST_COMMAND_M = 0.05
 """So is a command, in the median, of a longer way than this in 0.1 s."""
 _OFF_GRID_S = 0.02
+_BEFORE_S = 1e-5
+"""The first wrench of an action is no part of the rest before it."""
 
 
 @dataclass(frozen=True)
@@ -84,11 +87,11 @@ def import_log(path: Path | str, said: LogMap, config: Config) -> ImportedLog:
             with its samples is a finding.
     """
     raw = read_raw(Path(path), said)
-    peg = _peg_of(said, config)
     raw, bad, findings = _in_order(raw, said)
     if _refused(findings):
         return ImportedLog(raw.name, (), tuple(findings))
     signals = signals_of(raw, said, config.scene.peg_length_m)
+    facts = facts_of(raw, said, config)
     findings += _out_of_place(signals)
     spans: list[Span] = []
     if not _refused(findings):
@@ -98,7 +101,7 @@ def import_log(path: Path | str, said: LogMap, config: Config) -> ImportedLog:
     for number, span in enumerate(spans):
         what = f"attempt {number if span.label is None else span.label}"
         try:
-            attempts.append(_attempt(signals, span, bad, peg, said, config))
+            attempts.append(_attempt(signals, span, bad, facts, ROBOTS[config.scene.robot]))
         except RequestError as error:
             findings.append(Finding("left out", f"{what}: {error}", span.begin_s))
     findings += inconsistencies([one.felt for one in attempts], config)
@@ -112,19 +115,13 @@ def _refused(findings: Iterable[Finding]) -> bool:
     return any(one.severity == "refused" for one in findings)
 
 
-def _peg_of(said: LogMap, config: Config) -> int:
-    name, names = said.attempts.peg, config.scene.names
-    if name is None:
-        raise RequestError(f"map: attempts.peg: it is missing: expected one of {', '.join(names)}")
-    if name not in names:
-        raise RequestError(f"map: attempts.peg: {shown(name)} is invalid: expected one of {', '.join(names)}")
-    return names.index(name)
-
-
 def _in_order(raw: RawLog, said: LogMap) -> tuple[RawLog, list[BadTime], list[Finding]]:
     """Return the log with its samples in order, times at which the wrench is wrong, and what was found."""
     streams, findings, bad = {}, [], []
     for name, stream in raw.streams.items():
+        if name == "estimate":  # one for each attempt
+            streams[name] = stream
+            continue
         streams[name], found = cleaned(name, stream)
         findings += found
     if not _refused(findings):
@@ -150,21 +147,25 @@ def _out_of_place(signals: Signals) -> list[Finding]:
 
 
 def _cut(signals: Signals, raw: RawLog, said: LogMap) -> tuple[list[Span], list[Finding]]:
-    if said.attempts.by == "contact":
-        return cutting.spans_of_contact(signals)
-    if said.attempts.by == "file":
-        return cutting.whole(signals)
-    assert raw.labels is not None
-    return cutting.spans_of_labels(signals, raw.labels)
+    match said.attempts.by:
+        case "contact":
+            spans, found = cutting.spans_of_contact(signals)
+        case "file":
+            spans, found = cutting.whole(signals)
+        case "column":
+            spans, found = cutting.spans_of_labels(signals, raw.labels["attempts"])
+    rest = said.attempts.tare_s
+    if rest is not None:
+        spans = [one._replace(free_s=(one.begin_s - rest, one.begin_s - _BEFORE_S)) for one in spans]
+    return spans, found
 
 
 def _attempt(
     signals: Signals,
     span: Span,
     bad: list[BadTime],
-    peg: int,
-    said: LogMap,
-    config: Config,
+    facts: AttemptFacts,
+    robot: Robot,
 ) -> LoggedAttempt:
     """Return an attempt, checked and resampled.
 
@@ -176,12 +177,10 @@ def _attempt(
             raise RequestError(f"{one.why} at {one.begin_s:.3f} s")
     times, commands = _commands(signals, span)
     log = _within(signals, span, times, commands)
-    estimate = said.attempts.estimate
-    if estimate is None:
-        estimate = _at(signals, times[:1])[0, :2]
-    robot = ROBOTS[config.scene.robot]
-    felt = felt_from_log(log, peg, np.asarray(estimate, np.float32), robot)
-    return LoggedAttempt(float(times[0]), float(times[-1]) + ACTION_S, span.label, log, felt)
+    begin = float(times[0])
+    estimate = _at(signals, times[:1])[0, :2] if facts.estimate_at is None else facts.estimate_at(begin)
+    felt = felt_from_log(log, facts.peg_at(begin), np.asarray(estimate, np.float32), robot)
+    return LoggedAttempt(begin, float(times[-1]) + ACTION_S, span.label, log, felt)
 
 
 def _harms(one: BadTime, span: Span) -> bool:
@@ -225,6 +224,8 @@ def _within(
         command_time_s=times,
         command_world=commands,
         free_s=np.array(span.free_s),
+        tip_linvel_world=None if signals.linvel_world is None else signals.linvel_world[pose],
+        tip_angvel_world=None if signals.angvel_world is None else signals.angvel_world[pose],
     )
 
 

@@ -83,6 +83,23 @@ class PoseMap:
 
 
 @dataclass(frozen=True, config=STRICT)
+class TwistMap:
+    """Velocity of the tool's TCP, linear, then angular.
+
+    Attributes:
+        source: Topic (``TwistStamped``, ``Twist``), array (M, 6), or six columns.
+        axes: Frame that it is expressed in: the robot's ``base``, or the ``tool``.
+        length: Unit of lengths.
+        angle: Unit of angles.
+    """
+
+    source: Source
+    axes: Literal["base", "tool"] = "base"
+    length: Literal["m", "mm"] = "m"
+    angle: Literal["rad", "deg"] = "rad"
+
+
+@dataclass(frozen=True, config=STRICT)
 class CommandMap:
     """Commands of the policy, 10 a second.
 
@@ -131,24 +148,37 @@ class TimeMap:
 
 @dataclass(frozen=True, config=STRICT)
 class AttemptsMap:
-    """Where attempts are.
+    """Where attempts are, and what is known about each.
 
     Attributes:
         by: ``contact``: an attempt is a spell of contact with the free motion before it. ``column``: rows
-            with the same number (or text) in a column, an array or a topic. ``file``: the log is one attempt.
+            with the same number (or text) in a column, an array or a topic; none with a negative number or
+            an empty text. ``file``: the log is one attempt.
         source: That column, array or topic.
-        peg: Name of the peg's type; None: nobody says.
-        estimate: Where the hole was believed to be, x and y in the world, m; None: where the attempt begins.
+        peg: Name of the peg's type.
+        peg_source: Column, array or topic with the names of the pegs, instead of ``peg``.
+        estimate: Where the hole was believed to be in the world: x and y, m, or a value for each coordinate
+            of the belief, m and rad. None: where the attempt begins.
+        estimate_source: The same for each attempt: columns, an array, a topic (``PointStamped``,
+            ``Float64MultiArray``).
+        tare_s: The tare is the mean of so long a rest before the attempt, s; None: of the free motion that
+            comes before its contact.
     """
 
     by: Literal["contact", "column", "file"] = "contact"
     source: Name | None = None
     peg: Name | None = None
-    estimate: tuple[_Metres, _Metres] | None = None
+    peg_source: Name | None = None
+    estimate: Annotated[tuple[_Metres, ...], Field(min_length=2, max_length=6)] | None = None
+    estimate_source: Source | None = None
+    tare_s: Annotated[float, Field(ge=0.05, le=10)] | None = None
 
     def __post_init__(self) -> None:
         if (self.by == "column") != (self.source is not None):
             raise ValueError("source: it is needed with by: column, and with nothing else")
+        for name in ("peg", "estimate"):
+            if getattr(self, name) is not None and getattr(self, f"{name}_source") is not None:
+                raise ValueError(f"{name}_source: it cannot be used with {name}")
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -159,6 +189,7 @@ class LogMap:
         wrench: Force and torque.
         pose: Pose of the tool.
         command: Commands; None: the displacement of the TCP in each action.
+        twist: Velocity of the TCP; None: it is differentiated from the poses.
         load: What hangs on the sensor; None: nothing that is known.
         time: Times of samples.
         attempts: Where attempts are.
@@ -167,6 +198,7 @@ class LogMap:
     wrench: WrenchMap
     pose: PoseMap
     command: CommandMap | None = None
+    twist: TwistMap | None = None
     load: LoadMap | None = None
     time: TimeMap = TimeMap()
     attempts: AttemptsMap = AttemptsMap()
@@ -175,9 +207,18 @@ class LogMap:
     def sources(self) -> dict[str, Source]:
         """Where each signal is, by its name."""
         found: dict[str, Source] = {"wrench": self.wrench.source, "pose": self.pose.source}
-        if self.command is not None:
-            found["command"] = self.command.source
+        for name, own in (("command", self.command), ("twist", self.twist)):
+            if own is not None:
+                found[name] = own.source
+        if self.attempts.estimate_source is not None:
+            found["estimate"] = self.attempts.estimate_source
         return found
+
+    @property
+    def labels(self) -> dict[str, Name]:
+        """Where the labels of attempts and the names of their pegs are, by ``attempts`` and ``pegs``."""
+        own = {"attempts": self.attempts.source, "pegs": self.attempts.peg_source}
+        return {name: source for name, source in own.items() if source is not None}
 
 
 def read_map(path: Path | str) -> LogMap:

@@ -42,12 +42,13 @@ class RawLog:
 
     Attributes:
         name: Name of the file, for messages.
-        streams: ``wrench`` (six values), ``pose`` (seven or six), and ``command`` (three) if the map has it.
-        labels: Labels of attempts; None: the map asks for none.
+        streams: ``wrench`` (six values), ``pose`` (seven or six), and those of ``command`` (three), ``twist``
+            (six) and ``estimate`` that the map asks for.
+        labels: Labels of ``attempts`` and names of ``pegs``, if the map asks for them.
         quaternions_xyzw: Whether poses have quaternions in this order, whatever the map says: messages do.
     """
 
     name: str
     streams: dict[str, Stream] = field(default_factory=dict)
-    labels: Labels | None = None
+    labels: dict[str, Labels] = field(default_factory=dict)
     quaternions_xyzw: bool = False

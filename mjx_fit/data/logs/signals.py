@@ -30,6 +30,8 @@ class Signals:
         turns: Orientation of the TCP, M rotations.
         command_time_s: Start times of the actions (J,); None: the log has no commands.
         command_world: Commanded displacements of the TCP (J, 3), m.
+        linvel_world: Linear velocity of the TCP at the times of the poses (M, 3), m/s; None: not in the log.
+        angvel_world: Angular velocity likewise, rad/s.
     """
 
     wrench_time_s: Float[np.ndarray, "N"]
@@ -39,6 +41,8 @@ class Signals:
     turns: Rotation
     command_time_s: Float[np.ndarray, "J"] | None = None
     command_world: Float[np.ndarray, "J 3"] | None = None
+    linvel_world: Float[np.ndarray, "M 3"] | None = None
+    angvel_world: Float[np.ndarray, "M 3"] | None = None
 
 
 def signals_of(raw: RawLog, said: LogMap, lever_m: float) -> Signals:
@@ -61,7 +65,8 @@ def signals_of(raw: RawLog, said: LogMap, lever_m: float) -> Signals:
     commands = (None, None)
     if "command" in raw.streams:
         commands = raw.streams["command"].time_s, _commands(raw, said, Stream(pose.time_s, position))
-    return Signals(wrench.time_s, felt, pose.time_s, position, turns, *commands)
+    twist = _twist(raw, said, pose.time_s, turns) if "twist" in raw.streams else (None, None)
+    return Signals(wrench.time_s, felt, pose.time_s, position, turns, *commands, *twist)
 
 
 def _poses(raw: RawLog, said: LogMap) -> tuple[Float[np.ndarray, "M 3"], Rotation]:
@@ -128,6 +133,19 @@ def _commands(raw: RawLog, said: LogMap, at: Stream) -> Float[np.ndarray, "J 3"]
         return values
     here = np.column_stack([np.interp(stream.time_s, at.time_s, column) for column in at.values.T])
     return values + origin - here
+
+
+def _twist(
+    raw: RawLog, said: LogMap, time_s: Float[np.ndarray, "M"], turns: Rotation
+) -> tuple[Float[np.ndarray, "M 3"], Float[np.ndarray, "M 3"]]:
+    """Return linear and angular velocity in the world at the times of the poses."""
+    stream, own = raw.streams["twist"], said.twist
+    assert own is not None
+    _require_width(raw, "twist", stream, (6,))
+    values = np.column_stack([np.interp(time_s, stream.time_s, column) for column in stream.values.T])
+    axes = turns if own.axes == "tool" else _rigid(said.pose.base_in_world)[1]
+    angular = np.deg2rad(values[:, 3:]) if own.angle == "deg" else values[:, 3:]
+    return np.asarray(axes.apply(_METRES[own.length] * values[:, :3])), np.asarray(axes.apply(angular))
 
 
 def _require_width(raw: RawLog, name: str, stream: Stream, widths: tuple[int, ...]) -> None:

@@ -13,7 +13,8 @@ def read_raw(path: Path, asked: LogMap) -> RawLog:
     """Read the signals of a log that a map asks for.
 
     Args:
-        path: ``.csv``, ``.npz``, ``.parquet``, ``.bag``, ``.mcap``, or the folder of a rosbag2.
+        path: ``.csv``, ``.npz``, ``.parquet``, ``.bag``, ``.mcap``, or the folder of a rosbag2 or of a
+            LeRobot data set.
         asked: The map.
 
     Raises:
@@ -21,6 +22,10 @@ def read_raw(path: Path, asked: LogMap) -> RawLog:
     """
     if not path.exists():
         raise RequestError(f"{path} cannot be read: it does not exist")
+    if (path / "meta" / "info.json").exists():
+        from mjx_fit.data.logs.sources.lerobot import read_lerobot
+
+        return read_lerobot(path, asked)
     if path.is_dir() or path.suffix in (".bag", ".mcap", ".db3"):
         from mjx_fit.data.logs.sources.bags import read_bag
 
@@ -34,5 +39,6 @@ def read_raw(path: Path, asked: LogMap) -> RawLog:
 
         return read_arrays(path, asked)
     raise RequestError(
-        f"{path}: {shown(path.suffix)} is invalid: expected {', '.join(SUFFIXES)}, or the folder of a rosbag2"
+        f"{path}: {shown(path.suffix)} is invalid: expected {', '.join(SUFFIXES)}, or the folder of a "
+        "rosbag2 or of LeRobot"
     )

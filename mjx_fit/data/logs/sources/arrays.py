@@ -29,10 +29,10 @@ def read_arrays(path: Path, asked: LogMap) -> RawLog:
     for name, source in asked.sources.items():
         values = _values(path, found, source)
         streams[name] = Stream(_times(path, found, name, asked, len(values)), values)
-    label, labels = asked.attempts.source, None
-    if label is not None:
-        values = _array(path, found, label)
-        labels = Labels(_times(path, found, "attempts", asked, len(values)), values)
+    labels = {}
+    for name, source in asked.labels.items():
+        values = _array(path, found, source)
+        labels[name] = Labels(_times(path, found, name, asked, len(values)), values)
     return RawLog(path.name, streams, labels)
 
 

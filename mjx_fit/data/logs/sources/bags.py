@@ -26,12 +26,13 @@ def read_bag(path: Path, asked: LogMap) -> RawLog:
     Raises:
         RequestError: The bag cannot be read, lacks a topic, or has another type of messages there.
     """
-    streams, label = {}, asked.attempts.source
+    streams, labels = {}, {}
     try:
         with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
             for name, topic in asked.sources.items():
                 streams[name] = _stream(path, reader, name, topic, asked)
-            labels = None if label is None else _labels(path, reader, label, asked)
+            for name, topic in asked.labels.items():
+                labels[name] = _labels(path, reader, topic, asked)
     except AnyReaderError as error:
         raise RequestError(f"{path} cannot be read: {_line(error)}") from None
     except RequestError:
@@ -53,7 +54,7 @@ def _stream(path: Path, reader: AnyReader, name: str, topic: Any, asked: LogMap)
 
 
 def _labels(path: Path, reader: AnyReader, topic: str, asked: LogMap) -> Labels:
-    found = list(_messages(path, reader, "attempts", topic, None, asked))
+    found = list(_messages(path, reader, "labels", topic, None, asked))
     return Labels(np.array([time for time, _ in found], float), np.array([value[0] for _, value in found]))
 
 
@@ -93,6 +94,10 @@ def _wrench(wrench: Any) -> _Numbers:
     return *_xyz(wrench.force), *_xyz(wrench.torque)
 
 
+def _twist(twist: Any) -> _Numbers:
+    return *_xyz(twist.linear), *_xyz(twist.angular)
+
+
 def _pose(position: Any, turn: Any) -> _Numbers:
     return *_xyz(position), turn.x, turn.y, turn.z, turn.w
 
@@ -127,7 +132,15 @@ _READERS: dict[str, dict[str, _Samples]] = {
         f"{_G}PointStamped": lambda said, _: [(said.header.stamp, _xyz(said.point))],
         f"{_G}TwistStamped": lambda said, _: [(said.header.stamp, _xyz(said.twist.linear))],
     },
-    "attempts": {
+    "twist": {
+        f"{_G}TwistStamped": lambda said, _: [(said.header.stamp, _twist(said.twist))],
+        f"{_G}Twist": lambda said, _: [(None, _twist(said))],
+    },
+    "estimate": {
+        f"{_G}PointStamped": lambda said, _: [(said.header.stamp, _xyz(said.point)[:2])],
+        "std_msgs/msg/Float64MultiArray": lambda said, _: [(None, tuple(said.data))],
+    },
+    "labels": {
         "std_msgs/msg/Int32": lambda said, _: [(None, (said.data,))],
         "std_msgs/msg/Int64": lambda said, _: [(None, (said.data,))],
         "std_msgs/msg/String": lambda said, _: [(None, (said.data,))],

@@ -29,9 +29,8 @@ def read_table(path: Path, asked: LogMap) -> RawLog:
     """
     columns = {name: _columns(name, source) for name, source in asked.sources.items()}
     wanted = {name for own in columns.values() for name in own}
-    label = asked.attempts.source
     table = _read(path)
-    for name in sorted(wanted | ({label} if label else set())):
+    for name in sorted(wanted | set(asked.labels.values())):
         _require_column(path, name, table)
     streams = {}
     for name, own in columns.items():
@@ -39,11 +38,11 @@ def read_table(path: Path, asked: LogMap) -> RawLog:
         values = np.column_stack([_numbers(path, table, column) for column in own])
         there = ~np.isnan(values).all(1)
         streams[name] = Stream(time[there], values[there])
-    labels = None
-    if label is not None:
-        values = table[label]
+    labels = {}
+    for name, own in asked.labels.items():
+        values = table[own]
         there = values.notna().to_numpy()
-        labels = Labels(_times(path, table, "attempts", asked)[there], values.to_numpy()[there])
+        labels[name] = Labels(_times(path, table, name, asked)[there], values.to_numpy()[there])
     return RawLog(path.name, streams, labels)
 
 

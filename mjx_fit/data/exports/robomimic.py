@@ -1,10 +1,8 @@
-"""Export a data set to a single file: NumPy npz, or HDF5 in the layout of robomimic demonstrations."""
+"""HDF5 in the layout of robomimic demonstrations."""
 
 import io
 import json
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import h5py
 import jax
@@ -13,17 +11,13 @@ from jaxtyping import Int
 
 from mjx_fit.config.schema import Config, config_from_stored
 from mjx_fit.data.episode import UNKNOWN, Episode, happened
-from mjx_fit.data.hdf5 import flat
-from mjx_fit.data.hdf5_fields import fields_of, kind_of
-from mjx_fit.data.manifest import Manifest, read_complete_manifest
-from mjx_fit.data.reader import load, read_shards
+from mjx_fit.data.manifest import Manifest
+from mjx_fit.data.reader import read_shards
 from mjx_fit.data.schedule import stored_policies
 from mjx_fit.data.split import split_sequences
 from mjx_fit.sensors.force_torque import in_contact
 from mjx_fit.sensors.pose import start_of
 from mjx_fit.types import Rollout
-from mjx_fit.utils import files, locks
-from mjx_fit.utils.errors import RequestError
 from mjx_fit.utils.progress import Progress
 from mjx_fit.utils.rates import SUBSTEPS
 
@@ -46,52 +40,14 @@ _SEED = 0
 """Seed of the train/validation split: the default of ``mjx-fit train``."""
 
 
-def export(folder: Path, out: Path) -> None:
-    """Write a data set to a single file, ``.npz`` or ``.hdf5``.
-
-    Episodes that were not performed or diverged are omitted. The HDF5 file is built in memory, because the
-    HDF5 library does not survive a full disk.
-
-    Args:
-        folder: Folder of the data set.
-        out: Output file; an existing file is replaced.
-
-    Raises:
-        RequestError: The data set cannot be read, or the file has another suffix.
-    """
-    writers: dict[str, Callable[[Path, Manifest, Path], None]] = {
-        ".npz": _write_npz,
-        ".hdf5": _write_robomimic,
-    }
-    if out.suffix not in writers:
-        raise RequestError(f"--out: {out} is invalid: it must end in one of {', '.join(writers)}")
-    if out.is_dir():
-        raise RequestError(f"--out: {out} cannot be used: it is a folder")
-    manifest = read_complete_manifest(folder)
-    with locks.holding_file(out):
-        files.replace_with(out, lambda temporary: writers[out.suffix](folder, manifest, temporary))
-
-
-def _write_npz(folder: Path, manifest: Manifest, path: Path) -> None:
-    data = load(folder)
-    keep, config = happened(data), config_from_stored(manifest.request["config"])
-    kind = kind_of(manifest.request)
-    arrays: dict[str, Any] = {
-        name.replace("/", "_"): value[keep] for name, value in flat(data, config, kind).items()
-    }
-    about = {name.replace("/", "_"): field._asdict() for name, field in fields_of(config, kind).items()}
-    about |= {"shapes": list(manifest.shapes), "request": manifest.request, "versions": manifest.versions}
-    with path.open("wb") as file:  # savez would append .npz to a temporary file name
-        np.savez_compressed(file, about=np.array(json.dumps(about)), **arrays)
-
-
-def _write_robomimic(folder: Path, manifest: Manifest, path: Path) -> None:
+def write_robomimic(folder: Path, manifest: Manifest, path: Path) -> None:
     """Write one group ``data/demo_<episode>`` per episode and the masks ``mask/train`` and ``mask/valid``.
 
     Row t of ``obs`` precedes action t and row t of ``next_obs`` follows it; each contains the wrenches
     (50, 6) of the preceding action. Actions have six components if they turn the TCP. Before the first action
     the robot is at rest above the estimate, pointing along its axis. The masks are the default
-    train/validation split of ``mjx-fit train``: all demonstrations of a sequence share one mask.
+    train/validation split of ``mjx-fit train``: all demonstrations of a sequence share one mask. The file is
+    built in memory, because the HDF5 library does not survive a full disk.
     """
     config = config_from_stored(manifest.request["config"])
     total, buffer = 0, io.BytesIO()
