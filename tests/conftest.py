@@ -1,5 +1,7 @@
 import os
 import tempfile
+from collections.abc import Iterator
+from pathlib import Path
 
 import hypothesis
 import jax
@@ -71,6 +73,19 @@ def pytest_configure(config: pytest.Config) -> None:
     jax.config.update("jax_compilation_cache_dir", os.environ[COMPILED])
     os.environ[KEPT_FROM_S] = "0"
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0)
+
+
+MOST_MAPS = 20_000
+"""Memory maps at which a process forgets what it compiled. Linux grants 65,530 (``vm.max_map_count``), each
+compiled computation takes three, and a process that has none left dies where JAX loads the next one."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def forget_compiled() -> Iterator[None]:
+    yield
+    maps = Path("/proc/self/maps")
+    if maps.exists() and len(maps.read_text().splitlines()) > MOST_MAPS:
+        jax.clear_caches()
 
 
 @pytest.fixture(scope="session")
