@@ -9,7 +9,7 @@ nor MuJoCo.
 - Policies: `Policy`, `PolicyInput`, `stateless_policy`.
 - Sensors and filters: `load_sensor`, `TrainedSensor`, `readings`, `Belief`, `filter_update`,
   `kalman_update`.
-- Your own robot: `BeliefTracker`, `SensorLog`, `felt_from_log`, `log_from_felt`.
+- Your own robot: `BeliefTracker`, `OnlineTracker`, `SensorLog`, `felt_from_log`, `log_from_felt`.
 - Data sets: `CollectionPlan`, `collect_dataset`, `load_dataset`.
 - Experiments: `draw_holes`, `try_holes`, `mean_interval`.
 """
@@ -43,6 +43,7 @@ _PUBLIC = {
     "kalman_update": ("mjx_fit.filters.kalman", "update"),
     # Your own robot
     "BeliefTracker": ("mjx_fit.task.tracker", "BeliefTracker"),
+    "OnlineTracker": ("mjx_fit.task.online", "OnlineTracker"),
     "SensorLog": ("mjx_fit.sensors.sensor_log", "SensorLog"),
     "felt_from_log": ("mjx_fit.sensors.resampling", "felt_from_log"),
     "log_from_felt": ("mjx_fit.sensors.resampling", "log_from_felt"),

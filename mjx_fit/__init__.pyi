@@ -22,6 +22,7 @@ from mjx_fit.sensors.sensor_log import SensorLog as SensorLog
 from mjx_fit.sensors.trained_sensor import TrainedSensor as TrainedSensor
 from mjx_fit.task.estimator import filter_update as filter_update
 from mjx_fit.task.estimator import readings as readings
+from mjx_fit.task.online import OnlineTracker as OnlineTracker
 from mjx_fit.task.tracker import BeliefTracker as BeliefTracker
 from mjx_fit.types import Attempt as Attempt
 from mjx_fit.types import Belief as Belief

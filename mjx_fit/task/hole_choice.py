@@ -52,6 +52,19 @@ def by_chance(now: Situation, config: Config) -> tuple[Choice, None]:
     return Choice(*map(np.asarray, _most_likely(now._replace(from_world=np.zeros(0)), config))), None
 
 
+def best_hole(
+    beliefs: Belief,
+    peg_type: int,
+    filled: Bool[np.ndarray, "n"],
+    tries: Int[np.ndarray, "n"],
+    config: Config,
+) -> int:
+    """Return the hole with the highest success chance in one assembly."""
+    rows = jax.tree.map(lambda leaf: np.asarray(leaf)[None], beliefs)
+    now = Situation(rows, np.array([peg_type]), filled[None], tries[None], np.zeros(0))
+    return int(by_chance(now, config)[0].hole[0])
+
+
 def by_rate(now: Situation, config: Config) -> tuple[Choice, Float[np.ndarray, "R"]]:
     """Choose the empty hole with the highest rate.
 

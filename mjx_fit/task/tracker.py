@@ -16,15 +16,14 @@ from mjx_fit.config.schema import Config
 from mjx_fit.engines.requests import require_count
 from mjx_fit.filters.belief_check import require_beliefs
 from mjx_fit.filters.contact_memory import detected_as
-from mjx_fit.filters.outcome_model import success_probability
 from mjx_fit.filters.updates import detected_belief
 from mjx_fit.scene.robot import ROBOTS
 from mjx_fit.sensors.sensor_log import SensorLog
 from mjx_fit.sensors.trained_sensor import TrainedSensor
-from mjx_fit.task import greedy
 from mjx_fit.task.assembly_snapshot import KEPT_FROM
 from mjx_fit.task.estimator import Update, filter_update
 from mjx_fit.task.estimator_input import require_places, settings_of
+from mjx_fit.task.hole_choice import best_hole
 from mjx_fit.task.logged_attempt import AtHole, attempt_of, padded, require_own
 from mjx_fit.task.saved_beliefs import (
     FORMAT,
@@ -36,6 +35,7 @@ from mjx_fit.task.saved_beliefs import (
 )
 from mjx_fit.types import Belief, Felt
 from mjx_fit.utils import numerics
+from mjx_fit.utils.arrays import with_row
 from mjx_fit.utils.errors import RequestError, shown
 
 
@@ -53,7 +53,10 @@ class BeliefTracker:
         After a failed attempt, ``tracker.update(hole, log)`` with a ``SensorLog`` computes the posterior.
 
     Attributes:
+        config: Configuration in use.
+        sensor: The trained sensor; None: the geometry of the parts reads logs.
         belief: Current belief about each hole, (n,).
+        peg: Index of the type of the peg in hand; None: there is none.
         filled: (n,), whether each hole is filled.
         tries: (n,), number of failed attempts at each hole with the peg in hand.
     """
@@ -78,18 +81,18 @@ class BeliefTracker:
                 different shapes, or there is no sensor and ``filter.reads`` asks for one.
         """
         numerics.require()
-        self._config = settings_of(sensor, config)
-        self._sensor = sensor
-        self._robot = ROBOTS[self._config.scene.robot]
-        places = require_places(detections, self._robot.estimate_reach_m, self._config)
-        self._detected = jax.tree.map(np.asarray, detected_belief(jnp.asarray(places), self._config))
+        self.config = settings_of(sensor, config)
+        self.sensor = sensor
+        self._robot = ROBOTS[self.config.scene.robot]
+        places = require_places(detections, self._robot.estimate_reach_m, self.config)
+        self._detected = jax.tree.map(np.asarray, detected_belief(jnp.asarray(places), self.config))
         self.belief: Belief = jax.tree.map(np.array, self._detected)
         self.filled = np.zeros(len(places), bool)
         self.tries = np.zeros(len(places), np.int32)
-        self._peg: int | None = None
+        self.peg: int | None = None
         network = None if sensor is None else sensor.network
         self._update, self._confirm = (
-            filter_update(self._config, network, inserted=inserted, logged=True) for inserted in (False, True)
+            filter_update(self.config, network, inserted=inserted, logged=True) for inserted in (False, True)
         )
 
     def choose(self, peg: str) -> int:
@@ -105,15 +108,13 @@ class BeliefTracker:
             RequestError: The shape does not exist, or every hole is filled.
         """
         kind = self._type_of(peg)
-        if kind != self._peg:
-            self._peg, self.tries = kind, np.zeros_like(self.tries)
+        if kind != self.peg:
+            self.peg, self.tries = kind, np.zeros_like(self.tries)
         if self.filled.all():
             raise RequestError(
                 f"choose: peg {shown(peg)} cannot be used: all {len(self.filled)} holes are filled"
             )
-        alpha = success_probability(self._config, jnp.asarray(self.belief.pos_cov))
-        reward = greedy.expected_reward(jnp.asarray(self.belief.type_logp), jnp.asarray(kind), alpha)
-        return int(greedy.greedy(reward, jnp.asarray(self.filled), jnp.asarray(self.tries)))
+        return best_hole(self.belief, kind, self.filled, self.tries, self.config)
 
     def estimate(self, hole: int) -> Float[np.ndarray, "D"]:
         """Return where an attempt at a hole is to start: the mean of the belief about it, m and rad."""
@@ -135,7 +136,7 @@ class BeliefTracker:
                 another peg, another start position or a filled hole. The beliefs stay unchanged.
         """
         hole = self._require_hole(hole)
-        after = self._learn(self._update, hole, self._read(hole, felt))
+        after = self._learn(self._update, hole, self.read(hole, felt))
         self.tries[hole] += 1
         return after
 
@@ -156,48 +157,55 @@ class BeliefTracker:
             RequestError: As in ``update``.
         """
         hole = self._require_hole(hole)
-        felt = self._read(hole, felt)
+        felt = self.read(hole, felt)
         after = self._learn(self._confirm, hole, felt)
         own = bool(after.type_logp[int(felt.peg_type)] >= np.log(KEPT_FROM))
         self.tries[hole] += not own
         return own
 
-    def _read(self, hole: int, felt: Felt | SensorLog) -> Felt:
-        """Return the measurements of an attempt at a hole, checked."""
-        there = AtHole(hole, self.estimate(hole), bool(self.filled[hole]), self._peg)
+    def read(self, hole: int, felt: Felt | SensorLog) -> Felt:
+        """Return the measurements of an attempt at a hole, checked as in ``update``."""
+        there = AtHole(hole, self.estimate(hole), bool(self.filled[hole]), self.peg)
         if isinstance(felt, SensorLog):
-            felt = attempt_of(felt, there, self._robot, at_rest=self._config.sensor.pose == "start")
+            felt = attempt_of(felt, there, self._robot, at_rest=self.config.sensor.pose == "start")
         elif not isinstance(felt, Felt):
             raise RequestError(f"update: felt: {shown(felt)} cannot be used: expected a SensorLog or a Felt")
-        require_own(felt, there, self._config.scene.names)
+        require_own(felt, there, self.config.scene.names)
         return felt
+
+    def prior(self, hole: int) -> Belief:
+        """Return the belief about a hole before an attempt (1,), with what a filter needs to remember."""
+        hole = self._require_hole(hole)
+        before, first = (
+            jax.tree.map(lambda leaf: leaf[hole : hole + 1], one) for one in (self.belief, self._detected)
+        )
+        return detected_as(before, first, self.config)
 
     def _learn(self, update: Update, hole: int, felt: Felt) -> Belief:
         """Replace the belief about a hole by its posterior, and return it."""
-        before, first = (_row(beliefs, hole) for beliefs in (self.belief, self._detected))
-        before = detected_as(before, first, self._config)
-        rows = max(self._config.task.attempt_actions, len(felt.trace.action_world))
+        before = self.prior(hole)
+        rows = max(self.config.task.attempt_actions, len(felt.trace.action_world))
         batch = jax.tree.map(lambda leaf: np.asarray(leaf)[None], padded(felt, rows))
         after = jax.tree.map(np.asarray, update(before, batch, numerics.key(0)[None]))
         after = replace(after, memory=None)
-        self.belief = jax.tree.map(lambda leaf, new: _with_row(leaf, hole, new[0]), self.belief, after)
+        self.belief = jax.tree.map(lambda leaf, new: with_row(leaf, hole, new[0]), self.belief, after)
         return jax.tree.map(lambda leaf: leaf[0], after)
 
     def fill(self, hole: int) -> None:
         """Mark a hole as filled; ``choose`` excludes it from then on."""
         self.filled[self._require_hole(hole)] = True
-        self._peg, self.tries = None, np.zeros_like(self.tries)
+        self.peg, self.tries = None, np.zeros_like(self.tries)
 
     def save(self, path: Path | str) -> None:
         """Write the beliefs to a JSON file that ``load`` reads."""
-        names = self._config.scene.names
+        names = self.config.scene.names
         write_beliefs(
             Path(path),
             SavedBeliefs(
                 format=FORMAT,
                 shapes=list(names),
-                sensor=fingerprint_of(self._sensor),
-                peg=None if self._peg is None else names[self._peg],
+                sensor=fingerprint_of(self.sensor),
+                peg=None if self.peg is None else names[self.peg],
                 filled=self.filled.tolist(),
                 tries=self.tries.tolist(),
                 detections=self._detected.mean_world.tolist(),
@@ -221,30 +229,20 @@ class BeliefTracker:
         """
         saved = read_beliefs(path := Path(path))
         tracker = cls(sensor, saved.places(path), config)
-        names = tracker._config.scene.names
+        names = tracker.config.scene.names
         saved.require_for(path, sensor, names)
         belief = saved.belief(path)
-        require_beliefs(belief, len(tracker.filled), len(names), d=len(tracker._config.filter.coordinates))
+        require_beliefs(belief, len(tracker.filled), len(names), d=len(tracker.config.filter.coordinates))
         tracker.belief = belief
         tracker.filled, tracker.tries = np.array(saved.filled), np.array(saved.tries, np.int32)
-        tracker._peg = None if saved.peg is None else tracker._type_of(saved.peg)
+        tracker.peg = None if saved.peg is None else tracker._type_of(saved.peg)
         return tracker
 
     def _type_of(self, peg: str) -> int:
-        names = self._config.scene.names
+        names = self.config.scene.names
         if peg not in names:
             raise RequestError(f"peg: {shown(peg)} is invalid: expected one of {', '.join(names)}")
         return names.index(peg)
 
     def _require_hole(self, hole: int) -> int:
         return require_count("hole", hole, 0, len(self.filled) - 1)
-
-
-def _row(beliefs: Belief, row: int) -> Belief:
-    return jax.tree.map(lambda leaf: leaf[row : row + 1], beliefs)
-
-
-def _with_row(leaf: np.ndarray, row: int, value: np.ndarray) -> np.ndarray:
-    changed = leaf.copy()
-    changed[row] = value
-    return changed

@@ -15,3 +15,10 @@ def is_off(value: Any) -> bool:
     Arrays, which may be traced, are never off.
     """
     return isinstance(value, int | float) and value == 0
+
+
+def with_row(leaf: np.ndarray, row: int, value: np.ndarray) -> np.ndarray:
+    """Return a copy of an array with another row."""
+    changed = leaf.copy()
+    changed[row] = value
+    return changed

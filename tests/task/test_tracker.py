@@ -55,7 +55,7 @@ def batch_posterior(sensor, felt: mf.Felt) -> mf.Belief:
 
 
 def track(tracker, felt: mf.Felt, logs: list[mf.SensorLog]) -> mf.Belief:
-    names = tracker._config.scene.names
+    names = tracker.config.scene.names
     for hole, log in enumerate(logs):
         tracker.choose(names[int(felt.peg_type[hole])])
         tracker.update(hole, log)
@@ -353,7 +353,7 @@ def test_an_insertion_is_judged_by_what_was_felt(failed):
     own = {}
     for hole in range(3):
         kind = int(failed.peg_type[hole])
-        tracker.choose(tracker._config.scene.names[kind])
+        tracker.choose(tracker.config.scene.names[kind])
         own[hole] = tracker.judge_insertion(hole, failed[hole])
         assert own[hole] == (np.exp(tracker.belief.type_logp[hole, kind]) >= 0.5)
         assert tracker.tries[hole] == (not own[hole])
