@@ -30,14 +30,14 @@ os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=1")
 LONG = {
     "assembly", "attempt", "attention", "batches", "bench", "calibration", "checkpoint", "cli",
     "collect", "collision", "compilation_cache", "contact_memory", "contact_sensor", "crash",
-    "damaged_checkpoint", "demo", "engines", "every_action", "examples", "export",
-    "export_readers", "files", "framed", "going_on", "hostile_configs", "hostile_data",
-    "hostile_results", "hostile_runs", "insertion_envs", "interrupts", "levelling", "loss",
-    "machine_paths", "memory", "mirror", "newton_solver", "numerics", "package", "paper", "parity", "parts",
-    "parts_parity", "placement", "plausible", "policy_hooks", "posed_pictures", "poses", "press", "public",
-    "reader", "requests", "revisits", "seek_poses", "sensed_success", "single_hole", "sliding", "slip",
-    "torch_twin", "tracker", "training", "turning", "types", "video", "viewer", "viser_access",
-    "watchdog", "windows",
+    "damaged_checkpoint", "demo", "engines", "every_action", "examples", "export", "export_readers",
+    "files", "framed", "going_on", "hostile_configs", "hostile_data", "hostile_results",
+    "hostile_runs", "insertion_envs", "interrupts", "levelling", "loopback", "loss", "machine_paths",
+    "memory", "mirror", "newton_solver", "numerics", "online", "package", "paper", "parity", "parts",
+    "parts_parity", "placement", "plausible", "policy_hooks", "posed_pictures", "poses", "press",
+    "public", "reader", "requests", "revisits", "round_trip", "seek_poses", "sensed_success",
+    "single_hole", "sliding", "slip", "torch_twin", "tracker", "training", "turning", "types", "video",
+    "viewer", "viser_access", "watchdog", "windows",
 }  # fmt: skip
 """Modules that compile an engine or a training, start processes, or sweep over thousands of wrong inputs:
 ``make quick`` leaves them out."""

@@ -41,7 +41,7 @@ def main(out: Path, minutes: float, run: str | None) -> None:
         tracker.belief = jax.tree.map(np.array, tracker._detected)
         tracker.choose(sensor.config.scene.names[int(felt.peg_type)])
         online.begin(0)
-        attempt(online, felt.tare_sensor, log, told)
+        attempt(online, np.asarray(felt.tare_sensor), log, told)
         memory.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
     script.save(
         out,
