@@ -3,6 +3,8 @@
 DATA.npz comes from ``mjx-fit data export``; PyTorch and NumPy are all that is needed.
 """
 
+# pyright: reportMissingImports=false
+
 import sys
 
 import numpy as np

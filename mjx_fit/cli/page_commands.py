@@ -1,10 +1,11 @@
-"""Commands ``demo``, ``paper`` and ``report``: each makes a page."""
+"""Commands ``demo``, ``paper``, ``report`` and ``table``: each makes something to read."""
 
 import argparse
 from pathlib import Path
 
 from mjx_fit.cli.options import add_command, config_of, configurable
 from mjx_fit.cli.path_argument import path
+from mjx_fit.utils.errors import RequestError
 
 
 def add_demo(parsers: argparse._SubParsersAction) -> None:
@@ -41,6 +42,19 @@ def add_report(parsers: argparse._SubParsersAction) -> None:
     parser.add_argument("--out", type=path, metavar="DIR", help="default: report in the first input's folder")
 
 
+def add_table(parsers: argparse._SubParsersAction) -> None:
+    """Add ``table``."""
+    parser = add_command(parsers, "table", table, "write results as one table for pandas: CSV or parquet")
+    parser.add_argument("results", type=path, nargs="+", metavar="RESULT.json")
+    parser.add_argument("--out", type=path, required=True, metavar="FILE", help=".csv or .parquet")
+    parser.add_argument(
+        "--rows",
+        choices=("summary", "trials"),
+        default="summary",
+        help="metrics with their intervals, or trials (default summary)",
+    )
+
+
 def demo(args: argparse.Namespace) -> None:
     """Run ``demo``."""
     from mjx_fit.cli.demo import Size, run_demo
@@ -62,3 +76,13 @@ def report(args: argparse.Namespace) -> None:
     from mjx_fit.report.build import beside, build
 
     print(build(args.inputs, args.out or beside(args.inputs[0])))
+
+
+def table(args: argparse.Namespace) -> None:
+    """Run ``table``."""
+    try:
+        from mjx_fit.report.tables import write_table
+    except ImportError as error:
+        raise RequestError(str(error)) from None
+    count = write_table(args.results, args.out, args.rows)
+    print(f"{args.out}: {count} rows")

@@ -8,7 +8,7 @@ from mjx_fit.cli.data_commands import add_collect, add_data
 from mjx_fit.cli.evaluate_commands import add_evaluate
 from mjx_fit.cli.log_commands import add_log
 from mjx_fit.cli.options import Parser
-from mjx_fit.cli.page_commands import add_demo, add_paper, add_report
+from mjx_fit.cli.page_commands import add_demo, add_paper, add_report, add_table
 from mjx_fit.cli.part_commands import add_part
 from mjx_fit.cli.picture_commands import add_render, add_view
 from mjx_fit.cli.train_command import add_train
@@ -29,6 +29,7 @@ def parser() -> argparse.ArgumentParser:
         add_evaluate,
         add_paper,
         add_report,
+        add_table,
         add_render,
         add_view,
         add_about,
