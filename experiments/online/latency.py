@@ -20,6 +20,24 @@ from mjx_fit.report import script
 from mjx_fit.task.attempt_samples import REST_S
 
 POSE_EVERY = 5
+MOST = 500_000
+"""Most calls that are noted."""
+
+
+class Seconds:
+    """Times of calls, in memory that is there from the beginning: what grows is the tracker's."""
+
+    def __init__(self) -> None:
+        self._values, self._count = np.ones(MOST), 0
+
+    def add(self, seconds: float) -> None:
+        self._values[self._count] = seconds
+        self._count += 1
+
+    def summary(self) -> dict[str, float]:
+        ms = 1000 * self._values[: self._count]
+        p50, p99 = np.percentile(ms, [50, 99])
+        return {"n": len(ms), "p50": round(p50, 3), "p99": round(p99, 3), "max": round(ms.max(), 3)}
 
 
 def main(out: Path, minutes: float, run: str | None) -> None:
@@ -34,7 +52,7 @@ def main(out: Path, minutes: float, run: str | None) -> None:
     jax.monitoring.register_event_duration_secs_listener(
         lambda event, duration_secs, **_: compiled.append(event) if "backend_compile" in event else None
     )
-    told: dict[str, list[float]] = {"wrench": [], "pose": [], "belief": [], "end": []}
+    told = {name: Seconds() for name in ("wrench", "pose", "belief", "end")}
     memory = [resource.getrusage(resource.RUSAGE_SELF).ru_maxrss]
     end = time.perf_counter() + 60 * minutes
     while time.perf_counter() < end:
@@ -50,7 +68,7 @@ def main(out: Path, minutes: float, run: str | None) -> None:
             "start_up_s": start_up_s,
             "compiled_after_start_up": len(compiled),
             "memory_mib": [round(kib / 1024, 1) for kib in (memory[1], memory[len(memory) // 2], memory[-1])],
-            "milliseconds": {name: summary(np.array(values)) for name, values in told.items()},
+            "milliseconds": {name: seconds.summary() for name, seconds in told.items()},
         },
     )
 
@@ -62,9 +80,7 @@ def failed_attempt() -> mf.Felt:
     return jax.tree.map(lambda leaf: np.asarray(leaf)[1], rollout.felt)
 
 
-def attempt(
-    online: mf.OnlineTracker, tare: np.ndarray, log: mf.SensorLog, told: dict[str, list[float]]
-) -> None:
+def attempt(online: mf.OnlineTracker, tare: np.ndarray, log: mf.SensorLog, told: dict[str, Seconds]) -> None:
     """Send an attempt in real time, and note the seconds of each call."""
     assert log.tip_linvel_world is not None
     assert log.tip_angvel_world is not None
@@ -88,20 +104,10 @@ def attempt(
     timed(told["end"], online.end)
 
 
-def timed(into: list[float], call: Any, *arguments: Any) -> None:
+def timed(into: Seconds, call: Any, *arguments: Any) -> None:
     begun = time.perf_counter()
     call(*arguments)
-    into.append(time.perf_counter() - begun)
-
-
-def summary(seconds: np.ndarray) -> dict[str, float]:
-    p50, p99 = 1000 * np.percentile(seconds, [50, 99])
-    return {
-        "n": len(seconds),
-        "p50": round(p50, 3),
-        "p99": round(p99, 3),
-        "max": round(1000 * seconds.max(), 3),
-    }
+    into.add(time.perf_counter() - begun)
 
 
 if __name__ == "__main__":
