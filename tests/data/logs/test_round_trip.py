@@ -33,8 +33,9 @@ def lerobot(folder):
     return out
 
 
-def imported(log, said, out):
+def imported(log, said, out, capsys):
     assert main.main(["log", "import", str(log), "--map", str(said), "--out", str(out)]) == 0
+    assert "left out" not in capsys.readouterr().out  # what is between attempts is none
     return reader.load(out)
 
 
@@ -61,15 +62,15 @@ def require_same(data, again):
             np.testing.assert_allclose(getattr(other, name), getattr(one, name), rtol=EQUAL, atol=1e-9)
 
 
-def test_mcap_gives_the_same_posteriors(folder, tmp_path):
+def test_mcap_gives_the_same_posteriors(folder, tmp_path, capsys):
     log = tmp_path / "set.mcap"
     assert main.main(["data", "export", str(folder), "--out", str(log)]) == 0
-    again = imported(log, tmp_path / "set.map.yaml", tmp_path / "again")
+    again = imported(log, tmp_path / "set.map.yaml", tmp_path / "again", capsys)
     require_same(reader.load(folder), again)
 
 
-def test_lerobot_gives_the_same_posteriors(folder, lerobot, tmp_path):
-    require_same(reader.load(folder), imported(lerobot, lerobot / "map.yaml", tmp_path / "again"))
+def test_lerobot_gives_the_same_posteriors(folder, lerobot, tmp_path, capsys):
+    require_same(reader.load(folder), imported(lerobot, lerobot / "map.yaml", tmp_path / "again", capsys))
 
 
 def test_the_statistics_are_those_of_the_frames(folder, lerobot):
