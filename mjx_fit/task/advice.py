@@ -15,6 +15,7 @@ from jaxtyping import Float
 
 from mjx_fit.config.schema import Config
 from mjx_fit.control import search
+from mjx_fit.filters.frame import frame_of
 from mjx_fit.filters.kalman import scale_tril
 from mjx_fit.filters.outcome_model import half_normal
 from mjx_fit.scene.parts import plate_top_m
@@ -81,9 +82,8 @@ class Adviser:
             most_n: Force beyond which to stop, N.
         """
         self._config, self._most_n = config, most_n
-        depth_m = config.task.insertion_depth_m + config.task.sensed_margin_m
-        self._inserted_m = plate_top_m(config.scene) - depth_m
-        self._times = jax.jit(self._expected)
+        self._depth_m = config.task.insertion_depth_m + config.task.sensed_margin_m
+        self._expected = jax.jit(self._expectations)
 
     def advise(
         self, belief: Belief, searched: Searched, peg_type: int | None, elsewhere: Elsewhere | None
@@ -96,19 +96,19 @@ class Adviser:
             peg_type: Index of the type of the peg in hand; None: unknown.
             elsewhere: The best of the other holes; None: there is none.
         """
-        if searched.here_world[2] < self._inserted_m:
-            return Advice("stop", f"the tool is at {1000 * searched.here_world[2]:.1f} mm: the peg is in")
+        expected = self._expected(
+            belief,
+            np.asarray(searched.centre_world, np.float32),
+            np.float32(searched.path_m),
+            np.asarray(searched.here_world, np.float32),
+        )
+        going_on, anew, insertion_s, below_m = map(float, expected)
+        if below_m > self._depth_m:
+            return Advice("stop", f"the tool is {1000 * below_m:.1f} mm below the top: the peg is in")
         if searched.force_n > self._most_n:
             return Advice(
                 "stop", f"a force of {searched.force_n:.1f} N: at most {self._most_n:g} N are allowed"
             )
-        times = self._times(
-            belief,
-            np.asarray(searched.centre_world, np.float32),
-            np.float32(searched.path_m),
-            np.asarray(searched.here_world[:2], np.float32),
-        )
-        going_on, anew, insertion_s = map(float, times)
         if elsewhere is not None and peg_type is not None and searched.path_m > 0:
             per_s = float(np.exp(belief.type_logp[peg_type])) / insertion_s
             if elsewhere.per_s > per_s:
@@ -120,18 +120,24 @@ class Adviser:
             return Advice("recentre", f"{anew:.1f} s instead of {going_on:.1f} s are expected", (x, y))
         return Advice("go on", f"{going_on:.1f} s more are expected")
 
-    def _expected(
+    def _expectations(
         self,
         belief: Belief,
         centre: Float[Array, "2"],
         path_m: Float[Array, ""],
-        here: Float[Array, "2"],
-    ) -> tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""]]:
-        """Return expected times, s: of going on, of a new search, of an insertion by the better one."""
+        here: Float[Array, "3"],
+    ) -> tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""], Float[Array, ""]]:
+        """Return expected times, s: of going on, a new search, an insertion by the better one; and a depth.
+
+        The depth is how far the TCP is below the top of the socket, as it is believed, m.
+        """
+        top_m = plate_top_m(self._config.scene)
+        believed = frame_of(belief.mean_world, self._config.filter.coordinates)
+        below_m = top_m - believed.seen(here, top_m)[2]
         own, mean, cov = self._config.seek, belief.pos_mean_world, belief.pos_cov
         offsets = half_normal() @ scale_tril(cov).T
         holes = mean + jnp.concatenate([offsets, -offsets])
-        anew = search.new_s(here, mean, cov, own)
+        anew = search.new_s(here[:2], mean, cov, own)
         so_far = replace(search.begin(centre), path_m=path_m)
         going_on = search.remaining_s(so_far, holes, anew, own)
-        return going_on, anew, search.insertion_s(jnp.minimum(going_on, anew), own)
+        return going_on, anew, search.insertion_s(jnp.minimum(going_on, anew), own), below_m

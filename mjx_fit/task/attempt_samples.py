@@ -28,8 +28,9 @@ class AttemptSamples:
     def __init__(self, most_actions: int):
         """Reserve memory for attempts of so many actions."""
         most = round(MOST_HZ * (2 * REST_S + ACTION_S * (most_actions + 2)))
-        self._wrench, self._pose, self._twist = (SampleBuffer(most, width) for width in (6, 7, 6))
-        self._command = SampleBuffer(most_actions, 3)
+        self._wrench, self._pose = SampleBuffer("wrench", most, 6), SampleBuffer("pose", most, 7)
+        self._twist = SampleBuffer("twist", most, 6)
+        self._command = SampleBuffer("command", most_actions, 3)
         self.clear()
 
     def clear(self) -> None:
@@ -44,17 +45,13 @@ class AttemptSamples:
         self._keep_rest(self._wrench)
 
     def add_pose(
-        self,
-        time_s: float,
-        tip_pos_world: Float[np.ndarray, "3"],
-        tip_quat_world: Float[np.ndarray, "4"],
-        tip_twist_world: Float[np.ndarray, "6"] | None = None,
+        self, time_s: float, pose: Float[np.ndarray, "7"], twist: Float[np.ndarray, "6"] | None
     ) -> None:
-        """Add a pose, and the twist at the same time."""
+        """Add a pose, position before quaternion, and the twist at the same time."""
         count = len(self._pose)
-        self._pose.add(time_s, np.concatenate([tip_pos_world, tip_quat_world]))
-        if len(self._pose) > count and tip_twist_world is not None:
-            self._twist.add(time_s, tip_twist_world)
+        self._pose.add(time_s, pose)
+        if len(self._pose) > count and twist is not None:
+            self._twist.add(time_s, twist)
         for one in (self._pose, self._twist):
             self._keep_rest(one)
 

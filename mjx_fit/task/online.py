@@ -101,7 +101,7 @@ class OnlineTracker:
                 it is differentiated from them.
         """
         before = self.samples.place_world
-        self.samples.add_pose(time_s, tip_pos_world, tip_quat_world, tip_twist_world)
+        self.samples.add_pose(time_s, np.concatenate([tip_pos_world, tip_quat_world]), tip_twist_world)
         after = self.samples.place_world
         touches = self.samples.force_n > self.tracker.config.wrist.contact_force_n
         if before is not None and after is not None and touches:

@@ -3,6 +3,8 @@
 import numpy as np
 from jaxtyping import Float
 
+from mjx_fit.utils.errors import RequestError
+
 
 class SampleBuffer:
     """Samples in order of time.
@@ -11,13 +13,15 @@ class SampleBuffer:
         left_out: Number of samples that came too late, or were not finite.
     """
 
-    def __init__(self, most: int, width: int):
+    def __init__(self, name: str, most: int, width: int):
         """Reserve memory.
 
         Args:
+            name: What the samples are, for messages.
             most: Most samples that are kept.
             width: Numbers in a sample.
         """
+        self._name = name
         self._time, self._values = np.empty(most), np.empty((most, width))
         self._count = self.left_out = 0
 
@@ -45,8 +49,17 @@ class SampleBuffer:
         return self._count == len(self._time)
 
     def add(self, time_s: float, values: Float[np.ndarray, "width"]) -> None:
-        """Keep a sample, unless it comes after a later one or is not finite."""
-        if self.full or not time_s > self.last_s or not np.isfinite(values).all():
+        """Keep a sample, unless it comes after a later one or is not finite.
+
+        Raises:
+            RequestError: It has another shape.
+        """
+        if np.shape(values) != self._values.shape[1:]:
+            expected = self._values.shape[1:]
+            raise RequestError(
+                f"online: {self._name}: shape {np.shape(values)} is invalid: expected {expected}"
+            )
+        if self.full or not self.last_s < time_s < np.inf or not np.isfinite(values).all():
             self.left_out += not self.full
             return
         self._time[self._count], self._values[self._count] = time_s, values

@@ -14,7 +14,7 @@ ONLINE = EXPERIMENTS / "online"
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize("lost", ["0.01", "0.9"])
 def test_a_robot_is_told_what_to_do(lost):
-    """With one sample in a hundred lost the peg goes in; with nine in ten, the gaps are said."""
+    """The peg goes in where one sample in a hundred is lost; the gaps are said where nine in ten are."""
     words = [sys.executable, "tracker.py", "--port", "0"]
     with subprocess.Popen(words, cwd=ONLINE, stdout=subprocess.PIPE, text=True) as tracker:
         assert tracker.stdout is not None

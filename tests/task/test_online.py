@@ -11,7 +11,10 @@ import pytest
 import mjx_fit as mf
 from mjx_fit.config.files import read_config
 from mjx_fit.config.worlds import world_file
+from mjx_fit.filters.updates import detected_belief
+from mjx_fit.scene.parts import plate_top_m
 from mjx_fit.sensors.reading import Window, read_window, without_errors
+from mjx_fit.task.advice import Adviser, Searched
 from mjx_fit.task.attempt_samples import REST_S
 from mjx_fit.task.estimator import posterior
 from mjx_fit.task.online import OnlineTracker
@@ -240,6 +243,41 @@ def test_it_advises_by_belief_force_and_height(online, failed):
     )
     assert online.advise().what == "stop"
     assert "the peg is in" in online.advise().why
+
+
+@pytest.mark.parametrize(
+    ("what", "values", "expected"),
+    [
+        ("add_wrench", (np.zeros(5),), r"^online: wrench: shape \(5,\) is invalid: expected \(6,\)$"),
+        ("add_wrench", (3.0,), r"^online: wrench: shape \(\) is invalid"),
+        ("add_pose", (np.zeros(3), np.zeros(3)), r"^online: pose: shape \(6,\) is invalid: expected \(7,\)$"),
+        ("add_pose", (np.zeros(3), np.ones(4), np.zeros(3)), r"^online: twist: shape \(3,\) is invalid"),
+    ],
+)
+def test_a_sample_of_another_shape_is_refused(what, values, expected, online):
+    with pytest.raises(RequestError, match=expected):
+        getattr(online, what)(0.0, *values)
+
+
+def test_a_time_that_is_no_number_is_left_out(online):
+    for time in (np.inf, np.nan, -np.inf):
+        online.add_wrench(time, np.zeros(6))
+    online.add_wrench(0.0, np.zeros(6))
+    assert online.samples.left_out == 3
+
+
+def test_a_peg_is_in_below_the_top_that_is_believed():
+    """The same height of the tool, over sockets that are believed 12 mm apart in height."""
+    config = read_config(world_file("bench"))
+    here = np.array([0.5, 0.1, plate_top_m(config.scene) - 0.006])
+    searched = Searched(here[:2], 0.01, here, 1.0)
+    said = []
+    for height in (-0.004, 0.008):
+        place = np.array([[0.5, 0.1, height, 0.0, 0.0, 0.0]], np.float32)
+        belief = jax.tree.map(lambda leaf: leaf[0], detected_belief(jnp.asarray(place), config))
+        said.append(Adviser(config, 60.0).advise(belief, searched, None, None).what)
+    assert said[0] != "stop"
+    assert said[1] == "stop"
 
 
 def test_a_tracker_without_a_sensor_is_refused():

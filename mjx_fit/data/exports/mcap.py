@@ -4,6 +4,7 @@ The attempts of a data set follow each other, ``APART_S`` apart. Each begins wit
 hole, in which the sensor reads its tare. Wrenches are those of the arm on the peg, in the sensor's frame.
 """
 
+import shutil
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -91,7 +92,7 @@ def write_mcap(folder: Path, manifest: Manifest, path: Path) -> None:
                     begin_s += ACTION_S * len(one.log.command_time_s) + APART_S
                 progress(done)
         (file,) = bag.glob("*.mcap")
-        file.replace(path)
+        shutil.copyfile(file, path)  # the file that is there is synced, so it has to stay
 
 
 def _samples(one: Recording, begin_s: float, config: Config) -> list[_Sample]:

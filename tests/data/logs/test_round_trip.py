@@ -145,3 +145,43 @@ def test_what_does_not_fit_is_said(change, expected, lerobot, tmp_path, capsys):
     words = ["log", "check", str(copy), "--map", str(copy / "map.yaml")]
     assert main.main(words) == 2
     assert expected in capsys.readouterr().err
+
+
+def test_episodes_may_be_told_apart_by_a_text(lerobot, tmp_path, capsys):
+    """Two episodes in a row with the same peg are two attempts, and what follows the last frame is none."""
+    said = yaml.safe_load((lerobot / "map.yaml").read_text())
+    said["attempts"]["source"] = frames.PEG
+    (tmp_path / "map.yaml").write_text(yaml.safe_dump(said))
+    again = imported(lerobot, tmp_path / "map.yaml", tmp_path / "again", capsys)
+    assert len(again.episode) == len(parquet.read_table(lerobot / "meta/episodes"))
+
+
+def test_damaged_folders_are_refused(lerobot, tmp_path, capsys):
+    def truncated(copy):
+        file = next((copy / "data").rglob("*.parquet"))
+        file.write_bytes(file.read_bytes()[:5000])
+
+    def emptied(copy):
+        for file in (copy / "data").rglob("*.parquet"):
+            parquet.write_table(parquet.read_table(file)[:0], file)
+
+    def without(copy):
+        shutil.rmtree(copy / "data")
+
+    def untold(copy):
+        (copy / "meta/info.json").write_text("{")
+
+    for damage in (truncated, emptied, without, untold):
+        copy = tmp_path / damage.__name__
+        shutil.copytree(lerobot, copy)
+        damage(copy)
+        assert main.main(["log", "check", str(copy), "--map", str(lerobot / "map.yaml")]) == 2
+        told = capsys.readouterr().err
+        assert told.count("\n") == 1
+        assert "cannot be" in told
+
+
+def test_an_empty_folder_may_be_filled(folder, tmp_path):
+    (tmp_path / "out").mkdir()
+    export(folder, tmp_path / "out")
+    assert (tmp_path / "out/meta/info.json").exists()

@@ -53,10 +53,9 @@ def read_lerobot(folder: Path, asked: LogMap) -> RawLog:
     labels = {}
     for name, source in asked.labels.items():
         own = table.column(source).to_numpy(zero_copy_only=False)
+        none = _NO_ATTEMPT if np.issubdtype(own.dtype, np.number) else ""
         # An episode is over at its last frame.
-        labels[name] = (
-            Labels(time, np.where(last, _NO_ATTEMPT, own)) if name == "attempts" else Labels(time, own)
-        )
+        labels[name] = Labels(time, np.where(last, none, own)) if name == "attempts" else Labels(time, own)
     return RawLog(folder.name, streams, labels)
 
 
@@ -84,6 +83,8 @@ class _Table:
         except (OSError, ValueError) as error:
             text = shortened(" ".join(str(error).split()), 200)
             raise RequestError(f"{folder / 'data'} cannot be read: {text}") from None
+        if not self._frames.num_rows:
+            raise RequestError(f"{folder / 'data'} cannot be used: it has no frames")
         order = np.lexsort([self.column(name).to_numpy() for name in ("frame_index", "episode_index")])
         self._frames = self._frames.take(order)
 
