@@ -10,6 +10,7 @@ from places import ROOT
 MOST_ENTRIES, MOST_LINES, MOST_PARAMETERS = 21, 250, 6
 
 MANY_PARAMETERS = {
+    "InsertionVectorEnv.__init__": "the options of gymnasium.make_vec, each with a default",
     "Panel._text": "Pillow's own call: where, what, how large, in which ink",
     "textbook_cost": "an oracle: the formula's symbols, one by one",
 }

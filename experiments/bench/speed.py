@@ -5,7 +5,8 @@
 
 OLD is a tree of the library before poses. Simulated seconds per second of open-loop spirals on holes that do
 not match, so that an attempt lasts 10 s: in FORGE's dynamics, upright, by both trees; and in the world
-`bench`, where the tool rocks. Each case has a process of its own, which compiles first; they take turns.
+`bench`, with a tool that rocks and with one that does not. Each case has a process of its own, which compiles
+first; they take turns.
 """
 
 import argparse
@@ -25,8 +26,8 @@ from mjx_fit import draw_attempts, make_engine
 from mjx_fit.utils.rates import ACTION_S
 from mjx_fit.config.files import read_config
 from pathlib import Path
-engine, worlds, file = sys.argv[1], int(sys.argv[2]), sys.argv[3]
-config = read_config([Path(file)], [])
+engine, worlds, file, *sets = sys.argv[1], int(sys.argv[2]), *sys.argv[3:]
+config = read_config([Path(file)], sets)
 attempts = draw_attempts(jax.random.key(1), 2 * worlds, config=config)
 apart = np.flatnonzero(np.asarray(attempts.peg_type) != np.asarray(attempts.hole_type))[:worlds]
 attempts = jax.tree.map(lambda leaf: leaf[apart], attempts)
@@ -38,10 +39,13 @@ print(ACTION_S * float(np.sum(done.felt.length)) / (time.perf_counter() - began)
 """
 
 
-def rate(tree: Path, world: str, engine: str) -> float:
+STILL = ("spiral.tilt_rad=0", "spiral.yaw_rad=0")
+
+
+def rate(tree: Path, world: str, sets: tuple[str, ...], engine: str) -> float:
     """Return the simulated seconds per second of one process, after a run that compiles."""
     file = tree / "configs/worlds" / f"{world}.yaml"
-    command = [sys.executable, "-c", ONE, engine, str(WORLDS[engine]), str(file)]
+    command = [sys.executable, "-c", ONE, engine, str(WORLDS[engine]), str(file), *sets]
     env = {**os.environ, "PYTHONPATH": str(tree)}
     done = subprocess.run(command, cwd=tree, env=env, capture_output=True, text=True, check=True)
     return float(done.stdout.split()[-1])
@@ -50,7 +54,12 @@ def rate(tree: Path, world: str, engine: str) -> float:
 def main(old: Path, out: Path, repeats: int) -> None:
     from mjx_fit.report import script
 
-    cases = {"before": (old.resolve(), "forge"), "upright": (HERE, "forge"), "askew": (HERE, "bench")}
+    cases = {
+        "before": (old.resolve(), "forge", ()),
+        "upright": (HERE, "forge", ()),
+        "askew": (HERE, "bench", ()),
+        "askew, the tool does not rock": (HERE, "bench", STILL),
+    }
     told = {}
     for engine, worlds in WORLDS.items():
         rates: dict[str, list[float]] = {name: [] for name in cases}

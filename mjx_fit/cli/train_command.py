@@ -40,6 +40,9 @@ def add_train(parsers: argparse._SubParsersAction) -> None:
         metavar="RUN",
         help="start from the sensors of another run, of the same network and shapes (default: new weights)",
     )
+    parser.add_argument(
+        "--tensorboard", action="store_true", help="write event files for TensorBoard into RUN as well"
+    )
     configurable(parser)
 
 
@@ -47,6 +50,7 @@ def train(args: argparse.Namespace) -> None:
     """Run ``train``."""
     from mjx_fit.data.manifest import read_manifest
     from mjx_fit.training import run_files
+    from mjx_fit.training.journal import require_tensorboard
     from mjx_fit.training.run import Run, require_members
     from mjx_fit.training.train import train_from
 
@@ -59,7 +63,9 @@ def train(args: argparse.Namespace) -> None:
         index, of = read_manifest(folder).part
         if of > 1:
             print(f"{folder}: part {index} of {of} of a data set; data merge joins them")
-    run = Run(args.out, args.seed, args.members, args.init)
+    if args.tensorboard:
+        require_tensorboard()
+    run = Run(args.out, args.seed, args.members, args.init, tensorboard=args.tensorboard)
     was_left = train_from(args.data, config, run)
     for folder in run.folders():
         print(f"{folder}: {run_files.summary(folder)}")

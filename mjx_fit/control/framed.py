@@ -85,6 +85,15 @@ def framed(policy: Policy, config: Config) -> Policy:
     )
 
 
+def as_seen(seen: PolicyInput, config: Config) -> PolicyInput:
+    """Return what a policy sees, in the frame of the attempt's estimate."""
+    coordinates = config.filter.coordinates
+    if frame.is_world(coordinates):
+        return seen
+    here = frame.frame_of(seen.start.estimate_world, coordinates)
+    return _seen(seen, here, coordinates, plate_top_m(config.scene))
+
+
 def _start_seen(start: PolicyStart, coordinates: tuple[str, ...]) -> PolicyStart:
     belief = start.belief
     if belief is not None:

@@ -10,7 +10,6 @@ import jax
 import jax.numpy as jnp
 import mujoco
 import numpy as np
-from jaxlie import SO3
 from jaxtyping import Float
 
 from mjx_fit.scene.parts import HANGING
@@ -99,9 +98,22 @@ def rotation_error(
 
 
 def turned_down(turn_world: Float[Array, "3 *b"]) -> Float[Array, "3 3 *b"]:
-    """Return the frame that a rotation vector (rad, world frame) makes of straight down."""
-    turn = SO3.exp(jnp.moveaxis(turn_world, 0, -1)).as_matrix()
-    return jnp.moveaxis(turn @ STRAIGHT_DOWN, (-2, -1), (0, 1))
+    """Return the frame that a rotation vector r (rad, world frame) makes of straight down.
+
+    Rodrigues' formula, (1 - b r²) I + a [r]× + b r rᵀ with a = sin |r| / |r| and b = (1 - cos |r|) / r², is
+    written out: the controller calls this in every step, where products of small matrices are slow.
+    """
+    square = total(turn_world * turn_world)
+    angle = jnp.sqrt(jnp.maximum(square, 1e-12))
+    half = jnp.sin(angle / 2) / (angle / 2)
+    a, b = jnp.sin(angle) / angle, half * half / 2
+    scaled = b * turn_world
+    columns = []
+    for i, side in enumerate(HANGING):
+        unit = jnp.stack([jnp.full_like(square, i == j) for j in range(3)])
+        rotated = (1 - b * square) * unit + a * cross(turn_world, unit) + turn_world * scaled[i]
+        columns.append(side * rotated)
+    return jnp.stack(columns, 1)
 
 
 def posture_towards(tip_pos_world: Float[Array, "3 *b"], robot: Robot = PANDA) -> Float[Array, "joints *b"]:

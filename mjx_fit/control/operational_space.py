@@ -21,6 +21,7 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 from jaxtyping import Float
 
 from mjx_fit.config.schema import Config
@@ -145,7 +146,10 @@ def torque(
     """
     jac = jacobian(arm.joint_anchor_world, arm.joint_axis_world, arm.tip_pos_world)
     goal_pos_world, goal_turn_world = goal_world[:3], goal_world[3:]
-    goal_frame = STRAIGHT_DOWN if len(goal_world) == 3 else turned_down(goal_turn_world)
+    goal_frame = STRAIGHT_DOWN
+    if len(goal_world) == 6:
+        # XLA would compute the sines again for each of the many entries below that depend on them.
+        goal_frame = lax.optimization_barrier(turned_down(goal_turn_world))
     turn = rotation_error(arm.tip_frame_world, goal_frame)
     if not (is_off(gains.tilt_x_rad) and is_off(gains.tilt_y_rad)):
         tilt = (gains.tilt_x_rad, gains.tilt_y_rad, 0.0)

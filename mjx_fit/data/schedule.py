@@ -79,6 +79,16 @@ def draw_attempts(root: Key[Array, ""], sequences: Int[Array, "n"], policy: str,
     return _attempts(which, places, detected_belief(places.estimate_world, config).mean_world, places.key)
 
 
+def draw_matching(key: Key[Array, ""], config: Config) -> Attempt:
+    """Draw the attempt of one peg at its own hole, of any type, within a compiled function."""
+    which, world = jax.random.split(key)
+    own = jax.random.randint(which, (1,), 0, config.scene.n_types)
+    places = draw_places(world, jnp.zeros(1, jnp.int32), config)
+    estimate = detected_belief(places.estimate_world, config).mean_world
+    kind = jnp.full(1, policies.SPIRAL)
+    return jax.tree.map(lambda leaf: leaf[0], _attempts((own, own, kind), places, estimate, places.key))
+
+
 def draw_later_attempts(
     root: Key[Array, ""],
     sequences: Int[Array, "n"],
@@ -184,6 +194,6 @@ def _pair_and_policy(sequences, policy: str, number: int, config: Config) -> tup
     return *pair_of(ids, n_types), policy_of(policy, ids, number, n_types)
 
 
-def _attempts(which: tuple[np.ndarray, ...], places: Places, estimate, key) -> Attempt:
+def _attempts(which: tuple[Array, ...], places: Places, estimate, key) -> Attempt:
     peg_type, hole_type, kind = map(jnp.asarray, which)
     return Attempt(peg_type, hole_type, places.hole_pos_world, estimate, kind, key, places.physics)

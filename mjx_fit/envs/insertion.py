@@ -8,7 +8,9 @@ from gymnasium.vector import AutoresetMode
 from jaxtyping import Float
 
 from mjx_fit.config.schema import Config
+from mjx_fit.envs.belief import BeliefReading
 from mjx_fit.envs.insertion_batch import InsertionVectorEnv
+from mjx_fit.envs.insertion_worlds import Engine
 from mjx_fit.envs.reward import Reward
 
 
@@ -19,6 +21,8 @@ class InsertionEnv(gymnasium.Env):
         world: As in ``InsertionVectorEnv``.
         config: As there.
         reward: As there.
+        engine: As there.
+        belief: As there.
 
     Raises:
         RequestError: A value is invalid.
@@ -26,8 +30,15 @@ class InsertionEnv(gymnasium.Env):
 
     metadata = {"render_modes": []}  # noqa: RUF012
 
-    def __init__(self, world: str | None = None, config: Config | None = None, reward: Reward = "dense"):
-        self._batch = InsertionVectorEnv(1, world, config, reward, AutoresetMode.DISABLED)
+    def __init__(
+        self,
+        world: str | None = None,
+        config: Config | None = None,
+        reward: Reward = "dense",
+        engine: Engine = "native",
+        belief: BeliefReading | None = None,
+    ):
+        self._batch = InsertionVectorEnv(1, world, config, reward, AutoresetMode.DISABLED, engine, belief)
         self.config = self._batch.config
         self.observation_space = self._batch.single_observation_space
         self.action_space = self._batch.single_action_space
@@ -46,7 +57,7 @@ class InsertionEnv(gymnasium.Env):
 
     _began = False
 
-    def step(self, action: Float[np.ndarray, "3"]) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+    def step(self, action: Float[np.ndarray, "a"]) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Simulate an action; ``info`` of the last one says whether the peg is in, and its largest force."""
         observation, reward, terminated, truncated, told = self._batch.step(np.asarray(action)[None])
         info = {name: told[name][0] for name in ("inserted", "largest_n") if name in told}

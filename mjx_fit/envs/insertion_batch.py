@@ -1,4 +1,4 @@
-"""Vectorised environment of single insertions, on the batch of the native engine."""
+"""Vectorised environment of single insertions, on the batch of an engine."""
 
 from typing import Any
 
@@ -11,9 +11,10 @@ from jaxtyping import Float
 from mjx_fit.config.files import read_config
 from mjx_fit.config.schema import Config
 from mjx_fit.config.worlds import world_file
-from mjx_fit.envs.insertion_worlds import InsertionWorlds, Transition
-from mjx_fit.envs.observation import size
-from mjx_fit.envs.reward import REWARDS, Reward
+from mjx_fit.envs.belief import COMPONENTS, BeliefReader, BeliefReading
+from mjx_fit.envs.insertion_worlds import ENGINES, Engine, InsertionWorlds, Transition
+from mjx_fit.envs.observation import size, width
+from mjx_fit.envs.reward import Reward
 from mjx_fit.utils.errors import RequestError, require, shown
 from mjx_fit.utils.randomness import require_seed, root_key
 
@@ -24,8 +25,9 @@ class InsertionVectorEnv(VectorEnv):
     """A peg at its own hole, whose place is detected with an error, in ``num_envs`` worlds at once.
 
     An episode is an attempt: it starts above the detection, and ends with the insertion, a simulation that
-    diverges, or ``task.attempt_actions`` actions. An action is 0.1 s of motion and push, in [-1, 1]³
-    (``envs.observation.commanded``); observations hold what a robot has (``envs.observation.observed``).
+    diverges, or ``task.attempt_actions`` actions. An action is 0.1 s of motion and push, and of orientation
+    where a rotation is believed, in [-1, 1]³ or [-1, 1]⁶ (``envs.observation.commanded``); observations hold
+    what a robot has (``envs.observation.observed``).
 
     Args:
         num_envs: Number of worlds.
@@ -35,6 +37,9 @@ class InsertionVectorEnv(VectorEnv):
         autoreset_mode: As in Gymnasium: ``NextStep`` (an episode begins with the step after its last, whose
             action is ignored), ``SameStep`` (within it; the last observation is ``info["final_obs"]``), or
             ``Disabled`` (by ``reset`` with ``options={"reset_mask": ...}``).
+        engine: ``native`` or ``mjx``.
+        belief: Sensor that reads beliefs, with which observations then end (``envs.belief``); None: they hold
+            none.
 
     Raises:
         RequestError: A value is invalid.
@@ -56,10 +61,12 @@ class InsertionVectorEnv(VectorEnv):
         config: Config | None = None,
         reward: Reward = "dense",
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        engine: Engine = "native",
+        belief: BeliefReading | None = None,
     ):
         require("num_envs", num_envs, 1, MOST_ENVS)
-        if reward not in REWARDS:
-            raise RequestError(f"reward: {shown(reward)} is invalid: expected one of {', '.join(REWARDS)}")
+        if engine not in ENGINES:
+            raise RequestError(f"engine: {shown(engine)} is invalid: expected one of {', '.join(ENGINES)}")
         if world is not None and config is not None:
             raise RequestError("world: it cannot be used beside config, which has a world of its own")
         self.config = read_config(world_file(world)) if config is None else config
@@ -73,11 +80,13 @@ class InsertionVectorEnv(VectorEnv):
         self.num_envs = num_envs
         self.metadata = {**self.metadata, "autoreset_mode": self._mode}
         box = gymnasium.spaces.Box
-        self.single_observation_space = box(-np.inf, np.inf, (size(self.config),), np.float32)
-        self.single_action_space = box(-1.0, 1.0, (3,), np.float32)
+        reader = None if belief is None else BeliefReader(self.config, belief)
+        seen = size(self.config) + (0 if reader is None else COMPONENTS)
+        self.single_observation_space = box(-np.inf, np.inf, (seen,), np.float32)
+        self.single_action_space = box(-1.0, 1.0, (width(self.config),), np.float32)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self._worlds = InsertionWorlds(self.config, num_envs, reward)
+        self._worlds = InsertionWorlds(self.config, num_envs, reward, engine, reader)
         self._over = np.zeros(num_envs, bool)
 
     def reset(
@@ -112,7 +121,7 @@ class InsertionVectorEnv(VectorEnv):
         return self._worlds.begin_all(root_key(seed, "environment")), {}
 
     def step(
-        self, actions: Float[np.ndarray, "n 3"]
+        self, actions: Float[np.ndarray, "n a"]
     ) -> tuple[Float[np.ndarray, "n k"], np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Simulate an action of every world.
 
@@ -124,13 +133,12 @@ class InsertionVectorEnv(VectorEnv):
             ``largest_n``, the largest force of the last action, N.
         """
         actions = np.asarray(actions, np.float32)
-        if actions.shape != (self.num_envs, 3) or not np.isfinite(actions).all():
-            raise RequestError(
-                f"actions: {actions.shape} is invalid: expected finite numbers ({self.num_envs}, 3)"
-            )
+        expected = (self.num_envs, width(self.config))
+        if actions.shape != expected or not np.isfinite(actions).all():
+            raise RequestError(f"actions: {actions.shape} is invalid: expected finite numbers {expected}")
         waiting = self._over.copy()
         # A world that waits is at the start of an episode; its action neither moves nor presses.
-        given = np.where(waiting[:, None], np.array([0, 0, -1]), actions)
+        given = np.where(waiting[:, None], np.eye(1, expected[1], 2) * -1, actions)
         done = self._worlds.step(given)
         over = done.over & ~waiting
         info: dict[str, Any] = {}

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import partial
+from typing import Literal
 
 import jax
 import jax.numpy as jnp
@@ -10,15 +11,18 @@ from jaxtyping import Bool, Float, Key
 
 from mjx_fit.config.schema import Config
 from mjx_fit.data.schedule import draw_attempts
-from mjx_fit.engines.native.worlds import Stepped, Worlds
-from mjx_fit.envs import reward
-from mjx_fit.envs.observation import commanded, observed
+from mjx_fit.engines.mjx.stepped import MjxWorlds
+from mjx_fit.engines.native.worlds import Worlds
+from mjx_fit.envs.belief import BeliefReader
+from mjx_fit.envs.observation import commanded, observed, width
+from mjx_fit.envs.outcome import outcome, require_for_envs, worth_at_start
 from mjx_fit.envs.reward import Reward
-from mjx_fit.filters.frame import is_world
-from mjx_fit.scene.parts import plate_top_m
 from mjx_fit.types import Attempt
 from mjx_fit.utils import granted_cpus
 from mjx_fit.utils.errors import RequestError
+
+Engine = Literal["native", "mjx"]
+ENGINES: tuple[Engine, ...] = ("native", "mjx")
 
 
 @dataclass(frozen=True)
@@ -31,7 +35,7 @@ class Transition:
         terminated: Whether the peg is in, or the simulation diverged.
         truncated: Whether the time of the attempt is over.
         inserted: Whether the peg is in.
-        largest_n: Largest contact force of the action, N.
+        largest_n: Largest contact force of the action, N; infinite in a simulation that diverged.
     """
 
     observation: Float[np.ndarray, "n k"]
@@ -51,29 +55,26 @@ class InsertionWorlds:
     """Episodes in n worlds; the caller says when each begins.
 
     Args:
-        config: The configuration; beliefs are about x and y alone.
+        config: The configuration.
         n: Number of worlds.
         kind: Reward.
+        engine: Engine that simulates.
+        reader: Reader of beliefs, which observations then end with; None: they hold none.
 
     Raises:
-        RequestError: The configuration believes other coordinates than x and y, its tools give way, or
-            its pegs slip.
+        RequestError: The environments do not support the configuration or the reward.
     """
 
-    def __init__(self, config: Config, n: int, kind: Reward):
-        if not is_world(config.filter.coordinates):
-            names = ", ".join(config.filter.coordinates)
-            raise RequestError(f"config: filter.coordinates: [{names}] is invalid: environments have [x, y]")
-        for name, value in (
-            ("control.tilt_radps", config.control.tilt_radps),
-            ("placement.grip_n", config.placement.grip_n),
-        ):
-            if value:
-                raise RequestError(f"config: {name}: {value:g} is invalid: environments have 0")
-        self.config, self.n, self._kind = config, n, kind
+    def __init__(
+        self, config: Config, n: int, kind: Reward, engine: Engine, reader: BeliefReader | None = None
+    ):
+        require_for_envs(config, kind)
+        self.config, self.n, self._engine, self._reader = config, n, engine, reader
         self._observe = jax.jit(jax.vmap(partial(observed, config=config)))
+        self._judge = jax.jit(jax.vmap(partial(outcome, kind=kind, config=config)))
+        self._worth = jax.jit(jax.vmap(partial(worth_at_start, config=config)))
         self._draw = partial(draw_attempts, policy="spiral", config=config)
-        self._worlds: Worlds | None = None
+        self._worlds: Worlds | MjxWorlds | None = None
 
     def begin_all(self, root: Key[jax.Array, ""]) -> Float[np.ndarray, "n k"]:
         """Begin the first episode of each world; return the observations.
@@ -85,11 +86,13 @@ class InsertionWorlds:
         drawn = self._drawn()
         everywhere = np.ones(self.n, bool)
         if self._worlds is None:
-            self._worlds = Worlds(self.config, drawn, granted_cpus.cpus())
+            make = MjxWorlds if self._engine == "mjx" else Worlds
+            self._worlds = make(self.config, drawn, granted_cpus.cpus())
         else:
             self._worlds.restart(everywhere, drawn)
-        self._command, self._hole = np.zeros((self.n, 3), np.float32), np.zeros((self.n, 2))
-        self._length, self._value = np.zeros(self.n, int), np.zeros(self.n)
+        self._command = np.zeros((self.n, width(self.config)), np.float32)
+        self._hole, self._length = np.zeros((self.n, 2), np.float32), np.zeros(self.n, int)
+        self._value = np.zeros(self.n, np.float32)
         self._note_begun(everywhere, drawn)
         return self.observation()
 
@@ -103,49 +106,42 @@ class InsertionWorlds:
 
     def observation(self) -> Float[np.ndarray, "n k"]:
         """Return what is observed now, (n, k)."""
-        return np.asarray(self._observe(self._stepped().seen(), self._command), np.float32)
+        if self._observed is None:
+            self._observed = np.array(self._observe(self._stepped().seen(), self._command), np.float32)
+            if self._reader is not None:
+                self._observed = np.concatenate([self._observed, self._reader.observed()], 1)
+        return self._observed
 
-    def step(self, action: Float[np.ndarray, "n 3"]) -> Transition:
+    def step(self, action: Float[np.ndarray, "n a"]) -> Transition:
         """Simulate one action of every world."""
         worlds, before = self._stepped(), self.observation()
         self._command = np.array(commanded(jnp.asarray(action, jnp.float32)))
         stepped = worlds.act(self._command)
+        if self._reader is not None:
+            self._reader.add(stepped)
+        judged = self._judge(stepped, self._hole, self._value)
+        judged = jax.tree.map(np.asarray, judged)
+        self._observed, self._value = None, judged.worth.copy()
         self._length += 1
-        inserted, valid = (np.asarray(getattr(stepped.verdict, name)) for name in ("inserted", "valid"))
-        largest = np.linalg.norm(stepped.wrench_sensor[..., :3], axis=-1).max(1)
-        terminated = np.asarray(stepped.verdict.over)
-        truncated = ~terminated & (self._length >= self.config.task.attempt_actions)
-        earned = self._reward(stepped, largest, inserted, valid)
+        truncated = ~judged.terminated & (self._length >= self.config.task.attempt_actions)
         # A simulation that diverged has nothing to observe.
-        seen = np.where(valid[:, None], self.observation(), before)
-        return Transition(seen, earned, terminated, truncated, inserted, np.where(valid, largest, np.inf))
-
-    def _reward(
-        self,
-        stepped: Stepped,
-        largest_n: Float[np.ndarray, "n"],
-        inserted: Bool[np.ndarray, "n"],
-        valid: Bool[np.ndarray, "n"],
-    ) -> Float[np.ndarray, "n"]:
-        if self._kind == "sparse":
-            return inserted.astype(float)
-        tip = np.where(valid[:, None], stepped.tip.pos_world, 0.0)
-        value = np.where(valid, reward.worth(tip, self._hole, self.config), self._value)
-        gain, self._value = value - self._value, value
-        return reward.dense(gain, largest_n, inserted, valid)
+        self._observed = np.where(judged.valid[:, None], self.observation(), before)
+        return Transition(
+            self._observed, judged.reward, judged.terminated, truncated, judged.inserted, judged.largest_n
+        )
 
     def _drawn(self) -> Attempt:
         # Even ids are pegs at their own holes, of all types in turn.
         return self._draw(self._root, 2 * jnp.asarray(np.arange(self.n) + self.n * self._episode))
 
     def _note_begun(self, which: Bool[np.ndarray, "n"], drawn: Attempt) -> None:
-        start = np.asarray(drawn.estimate_world)
-        above = np.column_stack([start, np.full(self.n, plate_top_m(self.config.scene))])
         self._hole[which] = np.asarray(drawn.hole_pos_world)[which]
-        self._value[which] = reward.worth(above, self._hole, self.config)[which]
-        self._command[which], self._length[which] = 0, 0
+        self._value[which] = np.asarray(self._worth(drawn))[which]
+        self._command[which], self._length[which], self._observed = 0, 0, None
+        if self._reader is not None:
+            self._reader.begin(which, drawn)
 
-    def _stepped(self) -> Worlds:
+    def _stepped(self) -> Worlds | MjxWorlds:
         if self._worlds is None:
             raise RequestError("reset: it has to come before the first step")
         return self._worlds

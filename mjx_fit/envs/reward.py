@@ -2,11 +2,12 @@
 
 from typing import Literal
 
-import numpy as np
+import jax.numpy as jnp
 from jaxtyping import Bool, Float
 
 from mjx_fit.config.schema import Config
 from mjx_fit.scene.parts import plate_top_m
+from mjx_fit.types import Array
 
 Reward = Literal["dense", "sparse"]
 """``sparse``: 1 for an insertion, else 0. ``dense``: as ``dense`` computes it."""
@@ -17,11 +18,11 @@ CM_PER_M = 100
 
 
 def dense(
-    gain: Float[np.ndarray, "n"],
-    largest_n: Float[np.ndarray, "n"],
-    inserted: Bool[np.ndarray, "n"],
-    valid: Bool[np.ndarray, "n"],
-) -> Float[np.ndarray, "n"]:
+    gain: Float[Array, "*n"],
+    largest_n: Float[Array, "*n"],
+    inserted: Bool[Array, "*n"],
+    valid: Bool[Array, "*n"],
+) -> Float[Array, "*n"]:
     """Compute the dense reward of an action.
 
     It is what the action gains of ``worth``, less a little for time and for each newton of its largest force
@@ -33,18 +34,18 @@ def dense(
         inserted: Whether the peg is in.
         valid: Whether the simulation still holds.
     """
-    force = PER_NEWTON * np.clip(largest_n - FREE_N, 0, MOST_N)
-    return np.where(valid, gain + PER_ACTION + force + INSERTED * inserted, BROKEN)
+    force = PER_NEWTON * jnp.clip(largest_n - FREE_N, 0, MOST_N)
+    return jnp.where(valid, gain + PER_ACTION + force + INSERTED * inserted, BROKEN)
 
 
 def worth(
-    tip_pos_world: Float[np.ndarray, "n 3"], hole_pos_world: Float[np.ndarray, "n 2"], config: Config
-) -> Float[np.ndarray, "n"]:
+    tip_pos_world: Float[Array, "*n 3"], hole_pos_world: Float[Array, "*n 2"], config: Config
+) -> Float[Array, "*n"]:
     """Return the potential of places: centimetres to the hole, negative, and into it.
 
     Without discounting, differences of a potential do not change which policy is best (Ng, Harada and
     Russell, "Policy invariance under reward transformations", 1999).
     """
-    away = np.linalg.norm(tip_pos_world[:, :2] - hole_pos_world, axis=1)
-    below = plate_top_m(config.scene) - tip_pos_world[:, 2]
-    return CM_PER_M * (np.clip(below, 0, config.task.insertion_depth_m) - away)
+    away = jnp.linalg.norm(tip_pos_world[..., :2] - hole_pos_world, axis=-1)
+    below = plate_top_m(config.scene) - tip_pos_world[..., 2]
+    return CM_PER_M * (jnp.clip(below, 0, config.task.insertion_depth_m) - away)

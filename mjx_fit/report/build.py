@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 
 from mjx_fit.evaluation import results
-from mjx_fit.report import sections
+from mjx_fit.report import run_section, sections
 from mjx_fit.report.data_section import of_dataset
 from mjx_fit.report.page import GENERATOR, page
 from mjx_fit.report.sections import Section
@@ -54,7 +54,7 @@ def build(inputs: list[Path], out: Path) -> Path:
     slugs = _unique([name for name, _ in found.values()])
     made = [make(slug) for slug, (_, make) in zip(slugs, found.values(), strict=True)]
     made.sort(key=lambda section: not section.video)  # videos first
-    made = sections.with_parts(made)
+    made = run_section.with_comparison(sections.with_parts(made))
     with locks.holding(out):
         _require_ours(inputs, out)  # another process may have written there
         _write(made, out)
@@ -98,7 +98,7 @@ def _find(path: Path, depth: int = 1) -> dict[Path, tuple[str, _Maker]]:
     if (path / "manifest.json").is_file():
         found[path.resolve() / "manifest.json"] = (name, partial(of_dataset, folder=path))
     if (path / "metrics.jsonl").is_file():
-        found[path.resolve() / "metrics.jsonl"] = (name, partial(sections.of_run, folder=path))
+        found[path.resolve() / "metrics.jsonl"] = (name, partial(run_section.of_run, folder=path))
     for entry in sorted(path.iterdir()):
         result = entry.suffix == ".json" and entry.is_file() and _is_result(entry)
         if result or entry.suffix in sections.VIDEOS:

@@ -15,7 +15,7 @@ from mjx_fit.config.sections.scene import SceneConfig
 from mjx_fit.evaluation.results import Result
 from mjx_fit.evaluation.statistics import Row
 from mjx_fit.report import claims, descriptions, narrative, paper_values
-from mjx_fit.report.figures import catalogue, training_run
+from mjx_fit.report.figures import catalogue
 from mjx_fit.report.figures.catalogue import Drawing
 from mjx_fit.report.figures.parts import parts as draw_parts
 from mjx_fit.report.figures.style import Picture, picture
@@ -53,6 +53,7 @@ class Section:
         claims: Claims that the rows support, in words.
         types: Names of the types that figures distinguish by colour.
         scene: Scene with the parts; None if unknown.
+        epochs: Records of the epochs of a training run.
     """
 
     slug: str
@@ -70,6 +71,7 @@ class Section:
     claims: tuple[str, ...] = ()
     types: tuple[str, ...] = ()
     scene: SceneConfig | None = None
+    epochs: tuple[dict[str, Any], ...] = ()
 
 
 def with_parts(made: list[Section]) -> list[Section]:
@@ -130,21 +132,6 @@ def of_video(slug: str, path: Path) -> Section:
     return Section(slug, f"Video: {path.stem}", (), "", (), video=address, kind="video")
 
 
-def of_run(slug: str, folder: Path) -> Section:
-    """Return the section of a training run."""
-    metrics = training_run.read_metrics(folder / "metrics.jsonl")
-    caption = (
-        "Negative log-likelihood of the true hole state under the posterior, by epoch, and under the prior "
-        "(dashed); lower is better."
-    )
-    pictures = pictures_of(slug, [("training", caption, lambda: training_run.training_curve(metrics))])
-    facts = (("epochs", str(len(metrics))), *provenance(_json_of(folder / "run.json")))
-    path = folder / "config.yaml"
-    config = _text_of(path)
-    title = f"Training: {folder.resolve().name}"
-    return Section(slug, title, facts, config, (), pictures, kind="training run")
-
-
 def pictures_of(slug: str, shown: list[Drawing]) -> tuple[Picture, ...]:
     """Draw the figures of a section."""
     return tuple(picture(f"{slug}-{name}", caption, draw) for name, caption, draw in shown)
@@ -170,7 +157,7 @@ def _scene_of(stored: dict[str, Any]) -> SceneConfig | None:
         return None
 
 
-def _text_of(path: Path) -> str:
+def text_of(path: Path) -> str:
     """Return a text file without unprintable characters; empty if it cannot be read."""
     try:
         text = bounded_json.read_text(path, LARGEST_CONFIG)
@@ -179,7 +166,7 @@ def _text_of(path: Path) -> str:
     return "".join(letter for letter in text if letter.isprintable() or letter == "\n")
 
 
-def _json_of(path: Path) -> dict[str, Any]:
+def json_of(path: Path) -> dict[str, Any]:
     try:
         tree = bounded_json.check(_FACTS, bounded_json.read(path))
     except (OSError, ValueError):

@@ -13,18 +13,19 @@ from mjx_fit.task.estimator import Update, posterior, readings
 from mjx_fit.types import Belief, Felt
 
 
-def progress_update(config: Config, sensor: ContactSensor) -> Update:
-    """Make the update of beliefs by the first actions of attempts that a robot performs.
+def progress_update(config: Config, sensor: ContactSensor, *, logged: bool = True) -> Update:
+    """Make the update of beliefs by the first actions of attempts.
 
     Unlike ``filter_update`` it knows no outcome. The sensor reads the trace anew each time, so any sensor
     serves, also one that looks ahead; ``attempt_readers`` has those that keep what they have read.
 
     Args:
-        config: Defines the scene and the filters; errors of measurement are not added.
+        config: Defines the scene and the filters.
         sensor: The trained sensor.
+        logged: As in ``filter_update``.
     """
     graph, state = nnx.split(sensor)
-    seen_as, names = without_errors(config), config.filter.coordinates
+    seen_as, names = without_errors(config) if logged else config, config.filter.coordinates
     open_ = jnp.zeros((config.scene.n_types,) * 2)
 
     @jax.jit

@@ -23,9 +23,10 @@ from mjx_fit.data.batches import n_batches, placed
 from mjx_fit.data.episode import Episode
 from mjx_fit.data.windows import Sample, chains, windows_of
 from mjx_fit.sensors.contact_sensor import ContactSensor, InputScale
-from mjx_fit.training import checkpoint, run_files, run_folder, start
+from mjx_fit.training import checkpoint, run_folder, start
 from mjx_fit.training.compatibility import first_holes
 from mjx_fit.training.epoch import run_epoch
+from mjx_fit.training.journal import Journal
 from mjx_fit.training.loss import Loss
 from mjx_fit.training.run import Lineage, Run, held
 from mjx_fit.training.saver import Saver
@@ -86,18 +87,18 @@ def train(
     placed_data = _placed(data, run.members)
     for folder, lineage in zip(folders, begun.lineages, strict=True):
         run_folder.write(folder, config, lineage, first_holes(data), np.asarray(data.sequence), split)
-        run_files.keep_metrics(folder, begun.epochs_done)
     if begun.arrays is not None:
         state = checkpoint.from_arrays(state, begun.arrays)
-    with Progress(_title(config, split), config.train.epochs, begun.epochs_done, COMPILING) as show:
+    journal = Journal(folders, begun.epochs_done, tensorboard=run.tensorboard)
+    progress = Progress(_title(config, split), config.train.epochs, begun.epochs_done, COMPILING)
+    with journal, progress as show:
         for epoch in range(begun.epochs_done, config.train.epochs):
             began = time.monotonic()
             key = jax.vmap(partial(jax.random.fold_in, data=epoch))(epoch_roots)
             own_key = key if run.members > 1 else key[0]
             state, *losses = run_epoch(recipe, state, placed_data, sides, own_key, val_key)
             rows = _metrics(epoch, run.members, *losses, seconds=time.monotonic() - began)
-            for folder, row in zip(folders, rows, strict=True):
-                run_files.append_metrics(folder, row)
+            journal.append(rows)
             val_nll = np.array([row["val_nll"] for row in rows])
             is_last = saver.after_epoch(epoch + 1, state, val_nll, config.train.epochs)
             if on_epoch is not None:

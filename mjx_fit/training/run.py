@@ -28,6 +28,7 @@ class Run:
         members: Number of sensors; more than one form an ensemble, each with its own folder ``member-M``.
         init: Folder of another run whose best sensor provides the initial weights; None: new weights.
         inside: Subfolder of the run folder, or of each member's folder, for this training.
+        tensorboard: Whether to write event files as well.
     """
 
     out: Path
@@ -35,6 +36,7 @@ class Run:
     members: int = 1
     init: Path | None = None
     inside: str = ""
+    tensorboard: bool = False
 
     def folders(self) -> list[Path]:
         """Return the folder of each member.

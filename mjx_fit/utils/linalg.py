@@ -32,6 +32,11 @@ def times(matrix: Float[Array, "n m *b"], vector: Float[Array, "m *b"]) -> Float
     return reduce(add, (matrix[:, i] * vector[i] for i in range(len(vector))))
 
 
+def product(a: Float[Array, "n m *b"], b: Float[Array, "m k *b"]) -> Float[Array, "n k *b"]:
+    """Multiply two matrices."""
+    return jnp.stack([times(a, b[:, i]) for i in range(b.shape[1])], 1)
+
+
 def cross(a: Float[Array, "3 *b"], b: Float[Array, "3 *b"]) -> Float[Array, "3 *b"]:
     """Compute the cross product along the first axis."""
     return jnp.stack([a[i - 2] * b[i - 1] - a[i - 1] * b[i - 2] for i in range(3)])

@@ -41,7 +41,9 @@ def test_each_world_goes_where_the_engine_takes_its_attempt_whenever_it_began(co
         for i in range(N):
             felt = wanted[run[i]].felt
             trace, tare = felt.trace, felt.tare_sensor[i]
-            np.testing.assert_allclose(stepped.tip.pos_world[i], trace.tip_pos_world[i, step[i]], atol=1e-6)
+            np.testing.assert_allclose(
+                stepped.row.tip_pos_world[i], trace.tip_pos_world[i, step[i]], atol=1e-6
+            )
             wrench = trace.wrench_sensor[i, step[i]] - tare
             np.testing.assert_allclose(stepped.wrench_sensor[i], wrench, atol=0.02)
         step += 1

@@ -12,7 +12,6 @@ from gymnasium.utils.env_checker import check_env  # noqa: E402
 from gymnasium.vector import AutoresetMode  # noqa: E402
 
 from mjx_fit.config.files import read_config  # noqa: E402
-from mjx_fit.config.worlds import world_file  # noqa: E402
 from mjx_fit.envs import InsertionEnv, InsertionVectorEnv, reward  # noqa: E402
 from mjx_fit.envs.insertion_worlds import Transition  # noqa: E402
 from mjx_fit.utils.errors import RequestError  # noqa: E402
@@ -160,9 +159,9 @@ def test_observations_hold_no_truth():
         ({"num_envs": 0}, "num_envs: 0 is out of range"),
         ({"reward": "big"}, "reward: 'big' is invalid: expected one of dense, sparse"),
         ({"autoreset_mode": "Never"}, "autoreset_mode: 'Never' is invalid: expected one of NextStep"),
-        ({"config": read_config(None, ["control.tilt_radps=0.1"])}, "control.tilt_radps: 0.1 is invalid"),
+        ({"config": read_config(None, ["placement.grip_n=9"])}, r"placement\.grip_n: 9 is invalid"),
+        ({"engine": "cuda"}, "engine: 'cuda' is invalid: expected one of native, mjx"),
         ({"world": "home", "config": CONFIG}, "world: it cannot be used beside config"),
-        ({"config": read_config(world_file("bench"))}, r"filter\.coordinates: \[x, y, z, yaw, roll, pitch\]"),
     ],
 )
 def test_what_cannot_be_made_is_refused(wanted, message):

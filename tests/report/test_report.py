@@ -424,3 +424,17 @@ def test_results_of_other_versions_and_of_another_training_say_so(tmp_path: Path
     alone = build([tmp_path / "old.json"], tmp_path / "alone").read_text()
     assert "different versions" not in alone
     assert "changed since training" not in alone
+
+
+def test_runs_are_compared_in_one_figure(tmp_path):
+    """The figure of one run is not drawn twice; of two runs the first section holds both curves."""
+    alone = [run_folder(tmp_path / "a")]
+    both = [*alone, run_folder(tmp_path / "b")]
+    pictures = []
+    for number, runs in enumerate((alone, both)):
+        page = build(runs, tmp_path / f"report-{number}")
+        pictures.append(sorted(path.name for path in (page.parent / "figures").iterdir()))
+    assert pictures == [["a-training.svg"], ["a-compared.svg", "a-training.svg", "b-training.svg"]]
+    drawn = (tmp_path / "report-1/figures/a-compared.svg").read_text()
+    assert ">a</text>" in drawn
+    assert ">b</text>" in drawn

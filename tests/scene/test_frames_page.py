@@ -86,6 +86,22 @@ def test_in_free_space_the_arm_holds_the_weight(hanging):
     np.testing.assert_allclose((wrench - tare[:, None, None])[:, -1, :, :3].mean(1), 0, atol=0.05)
 
 
+def test_a_tool_that_tilts_after_the_tare_feels_a_part_of_the_weight():
+    """It is m g sin φ sideways, and m g (1 - cos φ) along the tool."""
+    tilt = 0.1
+
+    def act(state, seen: PolicyInput):
+        over = seen.start.estimate_world - seen.tip_pos_world[:2]
+        return state, jnp.concatenate([over, jnp.array([0.0, tilt, 0.0, 0.0])])
+
+    config = read_config(None, ["scene.start_height_m=0.03", "wrist.force_bias_n=0"])
+    policy = Policy(lambda start, key: (), act, "tilting", turns=True)
+    felt = NativeEngine(config, 1, policy).run(draw_attempts(jax.random.key(0), 2, config=config), 15).felt
+    change = np.asarray(felt.trace.wrench_sensor)[:, -1, :, :3].mean(1) - np.asarray(felt.tare_sensor)[:, :3]
+    np.testing.assert_allclose(np.hypot(change[:, 0], change[:, 1]), 0.98 * np.sin(tilt), atol=0.01)
+    np.testing.assert_allclose(change[:, 2], 0.98 * (1 - np.cos(tilt)), atol=0.01)
+
+
 def test_a_peg_that_presses_down_has_a_positive_force(pressed):
     wrench, tare = np.asarray(pressed.felt.trace.wrench_sensor), np.asarray(pressed.felt.tare_sensor)
     last = (wrench - tare[:, None, None])[:, -1].mean(1)

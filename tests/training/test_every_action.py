@@ -45,7 +45,7 @@ CONFIG = Config(
 
 def test_a_sensor_that_learns_after_every_action_knows_something_after_three(tmp_path):
     data = make_episodes(EPISODES, actions=ACTIONS, min_length=6)
-    train(data, CONFIG, Run(tmp_path / "run", 0))
+    train(data, CONFIG, Run(tmp_path / "run", 0, tensorboard=True))
     rows = [json.loads(line) for line in (tmp_path / "run" / "metrics.jsonl").read_text().splitlines()]
     assert rows[-1]["val_nll"] < rows[-1]["prior_nll"] - 0.3
     sensor, config = load_sensor(tmp_path / "run")

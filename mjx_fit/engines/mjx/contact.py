@@ -13,15 +13,13 @@ from functools import partial
 import jax.numpy as jnp
 import mujoco
 import numpy as np
-from jaxlie import SE3
-from jaxtyping import Float, Int
+from jaxtyping import Int
 from mujoco import mjx
 
 from mjx_fit.engines.mjx import collision, friction_cones, newton_solver, outline_contact
 from mjx_fit.engines.mjx.outlines import Outlines
 from mjx_fit.scene.placement import Setting
-from mjx_fit.types import Array
-from mjx_fit.utils.linalg import cholesky_factor, cholesky_solve, worlds_last
+from mjx_fit.utils.linalg import cholesky_factor, cholesky_solve, product, times, total, worlds_last
 
 
 def require_supported(model: mujoco.MjModel) -> None:
@@ -56,32 +54,27 @@ def collide(
     peg, plate = _geoms(model, "peg_"), _geoms(model, "hole_")
     peg_body, plate_body = (int(model.geom_bodyid[geoms[0]]) for geoms in (peg, plate))
     contact = data._impl.contact
-    pos, frame = data.xpos[peg_body], data.xmat[peg_body]
-    if setting is not None and setting.peg_hand is not None:
-        pos, frame = _held(pos, frame, setting.peg_hand)
-    upright = setting is None or setting.socket_world is None
-    turn = data.xmat[plate_body]
-    pose = pos - data.xpos[plate_body], frame
-    if not upright:
-        pose = turn.T @ pose[0], turn.T @ pose[1]
-    count = len(contact.dist)
-    if outlines is None:
-        points = worlds_last(partial(collision.deepest_points, count=count))(
+    parts = outlines
+    if parts is None:
+        parts = (
             collision.Boxes(model.geom_pos[peg], model.geom_size[peg]),
             collision.Boxes(model.geom_pos[plate], model.geom_size[plate]),
-            *pose,
         )
-    else:
-        points = worlds_last(partial(outline_contact.touching_points, count=count))(*outlines, *pose)
+    find = collision.deepest_points if outlines is None else outline_contact.touching_points
+    upright = setting is None or setting.socket_world is None
+    held = None if setting is None else setting.peg_hand
+    points = worlds_last(partial(_touching, partial(find, count=len(contact.dist))))(
+        parts,
+        (data.xpos[peg_body] - data.xpos[plate_body], data.xmat[peg_body]),
+        None if upright else data.xmat[plate_body],
+        None if held is None else (held.translation(), held.rotation().as_matrix()),
+    )
     slide, spin, roll = jnp.maximum(model.geom_friction[peg[0]], mujoco.mjMINMU)  # as in the C engine
-    pos_plate, axes = points.pos_plate, points.frame
-    if not upright:
-        pos_plate, axes = pos_plate @ turn.T, axes @ turn.T
     # All boxes share the same friction and stiffness, so one box represents its body.
     contact = contact.replace(
         dist=points.dist,
-        pos=pos_plate + data.xpos[plate_body],
-        frame=axes,
+        pos=points.pos_plate + data.xpos[plate_body],
+        frame=points.frame,
         geom=jnp.broadcast_to(jnp.array([peg[0], plate[0]]), contact.geom.shape),
         friction=jnp.broadcast_to(jnp.stack([slide, slide, spin, roll, roll]), contact.friction.shape),
         solref=jnp.broadcast_to(model.geom_solref[peg[0]], contact.solref.shape),
@@ -93,13 +86,26 @@ def collide(
     return data.replace(_impl=data._impl.replace(contact=contact))
 
 
-def _held(
-    pos_world: Float[Array, "3"], frame_world: Float[Array, "3 3"], peg_hand: SE3
-) -> tuple[Float[Array, "3"], Float[Array, "3 3"]]:
-    """Return the pose of the peg, given that of the hand."""
-    return (
-        pos_world + frame_world @ peg_hand.translation(),
-        frame_world @ peg_hand.rotation().as_matrix(),
+def _touching(find, parts, hand, socket_axes, held) -> collision.Points:
+    """Find contact points, relative to the socket's origin in the axes of the world, with worlds last.
+
+    Args:
+        find: Function of the parts, and of the peg's origin and axes in the frame of the socket.
+        parts: The parts.
+        hand: Origin of the hand relative to the socket's, m, and its axes as columns, in the world's axes.
+        socket_axes: Axes of the socket as columns; None: it is upright.
+        held: Origin (m) and axes of the peg in the frame of the hand; None: the same.
+    """
+    pos, axes = hand
+    if held is not None:
+        pos, axes = pos + times(axes, held[0]), product(axes, held[1])
+    if socket_axes is None:
+        return find(*parts, pos, axes)
+    from_world = socket_axes.swapaxes(0, 1)
+    points = find(*parts, times(from_world, pos), product(from_world, axes))
+    return points._replace(
+        pos_plate=total(points.pos_plate[:, None] * socket_axes, 2),
+        frame=total(points.frame[:, :, None] * socket_axes, 3),
     )
 
 

@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float, Int
 
 from mjx_fit.config.schema import Config
 from mjx_fit.control import operational_space, policies
+from mjx_fit.control.framed import as_seen
 from mjx_fit.control.goals import commanded
 from mjx_fit.control.kinematics import chain_of
 from mjx_fit.control.policies import Policy, PolicyInput
@@ -59,7 +60,7 @@ class Brain:
             command and the resulting goal of the TCP, (rows, k) each, m and rad; what it reports, and whether
             it gives up.
         seen: Function of the memory, packed inputs, index of each row's action and horizon: what the
-            policy sees.
+            policy sees, in the frame of its estimate.
         act_at: The same as ``act``, with an index of the action for each row.
         torque: Function of packed inputs, goals and physics: joint torques (rows, joints), N·m.
         tip: Function of packed inputs and physics: the TCP states.
@@ -120,7 +121,8 @@ class Brain:
 
     def _seen(self, memory: Memory, packed: Float[Array, "k"], step, horizon: int) -> PolicyInput:
         tip = self._tip(packed, memory.physics)
-        return policy_runner.seen(self.policy.reads, self.config, horizon, memory, tip, step)
+        seen = policy_runner.seen(self.policy.reads, self.config, horizon, memory, tip, step)
+        return as_seen(seen, self.config)
 
     def _end(
         self, memory: Memory, packed: Float[Array, "k"], setting: Setting, step

@@ -1,6 +1,6 @@
 """Worlds that a caller steps action by action, each begun anew on its own; in MuJoCo's C engine."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import jax
@@ -9,37 +9,18 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from mjx_fit.config.schema import Config
-from mjx_fit.control.policies import Policy, PolicyInput
-from mjx_fit.control.regulation import Losses, regulated
+from mjx_fit.control.policies import PolicyInput
 from mjx_fit.engines import attempt_rules
-from mjx_fit.engines.attempt_rules import Tip, Verdict
 from mjx_fit.engines.native.block import Block
 from mjx_fit.engines.native.controller import ROWS, Brain, padded, rows_for
 from mjx_fit.engines.native.drive import driven
 from mjx_fit.engines.native.models import Models
 from mjx_fit.engines.policy_runner import Memory
+from mjx_fit.engines.stepped import Stepped, from_outside, told
 from mjx_fit.engines.threads import OneByOne, on_threads, parts_of, silence_mujoco
 from mjx_fit.scene.build import simulation_scene
 from mjx_fit.scene.placement import Setting
 from mjx_fit.types import Attempt
-
-FROM_OUTSIDE = Policy(lambda start, key: jnp.zeros(3), lambda command, seen: (command, command))
-"""Policy whose state is its next command, which the caller writes there."""
-
-
-@dataclass(frozen=True)
-class Stepped:
-    """Worlds (n,) after one action.
-
-    Attributes:
-        tip: True TCP states.
-        verdict: Whether each is inserted or broken, by the truth; ``Worlds.restart`` has to begin these anew.
-        wrench_sensor: Wrenches of the action (n, 50, 6), tared and without errors, N and N·m.
-    """
-
-    tip: Tip
-    verdict: Verdict
-    wrench_sensor: Float[np.ndarray, "n 50 6"]
 
 
 class Worlds:
@@ -66,7 +47,7 @@ class Worlds:
         """
         silence_mujoco()
         scene = simulation_scene(config.scene)
-        brain = Brain(scene, config, regulated(FROM_OUTSIDE, config.control))
+        brain = Brain(scene, config, from_outside(config))
         models, self._threads, self._compiling = Models(scene), threads, OneByOne()
         self._ids = parts_of(len(attempts.peg_type), threads, ROWS[-1])
         self._parts = [
@@ -74,25 +55,20 @@ class Worlds:
         ]
 
     def seen(self) -> PolicyInput:
-        """Return what a policy sees before the next action of each world, (n,), as NumPy arrays."""
+        """Return what is seen before the next action of each world, (n,), as NumPy arrays, in its frame."""
         return _joined([part.seen() for part in self._parts])
 
-    def act(self, command_world: Float[np.ndarray, "n 3"]) -> Stepped:
-        """Simulate one action of every world under these commands, m."""
+    def act(self, command: Float[np.ndarray, "n k"]) -> Stepped:
+        """Simulate one action of every world under these commands (``stepped.from_outside``)."""
         done: dict[int, Stepped] = {}
 
         def work(number: int) -> None:
             ids = self._ids[number]
             with self._compiling.at_first(("act", rows_for(len(ids)))):
-                done[number] = self._parts[number].act(command_world[ids])
+                done[number] = self._parts[number].act(command[ids])
 
         on_threads(self._threads, work, range(len(self._parts)))
-        parts = [done[number] for number in range(len(self._parts))]
-        return Stepped(
-            _joined([part.tip for part in parts]),
-            _joined([part.verdict for part in parts]),
-            np.concatenate([part.wrench_sensor for part in parts]),
-        )
+        return _joined([done[number] for number in range(len(self._parts))])
 
     def restart(self, over: Bool[np.ndarray, "n"], attempts: Attempt) -> None:
         """Begin the attempts (n,) of the worlds that are over; the rest of the attempts is ignored."""
@@ -127,21 +103,20 @@ class _Part:
         seen = self._brain.seen(self._memory, self._block.packed(), self._step, horizon)
         return jax.tree.map(lambda leaf: leaf[: self._n], seen)
 
-    def act(self, command_world: Float[np.ndarray, "m 3"]) -> Stepped:
+    def act(self, command: Float[np.ndarray, "m k"]) -> Stepped:
         brain, block, horizon = self._brain, self._block, self._brain.config.task.attempt_actions
-        command = padded(np.asarray(command_world, np.float32), self._rows)
-        state = self._memory.state
-        state = replace(state, state=command) if isinstance(state, Losses) else command
-        memory = replace(self._memory, state=state)
+        memory = told(self._memory, padded(np.asarray(command, np.float32), self._rows))
         state, *acted = brain.act_at(memory, block.packed(), self._step, horizon)
-        command, wanted, *_ = jax.tree.map(np.asarray, acted)
+        command_world, wanted, *_ = jax.tree.map(np.asarray, acted)
         goal = driven(brain, block, memory, wanted)
         felt = padded(block.wrench.swapaxes(0, 1), self._rows)
-        self._memory = replace(memory, state=state, wrench_sensor=felt, command_world=command, goal=goal)
+        self._memory = replace(
+            memory, state=state, wrench_sensor=felt, command_world=command_world, goal=goal
+        )
         self._step += 1
-        return self._judged()
+        return self._judged(command_world[: self._n])
 
-    def _judged(self) -> Stepped:
+    def _judged(self, command_world: Float[np.ndarray, "m K"]) -> Stepped:
         block, own = self._block, self._attempts
         physics, config = self._memory.physics, self._brain.config
         tip = self._brain.tip(block.packed(), physics)
@@ -150,7 +125,8 @@ class _Part:
         hole, at_limit, limited = own.hole_pos_world[: self._n], block.at_limit(), self._limited
         verdict = attempt_rules.judge(peg, hole, block.finite(), at_limit, limited, config)
         self._limited = np.asarray(verdict.limited)
-        return Stepped(tip, verdict, block.wrench.swapaxes(0, 1) - block.tare_sensor[:, None])
+        row = attempt_rules.trace_row(tip, block.wrench.swapaxes(0, 1), command_world)
+        return Stepped(row, peg, verdict, block.tare_sensor)
 
     def restart(self, over: Bool[np.ndarray, "m"], attempts: Attempt) -> None:
         rows, new = np.flatnonzero(over), padded(attempts, self._rows)

@@ -1,6 +1,7 @@
 """Figure of a training run."""
 
 import json
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, NotRequired
 
@@ -60,6 +61,33 @@ def read_metrics(path: Path) -> list[dict[str, Any]]:
     if not epochs:
         raise RequestError(f"report: {path} contains no epoch yet: nothing to show")
     return [epochs[epoch] for epoch in sorted(epochs)]
+
+
+def training_curves(runs: Mapping[str, Sequence[dict[str, Any]]]) -> Figure:
+    """Draw the negative log-likelihood of the true state in validation, by epoch, of several runs.
+
+    Args:
+        runs: Records of each run, by the name that the legend shows.
+    """
+    figure, ax = style.axes()
+    colours, markers = style.colours(list(runs)), style.markers(list(runs))
+    for name, metrics in runs.items():
+        epoch = np.array([record["epoch"] for record in metrics])
+        value = np.array([record.get("val_nll") for record in metrics], float)
+        seen = np.isfinite(value)
+        ax.plot(
+            epoch[seen],
+            value[seen],
+            color=colours[name],
+            marker=markers[name],
+            markersize=4,
+            markevery=max(1, int(seen.sum()) // 10),
+            label=style.label(name),
+        )
+    ax.set(xlabel="Epoch", ylabel="Validation NLL (nat)")
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+    style.legend(figure, ax.get_legend_handles_labels()[0])
+    return figure
 
 
 def training_curve(metrics: list[dict[str, Any]]) -> Figure:

@@ -1,5 +1,6 @@
-"""Gymnasium's environment of insertions in two worlds at once, as Stable-Baselines3 steps it."""
+"""Tasks for reinforcement: Gymnasium's environment of insertions, as Stable-Baselines3 steps it."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -7,46 +8,57 @@ from gymnasium.vector import AutoresetMode
 from jaxtyping import Float
 from stable_baselines3.common.vec_env import VecEnv
 
+from mjx_fit.config.schema import Config
 from mjx_fit.config.worlds import preset
 from mjx_fit.envs import InsertionVectorEnv
 
-WORLDS = ("home", "forge")
+
+def configs_of(task: str) -> list[Config]:
+    """Return the configurations of a task.
+
+    `search` has the physics of `home` in one half of its environments, and draws that of the other from
+    `forge`. `known` is at home, its detections are exact, and an attempt lasts 2 s: in 10 s nearly every peg
+    goes in whose policy acts at random.
+    """
+    if task == "known":
+        home = preset("gentle", "home")
+        exact = replace(home.detector, half_width_m=0.0)
+        return [replace(home, detector=exact, task=replace(home.task, attempt_actions=20))]
+    return [preset("gentle", world) for world in ("home", "forge")]
 
 
-class TwoWorlds(VecEnv):
-    """Half of the environments have the physics of `home`, half draw theirs from `forge`."""
+class Insertions(VecEnv):
+    """N environments, of each of some configurations as many as of any other."""
 
-    def __init__(self, per_world: int, seed: int):
+    def __init__(self, n: int, configs: list[Config], seed: int):
         same = AutoresetMode.SAME_STEP
-        self._halves = [
-            InsertionVectorEnv(per_world, config=preset("gentle", world), autoreset_mode=same)
-            for world in WORLDS
+        self._parts = [
+            InsertionVectorEnv(n // len(configs), config=config, autoreset_mode=same) for config in configs
         ]
         self._root = seed
-        one = self._halves[0]
-        n = per_world * len(WORLDS)
+        one = self._parts[0]
         super().__init__(n, one.single_observation_space, one.single_action_space)
         self._length, self._return = np.zeros(n, int), np.zeros(n)
 
     def reset(self) -> Float[np.ndarray, "n k"]:
         self._length[:], self._return[:] = 0, 0
-        begun = [half.reset(seed=self._root + i)[0] for i, half in enumerate(self._halves)]
+        begun = [part.reset(seed=self._root + i)[0] for i, part in enumerate(self._parts)]
         return np.concatenate(begun)
 
     def step_async(self, actions: np.ndarray) -> None:
         self._actions = actions
 
     def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
-        parts = np.split(self._actions, len(self._halves))
-        done = [half.step(part) for half, part in zip(self._halves, parts, strict=True)]
+        actions = np.split(self._actions, len(self._parts))
+        done = [part.step(own) for part, own in zip(self._parts, actions, strict=True)]
         parts = [[one[0] for one in done], *([np.asarray(one[i]) for one in done] for i in (1, 2, 3))]
         seen, reward, ended, cut = map(np.concatenate, parts)
         self._length += 1
         self._return += reward
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         for i in np.flatnonzero(ended | cut):
-            half, row = divmod(int(i), self.num_envs // len(self._halves))
-            told = done[half][4]
+            part, row = divmod(int(i), self.num_envs // len(self._parts))
+            told = done[part][4]
             # An attempt whose time is over has failed: nothing is to be expected behind it.
             infos[i] = {
                 "episode": {"r": self._return[i], "l": self._length[i], "t": 0.0},
