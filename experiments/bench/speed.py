@@ -64,8 +64,8 @@ def main(old: Path, out: Path, repeats: int) -> None:
     for engine, worlds in WORLDS.items():
         rates: dict[str, list[float]] = {name: [] for name in cases}
         for _ in range(repeats):
-            for name, case in cases.items():
-                rates[name].append(rate(*case, engine))
+            for name, (tree, world, sets) in cases.items():
+                rates[name].append(rate(tree, world, sets, engine))
                 print(engine, name, rates[name][-1], flush=True)
         ratio = {name: float(np.median(np.divide(own, rates["before"]))) for name, own in rates.items()}
         told[engine] = {"worlds": worlds, "simulated_s_per_s": rates, "median_ratio_to_before": ratio}

@@ -374,6 +374,7 @@ def test_sequences_start_from_what_the_runs_sensor_believes(trained, tmp_path, c
     assert main.main([*drawn, "--set", "train.sequence=2", "--set", "train.min_window=6", *alone]) == 0
 
 
+@pytest.mark.slow
 def test_calibration_on_attempts_of_its_own(data, trained, tmp_path, refused):
     """With the run's baseline beside it; the data that it was trained on are refused."""
     (run, settings), fresh, out = trained, tmp_path / "fresh", tmp_path / "calibration.json"

@@ -52,6 +52,7 @@ def played():
     return env, play, keys, play(keys)
 
 
+@pytest.mark.slow
 def test_pegs_at_known_places_go_in_and_the_next_episode_begins(played):
     env, _, _, (begun, _, steps) = played
     steps = jax.tree.map(np.asarray, steps)
@@ -68,12 +69,14 @@ def test_pegs_at_known_places_go_in_and_the_next_episode_begins(played):
     assert np.abs(begun.observation[0] - begun.observation[1]).max() > 0
 
 
+@pytest.mark.slow
 def test_a_world_depends_on_its_key_alone(played):
     _, play, keys, (_, _, steps) = played
     _, _, other = play(jnp.stack([keys[1], keys[0]]))
     np.testing.assert_allclose(other.observation[:8, ::-1], steps.observation[:8], atol=1e-3)
 
 
+@pytest.mark.slow
 def test_the_next_episode_is_at_another_hole(played):
     _, _, _, (begun, end, steps) = played
     assert (end.episode == steps.terminated.sum(0) + steps.truncated.sum(0)).all()

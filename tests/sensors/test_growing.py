@@ -42,7 +42,7 @@ def upright(felt: Felt) -> Felt:
     return replace(felt, trace=replace(felt.trace, tip_quat_world=quat.astype(np.float32)))
 
 
-@pytest.mark.parametrize("positional", [False, True])
+@pytest.mark.parametrize("positional", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_an_attempt_in_progress_is_observed_as_the_whole_up_to_there(positional):
     """Three ways: action by action, every row at once, and each prefix as a trace of its own."""
     sensor, reading = make_sensor(positional), make_reading(3, seed=4)

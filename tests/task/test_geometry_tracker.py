@@ -65,6 +65,7 @@ def test_a_log_tells_what_the_simulated_attempt_tells(config, attempts, felt, tr
     assert np.median(np.hypot(*new[:, :2].T)) < np.median(np.hypot(*old[:, :2].T))
 
 
+@pytest.mark.slow
 def test_the_errors_that_a_robot_may_have_are_reckoned_with_and_not_added(config, attempts, felt):
     """The noise key changes the particles alone; errors of the pose in the settings widen the belief."""
     before = jax.tree.map(lambda leaf: np.asarray(leaf)[:1], detected_belief(attempts.estimate_world, config))

@@ -90,7 +90,7 @@ def import_log(path: Path | str, said: LogMap, config: Config) -> ImportedLog:
     raw, bad, findings = _in_order(raw, said)
     if _refused(findings):
         return ImportedLog(raw.name, (), tuple(findings))
-    signals = signals_of(raw, said, config.scene.peg_length_m)
+    signals = signals_of(raw, said, config)
     facts = facts_of(raw, said, config)
     findings += _out_of_place(signals)
     spans: list[Span] = []

@@ -61,11 +61,14 @@ class PoseMap:
     """Pose of the tool.
 
     Attributes:
-        source: Topic (``PoseStamped``, ``Pose``, ``TransformStamped``, ``tf2_msgs/TFMessage``), array (M, 7)
-            or (M, 6), or columns: position, then rotation.
-        rotation: How the rotation is written. Topics have quaternions.
+        source: Topic (``PoseStamped``, ``Pose``, ``TransformStamped``, ``tf2_msgs/TFMessage``,
+            ``JointState``), array (M, 7) or (M, 6), or columns: position, then rotation; or the joints' angles.
+        rotation: How the rotation is written. Topics have quaternions, except for ``joints``: then the source
+            has the angles of the robot's joints, and its kinematics give the pose of the TCP in the
+            library's world.
+        joints: Names of the joints in a topic, from the base on; None: in the order of the messages.
         length: Unit of positions.
-        angle: Unit of the angles of ``rotvec`` and ``rpy``.
+        angle: Unit of the angles of ``rotvec``, ``rpy`` and ``joints``.
         frame: Child frame to take from a topic of transforms.
         tool_in_pose: The frame of the tool in that of the logged pose. The tool's origin is the TCP, the
             centre of the peg's lower face; its z points along the peg, out of the hand.
@@ -74,7 +77,8 @@ class PoseMap:
     """
 
     source: Source
-    rotation: Literal["quat_xyzw", "quat_wxyz", "rotvec", "rpy"] = "quat_xyzw"
+    rotation: Literal["quat_xyzw", "quat_wxyz", "rotvec", "rpy", "joints"] = "quat_xyzw"
+    joints: tuple[Name, ...] | None = None
     length: Literal["m", "mm"] = "m"
     angle: Literal["rad", "deg"] = "rad"
     frame: Name | None = None

@@ -6,9 +6,12 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation, Slerp
 
+from mjx_fit.config.schema import Config
 from mjx_fit.control.operational_space import GRAVITY_MPS2
+from mjx_fit.data.logs.arm import tool_poses
 from mjx_fit.data.logs.log_map import FrameMap, LogMap
 from mjx_fit.data.logs.raw_log import RawLog, Stream
+from mjx_fit.scene.robot import ROBOTS
 from mjx_fit.utils.errors import RequestError
 
 FORCE_N = {"N": 1.0, "lbf": 4.4482216152605}
@@ -45,23 +48,24 @@ class Signals:
     angvel_world: Float[np.ndarray, "M 3"] | None = None
 
 
-def signals_of(raw: RawLog, said: LogMap, lever_m: float) -> Signals:
+def signals_of(raw: RawLog, said: LogMap, config: Config) -> Signals:
     """Convert a log.
 
     Args:
         raw: The log, with samples in order.
         said: Its map.
-        lever_m: Distance from the library's sensor to the TCP, m: torques are about that point.
+        config: Defines the arm, and the distance from the library's sensor to the TCP: torques are about that
+            point.
 
     Raises:
         RequestError: A signal has another number of values, or a quaternion is none.
     """
     pose = raw.streams["pose"]
-    position, turns = _poses(raw, said)
+    position, turns = _poses(raw, said, config)
     wrench = raw.streams["wrench"]
     _require_width(raw, "wrench", wrench, (6,))
     here = Slerp(pose.time_s, turns)(np.clip(wrench.time_s, pose.time_s[0], pose.time_s[-1]))
-    felt = _felt(wrench, said, here, lever_m)
+    felt = _felt(wrench, said, here, config.scene.peg_length_m)
     commands = (None, None)
     if "command" in raw.streams:
         commands = raw.streams["command"].time_s, _commands(raw, said, Stream(pose.time_s, position))
@@ -69,8 +73,22 @@ def signals_of(raw: RawLog, said: LogMap, lever_m: float) -> Signals:
     return Signals(wrench.time_s, felt, pose.time_s, position, turns, *commands, *twist)
 
 
-def _poses(raw: RawLog, said: LogMap) -> tuple[Float[np.ndarray, "M 3"], Rotation]:
+def _poses(raw: RawLog, said: LogMap, config: Config) -> tuple[Float[np.ndarray, "M 3"], Rotation]:
     """Return positions and orientations of the TCP in the world."""
+    own = said.pose
+    if own.rotation == "joints":
+        stream = raw.streams["pose"]
+        _require_width(raw, "pose", stream, (len(ROBOTS[config.scene.robot].joints),))
+        angles = np.deg2rad(stream.values) if own.angle == "deg" else stream.values
+        at, measured = tool_poses(angles, config)
+    else:
+        at, measured = _written_poses(raw, said)
+    base, tool = (_rigid(one) for one in (own.base_in_world, own.tool_in_pose))
+    return base[0] + base[1].apply(at + measured.apply(tool[0])), base[1] * measured * tool[1]
+
+
+def _written_poses(raw: RawLog, said: LogMap) -> tuple[Float[np.ndarray, "M 3"], Rotation]:
+    """Return positions, m, and orientations as the log has them."""
     values, own = raw.streams["pose"].values, said.pose
     kind = "quat_xyzw" if raw.quaternions_xyzw else own.rotation
     quaternions = kind.startswith("quat")
@@ -89,9 +107,7 @@ def _poses(raw: RawLog, said: LogMap) -> tuple[Float[np.ndarray, "M 3"], Rotatio
     else:
         angles = np.deg2rad(rest) if own.angle == "deg" else rest
         measured = Rotation.from_rotvec(angles) if kind == "rotvec" else Rotation.from_euler("xyz", angles)
-    base, tool = (_rigid(one) for one in (own.base_in_world, own.tool_in_pose))
-    at = _METRES[own.length] * values[:, :3] + measured.apply(tool[0])
-    return base[0] + base[1].apply(at), base[1] * measured * tool[1]
+    return _METRES[own.length] * values[:, :3], measured
 
 
 def _rigid(one: FrameMap) -> tuple[Float[np.ndarray, "3"], Rotation]:

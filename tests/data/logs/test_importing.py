@@ -183,11 +183,11 @@ def test_the_weight_of_a_load_is_taken_out_as_the_tool_turns(tmp_path):
     said = map_of_table()
     said["wrench"]["sensor_in_tool"]["rpy_deg"] = [0, 0, 40]
     (tmp_path / "map.yaml").write_text(yaml.safe_dump(said))
-    heavy = signals_of(raw, read_map(tmp_path / "map.yaml"), 0.07).wrench_sensor
+    heavy = signals_of(raw, read_map(tmp_path / "map.yaml"), CONFIG).wrench_sensor
     assert heavy.std(0).max() > 5
     said["load"] = {"mass_kg": 1.5, "centre_m": centre.tolist()}
     (tmp_path / "map.yaml").write_text(yaml.safe_dump(said))
-    light = signals_of(raw, read_map(tmp_path / "map.yaml"), 0.07).wrench_sensor
+    light = signals_of(raw, read_map(tmp_path / "map.yaml"), CONFIG).wrench_sensor
     want = np.concatenate([mount.apply(bias[:3]), mount.apply(bias[3:])])
     np.testing.assert_allclose(light, np.tile(want, (30, 1)), atol=1e-9)
 

@@ -1,16 +1,20 @@
 """The same log as a table, arrays and bags; and files that are damaged or lack a signal."""
 
+import jax
 import numpy as np
 import pytest
 import yaml
 from robot_logs import COMMAND, FORCE, PLACE, QUAT, TORQUE, map_of_table, recorded, table_of
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
+from scipy.spatial.transform import Rotation
 from test_importing import CONFIG, compare, imported
 
+from mjx_fit.control.kinematics import chain_of, inverse
 from mjx_fit.data.logs.importing import import_log
 from mjx_fit.data.logs.log_map import read_map
 from mjx_fit.data.logs.sources import read_raw
+from mjx_fit.scene.build import simulation_scene
 from mjx_fit.utils.errors import RequestError
 
 DATE_NS = 17 * 10**17
@@ -41,7 +45,17 @@ def bag_map():
     return said
 
 
-def write_bag(path, own, plugin, *, transforms=False):
+def angles_of(own):
+    """Return the angles of the joints at each pose, rad, by inverse kinematics."""
+    scene = simulation_scene(CONFIG.scene)
+    chain = chain_of(scene.models[0], scene.robot)
+    down = Rotation.from_quat([0.0, 1.0, 0.0, 0.0], scalar_first=True)
+    turns = (Rotation.from_quat(own.pose[:, 4:], scalar_first=True) * down.inv()).as_rotvec()
+    solve = jax.jit(jax.vmap(lambda place, turn: inverse(chain, place, turn_world=turn)))
+    return np.asarray(solve(own.pose[:, 1:4], turns), float)
+
+
+def write_bag(path, own, plugin, *, transforms=False, angles=None):
     """Write a bag as a robot's driver does; attempts are numbered when they begin."""
     types = {name: STORE.types[name] for name in STORE.types}
     stamp = types["builtin_interfaces/msg/Time"]
@@ -70,13 +84,21 @@ def write_bag(path, own, plugin, *, transforms=False):
             head(row[0]), types["geometry_msgs/msg/Pose"](place, at)
         )
 
+    def joints(row):
+        names = [*(f"joint{i}" for i in range(7, 0, -1)), "finger"]
+        values = np.array([*row[:0:-1], 0.04])
+        return types["sensor_msgs/msg/JointState"](head(row[0]), names, values, np.zeros(8), np.zeros(8))
+
     def step(row):
         return types["geometry_msgs/msg/Vector3Stamped"](head(row[0]), vector(*row[1:]))
 
+    poses = (own.pose, pose, "tf2_msgs/msg/TFMessage" if transforms else "geometry_msgs/msg/PoseStamped")
+    if angles is not None:
+        poses = (np.column_stack([own.pose[:, 0], angles]), joints, "sensor_msgs/msg/JointState")
     numbers = np.array([(begin, i) for i, (begin, _) in enumerate(own.attempts)])
     said = {
         "wrench": (own.wrench, wrench, "geometry_msgs/msg/WrenchStamped"),
-        "pose": (own.pose, pose, "tf2_msgs/msg/TFMessage" if transforms else "geometry_msgs/msg/PoseStamped"),
+        "pose": poses,
         "command": (own.command, step, "geometry_msgs/msg/Vector3Stamped"),
         "attempts": (numbers, lambda row: types["std_msgs/msg/Int32"](int(row[1])), "std_msgs/msg/Int32"),
     }
@@ -131,6 +153,30 @@ def test_poses_come_from_transforms_and_attempts_from_numbers(own, felt, tmp_pat
         RequestError, match=r"the topic '/pose' is missing: it has /attempt, /ft, /step, /tcp"
     ):
         import_log(tmp_path / "bag", written(tmp_path, said), CONFIG)
+
+
+def test_poses_come_from_the_angles_of_joints_by_name(own, felt, tmp_path):
+    """The message has them from the hand to the base, and a finger; a table has them in order, in degrees."""
+    angles = angles_of(own)
+    write_bag(tmp_path / "bag", own, StoragePlugin.MCAP, angles=angles)
+    said = bag_map()
+    said["pose"] |= {"rotation": "joints", "joints": [f"joint{i}" for i in range(1, 8)]}
+    compare(import_log(tmp_path / "bag", written(tmp_path, said), CONFIG), felt, 1e-3, 1e-4)
+    said["pose"]["joints"][2] = "panda_joint3"
+    with pytest.raises(RequestError, match=r"pose\.joints: 'panda_joint3' is not among joint7, joint6"):
+        import_log(tmp_path / "bag", written(tmp_path, said), CONFIG)
+    with pytest.raises(RequestError, match=r"pose\.rotation: quat_wxyz cannot be used with sensor_msgs"):
+        import_log(tmp_path / "bag", written(tmp_path, bag_map()), CONFIG)
+
+    rows, said = table_of(own), map_of_table()
+    names = [f"q{i}" for i in range(7)]
+    rows.loc[rows["qw"].notna(), names] = np.rad2deg(angles)
+    rows.drop(columns=["x", "y", "z", "qw", "qx", "qy", "qz"]).to_parquet(tmp_path / "log.parquet")
+    said["pose"] = {"source": names, "rotation": "joints", "angle": "deg"}
+    compare(import_log(tmp_path / "log.parquet", written(tmp_path, said), CONFIG), felt, 1e-3, 1e-4)
+    said["pose"]["source"] = names[:6]
+    with pytest.raises(RequestError, match="pose: 6 values are invalid: expected 7"):
+        import_log(tmp_path / "log.parquet", written(tmp_path, said), CONFIG)
 
 
 @pytest.mark.parametrize("share", [0.1, 0.5, 0.97])

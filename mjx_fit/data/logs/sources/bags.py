@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from mjx_fit.data.logs.log_map import LogMap
+from mjx_fit.data.logs.log_map import LogMap, PoseMap
 from mjx_fit.data.logs.raw_log import SECONDS, Labels, RawLog, Stream
 from mjx_fit.utils.errors import RequestError, shortened, shown
 
@@ -17,7 +17,8 @@ except ImportError:
     raise ImportError("bags need rosbags, which is not installed: pip install 'mjx-fit[logs]'") from None
 
 _Numbers = tuple[float, ...]
-_Samples = Callable[[Any, str | None], Iterable[tuple[Any, _Numbers]]]
+_Samples = Callable[[Any, PoseMap], Iterable[tuple[Any, _Numbers]]]
+"""Function of a message and of what the map says of poses."""
 
 
 def read_bag(path: Path, asked: LogMap) -> RawLog:
@@ -45,8 +46,8 @@ def read_bag(path: Path, asked: LogMap) -> RawLog:
 def _stream(path: Path, reader: AnyReader, name: str, topic: Any, asked: LogMap) -> Stream:
     if not isinstance(topic, str):
         raise RequestError(f"map: {name}.source: {shown(topic)} is invalid: expected a topic")
+    found = list(_messages(path, reader, name, topic, asked))
     frame = asked.pose.frame if name == "pose" else None
-    found = list(_messages(path, reader, name, topic, frame, asked))
     if not found:
         raise RequestError(f"{path}: {topic} has no message{f' about {frame}' if frame else ''}")
     time, values = zip(*found, strict=True)
@@ -54,12 +55,12 @@ def _stream(path: Path, reader: AnyReader, name: str, topic: Any, asked: LogMap)
 
 
 def _labels(path: Path, reader: AnyReader, topic: str, asked: LogMap) -> Labels:
-    found = list(_messages(path, reader, "labels", topic, None, asked))
+    found = list(_messages(path, reader, "labels", topic, asked))
     return Labels(np.array([time for time, _ in found], float), np.array([value[0] for _, value in found]))
 
 
 def _messages(
-    path: Path, reader: AnyReader, name: str, topic: str, frame: str | None, asked: LogMap
+    path: Path, reader: AnyReader, name: str, topic: str, asked: LogMap
 ) -> Iterable[tuple[float, _Numbers]]:
     """Return times, s, and values of a topic's messages."""
     connections = [one for one in reader.connections if one.topic == topic]
@@ -71,9 +72,14 @@ def _messages(
             raise RequestError(
                 f"{path}: {topic}: {connection.msgtype} is invalid: expected {', '.join(_READERS[name])}"
             )
+        if name == "pose" and (connection.msgtype == _JOINT_STATE) != (asked.pose.rotation == "joints"):
+            raise RequestError(
+                f"map: pose.rotation: {asked.pose.rotation} cannot be used with {connection.msgtype} of "
+                f"{topic}: expected joints for joint states, and for nothing else"
+            )
     for connection, received_ns, data in reader.messages(connections):
         message = reader.deserialize(data, connection.msgtype)
-        for stamp, values in _READERS[name][connection.msgtype](message, frame):
+        for stamp, values in _READERS[name][connection.msgtype](message, asked.pose):
             at = received_ns if stamp is None or asked.time.stamps == "received" else _nanoseconds(stamp)
             yield SECONDS["ns"] * (at - reader.start_time), values
 
@@ -102,18 +108,31 @@ def _pose(position: Any, turn: Any) -> _Numbers:
     return *_xyz(position), turn.x, turn.y, turn.z, turn.w
 
 
-def _transform(one: Any, frame: str | None) -> Iterable[tuple[Any, _Numbers]]:
-    if frame is None or one.child_frame_id == frame:
+def _joints(message: Any, said: PoseMap) -> Iterable[tuple[Any, _Numbers]]:
+    if said.joints is None:
+        yield message.header.stamp, tuple(message.position)
+        return
+    at = dict(zip(message.name, message.position, strict=True))
+    missing = [name for name in said.joints if name not in at]
+    if missing:
+        raise RequestError(
+            f"map: pose.joints: {shown(missing[0])} is not among {shortened(', '.join(at), 300)}"
+        )
+    yield message.header.stamp, tuple(at[name] for name in said.joints)
+
+
+def _transform(one: Any, said: PoseMap) -> Iterable[tuple[Any, _Numbers]]:
+    if said.frame is None or one.child_frame_id == said.frame:
         moved = one.transform
         yield one.header.stamp, _pose(moved.translation, moved.rotation)
 
 
-def _transforms(message: Any, frame: str | None) -> Iterable[tuple[Any, _Numbers]]:
+def _transforms(message: Any, said: PoseMap) -> Iterable[tuple[Any, _Numbers]]:
     for one in message.transforms:
-        yield from _transform(one, frame)
+        yield from _transform(one, said)
 
 
-_G = "geometry_msgs/msg/"
+_G, _JOINT_STATE = "geometry_msgs/msg/", "sensor_msgs/msg/JointState"
 _READERS: dict[str, dict[str, _Samples]] = {
     "wrench": {
         f"{_G}WrenchStamped": lambda said, _: [(said.header.stamp, _wrench(said.wrench))],
@@ -126,6 +145,7 @@ _READERS: dict[str, dict[str, _Samples]] = {
         f"{_G}Pose": lambda said, _: [(None, _pose(said.position, said.orientation))],
         f"{_G}TransformStamped": _transform,
         "tf2_msgs/msg/TFMessage": _transforms,
+        _JOINT_STATE: _joints,
     },
     "command": {
         f"{_G}Vector3Stamped": lambda said, _: [(said.header.stamp, _xyz(said.vector))],
