@@ -62,7 +62,8 @@ class PoseMap:
 
     Attributes:
         source: Topic (``PoseStamped``, ``Pose``, ``TransformStamped``, ``tf2_msgs/TFMessage``,
-            ``JointState``), array (M, 7) or (M, 6), or columns: position, then rotation; or the joints' angles.
+            ``JointState``), array (M, 7) or (M, 6), or columns: position, then rotation; or the angles of
+            the joints.
         rotation: How the rotation is written. Topics have quaternions, except for ``joints``: then the source
             has the angles of the robot's joints, and its kinematics give the pose of the TCP in the
             library's world.
