@@ -1,9 +1,9 @@
 """Show what is believed about a place after each visit: errors, calibration and insertions.
 
-    python experiments/bench/places.py FILE.json
+    python experiments/bench/places.py FILE.json ...
 
-The file is a result of ``mjx-fit evaluate position`` whose belief has six coordinates. Visits to holes that
-the peg is in no longer count.
+Files are results of ``mjx-fit evaluate position`` whose belief has six coordinates; their holes are taken
+together. Visits to holes that the peg is in no longer count.
 """
 
 import argparse
@@ -25,8 +25,9 @@ HEAD = (
 MM_PER_CM = 1000 / CM_PER_M
 
 
-def main(file: Path) -> None:
-    for method, trials in results.by_method(results.read(file).trials).items():
+def main(files: list[Path]) -> None:
+    together = [trial for file in files for trial in results.read(file).trials]
+    for method, trials in results.by_method(together).items():
         astray = runaways(trials)
         print(f"{method}: {len(trials)} holes, {astray} beliefs run away\n")
         print("| " + " | ".join(HEAD) + " |\n" + "|---" * len(HEAD) + "|")
@@ -70,5 +71,5 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("file", type=Path)
-    main(parser.parse_args().file)
+    parser.add_argument("files", type=Path, nargs="+", metavar="FILE.json")
+    main(parser.parse_args().files)

@@ -43,8 +43,13 @@ def read_stored_config(path: Path) -> Config:
     return config_from_stored(read_tree(path))
 
 
-def read_tree(path: Path) -> dict[str, Any]:
+def read_tree(path: Path, what: str = "config", section: str = "scene") -> dict[str, Any]:
     """Read the sections of a YAML file, which are not checked.
+
+    Args:
+        path: The file.
+        what: Word for it in messages.
+        section: Name of a section, for messages.
 
     Raises:
         RequestError: The file cannot be read.
@@ -55,14 +60,14 @@ def read_tree(path: Path) -> dict[str, Any]:
             content = file.read(strict_yaml.MOST_BYTES + 1)
         loaded = strict_yaml.load(_decoded(content))
     except OSError as error:
-        raise RequestError(f"config: {shortened(name, 300)} cannot be read: {error.strerror}") from None
+        raise RequestError(f"{what}: {shortened(name, 300)} cannot be read: {error.strerror}") from None
     except strict_yaml.StrictYamlError as error:
-        raise RequestError(f"config: {shortened(name, 300)} cannot be read: {error}") from None
+        raise RequestError(f"{what}: {shortened(name, 300)} cannot be read: {error}") from None
     except ValueError:
-        raise RequestError(f"config: {name} cannot be read: a path must not contain NUL") from None
+        raise RequestError(f"{what}: {name} cannot be read: a path must not contain NUL") from None
     if not isinstance(loaded, dict | None):
         raise RequestError(
-            f"config: {name}: a {type(loaded).__name__} is invalid: expected sections such as 'scene:'"
+            f"{what}: {name}: a {type(loaded).__name__} is invalid: expected sections such as '{section}:'"
         )
     return loaded or {}
 

@@ -118,7 +118,7 @@ def _require_shapes(log: SensorLog) -> None:
     for name, least in (("wrench", 2), ("pose", 2), ("command", 1)):
         if rows[name] < least:
             raise RequestError(
-                f"log: {name}_time_s: {rows[name]} samples are not enough: expected at least {least}"
+                f"log: {name}_time_s: too few samples ({rows[name]}): expected at least {least}"
             )
     for name in ("wrench_time_s", "pose_time_s"):
         time = getattr(log, name)

@@ -17,8 +17,8 @@ def configs_of(task: str) -> list[Config]:
     """Return the configurations of a task.
 
     `search` has the physics of `home` in one half of its environments, and draws that of the other from
-    `forge`. `known` is at home, its detections are exact, and an attempt lasts 2 s: in 10 s nearly every peg
-    goes in whose policy acts at random.
+    `forge`. `known` is at home, its detections are exact, and an attempt lasts 2 s: of pegs whose policy
+    acts at random 15 % are in by then, and 42 % in 10 s.
     """
     if task == "known":
         home = preset("gentle", "home")

@@ -232,7 +232,7 @@ def read_map(path: Path | str) -> LogMap:
     Raises:
         RequestError: The file cannot be read, or a key or value is invalid.
     """
-    tree = read_tree(Path(path))
+    tree = read_tree(Path(path), "map", "wrench")
     try:
         return TypeAdapter(LogMap).validate_json(json.dumps(tree, default=shown))
     except ValidationError as error:

@@ -15,6 +15,7 @@ from mjx_fit.control.policies import PolicyInput
 from mjx_fit.engines import attempt_rules, policy_runner
 from mjx_fit.engines.attempt_rules import Verdict
 from mjx_fit.engines.mjx.compiler import compiler_options
+from mjx_fit.engines.mjx.engine import MOST_ROWS
 from mjx_fit.engines.mjx.step import Models, WorldModel, arm_state
 from mjx_fit.engines.mjx.world import Acted, World, WorldState
 from mjx_fit.engines.stepped import Stepped, from_outside, told
@@ -107,7 +108,9 @@ class MjxWorlds:
         self._one = SteppedWorld.of(config)
         n = len(attempts.peg_type)
         self._threads = threads if jax.default_backend() == "cpu" else 1
-        self._ids = np.array_split(np.arange(n), min(n, self._threads))
+        # Parts are as large as those of the engine.
+        parts = max(min(n, self._threads), -(-n // MOST_ROWS)) if jax.default_backend() == "cpu" else 1
+        self._ids = np.array_split(np.arange(n), parts)
         jit = partial(jax.jit, compiler_options=compiler_options())
         self._seen, self._act = jit(jax.vmap(self._one.seen)), jit(jax.vmap(self._one.act))
         self._restart = jit(jax.vmap(self._restarted))

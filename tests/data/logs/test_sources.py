@@ -238,6 +238,22 @@ def test_a_map_that_does_not_suit_is_refused(change, message, own, tmp_path):
         imported(tmp_path, table_of(own), said)
 
 
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("wrench: [1", "map: .* cannot be read: line 1"),
+        ("- 1", "map: .*: a list is invalid: expected sections such as 'wrench:'"),
+        ("wrench: {a: 1}", "wrench.a: unknown key"),
+        (None, "map: .* cannot be read: No such file"),
+    ],
+)
+def test_a_file_that_is_no_map_is_refused(text, message, tmp_path):
+    if text is not None:
+        (tmp_path / "map.yaml").write_text(text)
+    with pytest.raises(RequestError, match=message):
+        read_map(tmp_path / "map.yaml")
+
+
 def test_columns_are_those_of_the_map():
     assert map_of_table()["wrench"]["source"] == [*FORCE, *TORQUE]
     assert map_of_table()["pose"]["source"] == [*PLACE, *QUAT]
