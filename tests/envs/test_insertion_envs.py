@@ -25,8 +25,9 @@ def batch(mode: AutoresetMode = AutoresetMode.NEXT_STEP, n: int = N, **changes: 
     return InsertionVectorEnv(n, config=changes.pop("config", CONFIG), autoreset_mode=mode, **changes)
 
 
-def test_gymnasiums_checker_finds_nothing():
-    env = gymnasium.make("mjx_fit/Insertion-v0", config=CONFIG)
+@pytest.mark.parametrize("engine", ["native", pytest.param("mjx", marks=pytest.mark.slow)])
+def test_gymnasiums_checker_finds_nothing(engine):
+    env = gymnasium.make("mjx_fit/Insertion-v0", config=CONFIG, engine=engine)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         warnings.filterwarnings("ignore", ".*render.*")
