@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float
 
 from mjx_fit.config.schema import Config
 from mjx_fit.engines.attempt_rules import nothing_done
-from mjx_fit.engines.stepped import Stepped
+from mjx_fit.engines.stepped import Stepped, from_outside
 from mjx_fit.envs.observation import POSITION_M
 from mjx_fit.filters.frame import is_world
 from mjx_fit.filters.updates import detected_belief
@@ -58,7 +58,8 @@ class BeliefReader:
     def begin(self, which: Bool[np.ndarray, "n"], attempts: Attempt) -> None:
         """Begin the attempts (n,) of some worlds; at first those of all."""
         prior = detected_belief(jnp.asarray(attempts.estimate_world), self._config)
-        felt = nothing_done(attempts, self._config.task.attempt_actions, 0, self._config).felt
+        actions, turns = self._config.task.attempt_actions, from_outside(self._config).turns
+        felt = nothing_done(attempts, actions, 0, self._config, turns=turns).felt
         if which.all():
             self._felt, self._keys = felt, attempts.key
             self._prior, self._belief = (jax.tree.map(np.array, prior) for _ in range(2))
