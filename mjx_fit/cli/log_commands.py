@@ -20,9 +20,7 @@ def add_log(parsers: argparse._SubParsersAction) -> None:
         required=True, metavar="WHAT"
     )
     check = add_command(whats, "check", log_check, "say what is wrong with logs, and list their attempts")
-    read = add_command(
-        whats, "import", log_import, "write the attempts of logs as a data set without truth", resumes=True
-    )
+    read = add_command(whats, "import", log_import, "write the attempts of logs as a data set", resumes=True)
     for parser in (check, read):
         parser.add_argument(
             "files",

@@ -7,6 +7,7 @@ handled outside the HDF5 library, and the decoded bytes are the verified ones.
 
 import io
 import json
+from dataclasses import replace
 from typing import Any
 
 import h5py
@@ -100,8 +101,8 @@ def decode(content: bytes, shard: Shard, request: dict[str, Any]) -> Episode:
     episodes = _from_fields(fields, config)
     hdf5_check_values.require_flags(contact, shard.first_episode)
     counts = {"types": scene.n_types, "policies": len(stored_policies(request["policy"]))}
-    known = not kind_of(request).robot
-    hdf5_check_values.require(episodes, shard.first_episode, request["sequence"], **counts, known=known)
+    unknown = kind_of(request).unknown
+    hdf5_check_values.require(episodes, shard.first_episode, request["sequence"], **counts, unknown=unknown)
     return episodes
 
 
@@ -142,7 +143,8 @@ def _from_fields(fields: dict[str, np.ndarray], config: Config) -> Episode:
         for group in ("trace/", PHYSICS, START)
     )
     if start:  # a robot's
-        felt["start"], truth = StartPose(**start), unknown_truth(len(own["episode"]), config)
+        truth = replace(unknown_truth(len(own["episode"]), config), **fields)
+        felt["start"] = StartPose(**start)
     else:
         truth = Truth(**fields, physics=Physics(**drawn))
     return Episode(**own, rollout=Rollout(Felt(Trace(**trace), **felt), truth))

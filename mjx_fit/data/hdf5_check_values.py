@@ -12,7 +12,13 @@ LARGEST = 1e12
 
 
 def require(
-    episodes: Episode, first_episode: int, sequence: int, *, types: int, policies: int, known: bool = True
+    episodes: Episode,
+    first_episode: int,
+    sequence: int,
+    *,
+    types: int,
+    policies: int,
+    unknown: tuple[str, ...] = (),
 ) -> None:
     """Check that the values of a shard are valid.
 
@@ -22,14 +28,15 @@ def require(
         sequence: Number of consecutive attempts at one hole.
         types: Number of shapes.
         policies: Number of policies that the index may refer to.
-        known: Whether the shard has the truth, which a robot's has not.
+        unknown: Fields of the truth that the shard does not have, since a robot made it.
 
     Raises:
         ValueError: A value is invalid; the message names the field and the episode.
     """
-    if not known:
-        truth = jax.tree.map(np.zeros_like, episodes.rollout.truth)
-        truth = replace(truth, valid=np.ones_like(truth.valid))
+    if unknown:
+        truth = episodes.rollout.truth
+        nothing = {name: np.zeros_like(getattr(truth, name)) for name in unknown}
+        truth = replace(truth, **nothing | {"valid": np.ones_like(truth.valid)})
         episodes = replace(episodes, rollout=replace(episodes.rollout, truth=truth))
     data = episodes.rollout
     ids = first_episode + np.arange(len(episodes.episode))

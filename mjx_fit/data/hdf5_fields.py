@@ -77,7 +77,9 @@ _TURNS = {
     )
 }
 
-_TRUTH = ("inserted", "hole_type", "hole_pos_world", "end_qpos", "end_qvel", "valid")
+_LABELS = ("inserted", "hole_type", "hole_pos_world")
+"""Fields that a robot's user may know."""
+_SIMULATED = ("end_qpos", "end_qvel", "valid")
 """Fields that only a simulator knows."""
 
 START = "start/"
@@ -95,16 +97,25 @@ class Kind(NamedTuple):
 
     Attributes:
         turns: Whether commands turn the TCP.
-        robot: Whether a robot made it: then nobody knows the truth, and the start of attempts is measured.
+        robot: Whether a robot made it: then the start of attempts is measured.
+        labelled: Whether somebody says of a robot's attempts which hole it was, and whether the peg went in.
     """
 
     turns: bool = False
     robot: bool = False
+    labelled: bool = False
+
+    @property
+    def unknown(self) -> tuple[str, ...]:
+        """Fields of the truth that nobody knows."""
+        if not self.robot:
+            return ()
+        return _SIMULATED if self.labelled else (*_LABELS, *_SIMULATED)
 
 
 def kind_of(request: dict[str, Any]) -> Kind:
     """Return the kind of the data set of a request."""
-    return Kind(request.get("turns", False), request["engine"] == ROBOT)
+    return Kind(request.get("turns", False), request["engine"] == ROBOT, request.get("labelled", False))
 
 
 def fields_of(config: Config, kind: Kind) -> dict[str, Field]:
@@ -126,7 +137,7 @@ def fields_of(config: Config, kind: Kind) -> dict[str, Field]:
             meaning = f"{FIELDS[name].meaning}, {named}"
             fields[name] = FIELDS[name]._replace(shape=shape, unit=unit, meaning=meaning)
     if kind.robot:
-        return {name: field for name, field in fields.items() if name not in _TRUTH} | _START
+        return {name: field for name, field in fields.items() if name not in kind.unknown} | _START
     own = {name: f"drawn from randomize.{name}" for name in distributions(config.randomize)}
     if config.placement.slips:
         own |= dict.fromkeys(GRASP, "the grasp at the end of the attempt")

@@ -24,6 +24,7 @@ POSES = (*SOCKET, *TOOL, *GRASP)
 def load_joined(folders: Sequence[Path]) -> Episode:
     """Load several data sets as one for training, with the poses of their worlds as their only physics.
 
+    Where an attempt of a robot began is left out: no sensor reads it, and simulated attempts do not have it.
     The ids of data set k are larger by k ``MAX_EPISODES``, so that no two sequences share one.
 
     Args:
@@ -65,7 +66,8 @@ def _poses(data: Episode, config: Config) -> dict[str, Float[np.ndarray, "n"]]:
 
 def _with_poses(data: Episode, poses: dict[str, Float[np.ndarray, "n"]]) -> Episode:
     truth = replace(data.rollout.truth, physics=Physics(**poses))
-    return replace(data, rollout=replace(data.rollout, truth=truth))
+    felt = replace(data.rollout.felt, start=None)
+    return replace(data, rollout=replace(data.rollout, felt=felt, truth=truth))
 
 
 def _shifted(k: int, data: Episode, actions: int) -> Episode:

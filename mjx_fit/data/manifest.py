@@ -132,16 +132,21 @@ def read_complete_manifest(folder: Path) -> Manifest:
     return manifest
 
 
+def knows_truth(request: dict[str, Any]) -> bool:
+    """Tell whether types and places of holes are known: in simulation, and in a robot's logs with labels."""
+    return request["engine"] != ROBOT or request.get("labelled", False)
+
+
 def require_truth(folder: Path, request: dict[str, Any]) -> None:
-    """Check that a simulator made a data set.
+    """Check that types and places of the holes of a data set are known.
 
     Raises:
-        RequestError: A robot did: nobody knows the types and places of its holes.
+        RequestError: They are not: it comes from a robot, and the map of its logs said nothing about them.
     """
-    if request["engine"] == ROBOT:
+    if not knows_truth(request):
         raise RequestError(
             f"data: {folder} cannot be used: it comes from logs of a robot, and types and places of holes "
-            "are needed"
+            "are needed: import them with truth in their map"
         )
 
 

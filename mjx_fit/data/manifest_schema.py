@@ -58,6 +58,7 @@ class _Request(TypedDict):
     sequence: Annotated[int, Field(ge=1, le=MAX_SEQUENCE)]
     sensor: NotRequired[_Words]
     turns: NotRequired[Literal[True]]
+    labelled: NotRequired[Literal[True]]
     logs: NotRequired[Annotated[list[_Log], Field(min_length=1)]]
     engine: Literal["mjx", "native", "robot"]
     config: dict[str, dict[str, Any]]
@@ -95,6 +96,8 @@ def require(fields: Any) -> dict[str, Any]:
         raise ValueError(f"shapes: {len(manifest['shapes'])} names: request.config has {len(asked)} shapes")
     if (request["engine"] == "robot") != ("logs" in request):
         raise ValueError("request.logs: expected with the engine robot, and with no other")
+    if "labelled" in request and "logs" not in request:
+        raise ValueError("request.labelled: expected with the engine robot only")
     if request["episodes"] % request["sequence"]:
         raise ValueError("request.episodes: expected a multiple of request.sequence")
     _require_shards(manifest["shards"], request)

@@ -20,6 +20,7 @@ from mjx_fit.data.manifest import (
     FormatError,
     Manifest,
     Shard,
+    knows_truth,
     parse_manifest,
     read_complete_manifest,
     read_manifest,
@@ -140,7 +141,7 @@ def _damage(folder: Path, shard: Shard, manifest: Manifest) -> str:
 def describe(folder: Path) -> dict[str, Any]:
     """Summarise a data set: episodes, actions, pairs, success rates, units, engine, seed; JSON-ready.
 
-    One of a robot has no pairs and no success rates, but its logs and pegs.
+    One of a robot has its logs and pegs, and pairs and success rates only if its logs were labelled.
 
     Raises:
         RequestError: As in ``load``.
@@ -162,7 +163,8 @@ def describe(folder: Path) -> dict[str, Any]:
         "steps": request["steps"],
         "actions": int(felt.length.sum()),
         "contact_fraction": _mean(touched(felt, config.wrist)[_real(felt.length, request["steps"])]),
-        **(_logs(manifest, felt) if robots else _outcomes(manifest, done)),
+        **(_logs(manifest, felt) if robots else {}),
+        **(_outcomes(manifest, done) if knows_truth(request) else {}),
         "part": "{} of {}".format(*manifest.part),
         "shards": len(manifest.shards),
         "bytes": sum(shard.bytes for shard in manifest.shards),

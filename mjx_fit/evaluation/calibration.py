@@ -9,12 +9,12 @@ from jaxtyping import Int
 from mjx_fit.config.schema import Config
 from mjx_fit.data import reader
 from mjx_fit.data.episode import Episode
-from mjx_fit.data.manifest import read_manifest, require_truth
-from mjx_fit.engines.select import resolve
+from mjx_fit.data.manifest import ROBOT, read_manifest, require_truth
 from mjx_fit.evaluation import held_out, result_file, scores
 from mjx_fit.evaluation.place_scores import rotation_errors
 from mjx_fit.evaluation.results import Result
 from mjx_fit.evaluation.statistics import Row, bootstrap_mean, bootstrap_score
+from mjx_fit.sensors.reading import without_errors
 from mjx_fit.training.compatibility import require_new, require_world
 from mjx_fit.training.sensor_loader import TrainedSensor, load_baseline, load_trained_sensor
 from mjx_fit.training.split import require_sound
@@ -35,7 +35,8 @@ def calibrate(config: Config, out: Path, run: Path, data: Path, seed: int) -> Re
     """Update once from each failed attempt of a data set, with a run's sensor and frame-by-frame baseline.
 
     Args:
-        config: Configuration; ``task`` and ``wrist`` are used, ``sensor`` and ``train`` come from the run.
+        config: Configuration; ``task`` and ``wrist`` are used, ``sensor`` and ``train`` come from the run. No
+            errors are added to what a robot measured.
         out: Result file.
         run: Folder of a training run.
         data: Folder of a data set that shares neither attempts nor holes with the training data.
@@ -59,7 +60,10 @@ def calibrate(config: Config, out: Path, run: Path, data: Path, seed: int) -> Re
     require_world(asked_for, config)
     episodes = reader.load(data)
     actions = _actions_read(episodes, config)
-    ids = held_out.failed_attempts(episodes, actions)
+    robots = asked_for["engine"] == ROBOT
+    # A robot's attempts end when they end, and its measurements have their own errors.
+    ids = held_out.failed_attempts(episodes, 1 if robots else actions)
+    read_as = without_errors(config) if robots else config
     require_sound(episodes, np.isin(np.arange(len(episodes.episode)), ids), config.scene.n_types)
     request = {
         "methods": list(sensors),
@@ -69,10 +73,10 @@ def calibrate(config: Config, out: Path, run: Path, data: Path, seed: int) -> Re
         "differs_from_training": sensor.differences(config),
     }
     require_new(run, episodes, request["data"])
-    here = result_file.header("calibration", config, seed, resolve(asked_for["engine"]), request)
+    here = result_file.header("calibration", config, seed, asked_for["engine"], request)
 
     def work() -> Result:
-        trials = _trials_of(sensors, episodes, ids, config, seed)
+        trials = _trials_of(sensors, episodes, ids, read_as, seed)
         # Rows of partial attempts would make the file five times as large; the summary has their scores.
         whole = [trial for trial in trials if trial["actions"] == actions]
         return result_file.write(out, here, summarise(trials, actions, config.scene.names), whole)

@@ -43,7 +43,7 @@ class Posterior:
 
 
 def failed_attempts(data: Episode, actions: int) -> Int[np.ndarray, "n"]:
-    """Return the indices of the failed attempts that ran for all their actions.
+    """Return the indices of the failed attempts that ran for so many actions at least.
 
     Raises:
         RequestError: The data set contains no such attempt.

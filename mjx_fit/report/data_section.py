@@ -9,7 +9,7 @@ import yaml
 from mjx_fit.config.schema import config_from_stored
 from mjx_fit.data import reader
 from mjx_fit.data.episode import happened
-from mjx_fit.data.manifest import ROBOT, read_manifest
+from mjx_fit.data.manifest import ROBOT, knows_truth, read_manifest
 from mjx_fit.report.figures import data_set
 from mjx_fit.report.figures.catalogue import Drawing
 from mjx_fit.report.sections import Section, pictures_of, provenance
@@ -28,10 +28,10 @@ def of_dataset(slug: str, folder: Path) -> Section:
     asked = config_from_stored(manifest.request["config"])
     if not len(data.felt.length):
         raise RequestError(f"report: {folder} contains no valid interaction: nothing to show")
-    robots = manifest.request["engine"] == ROBOT
+    known = knows_truth(manifest.request)
     forces: Drawing = (
         "forces",
-        f"Contact force by {'peg' if robots else 'pair'}: median (dot), middle 50 % (bar) and middle 90 % "
+        f"Contact force by {'pair' if known else 'peg'}: median (dot), middle 50 % (bar) and middle 90 % "
         "(line) of the samples of actions with contact, moments without contact included.",
         lambda: data_set.forces_by_pair(data, asked),
     )
@@ -47,7 +47,7 @@ def of_dataset(slug: str, folder: Path) -> Section:
             lambda: data_set.interaction_lengths(data, manifest.shapes),
         ),
     ]
-    shown: list[Drawing] = [forces] if robots else [*of_truth, forces]
+    shown: list[Drawing] = [*of_truth, forces] if known else [forces]
     pictures = pictures_of(slug, shown)
     config = yaml.safe_dump(manifest.request["config"], sort_keys=False)
     title, facts = f"Data set: {folder.resolve().name}", _data_facts(folder)
@@ -73,14 +73,15 @@ def _data_facts(folder: Path) -> tuple[tuple[str, str], ...]:
             else []
         ),
         ("actions", f"{told['actions']:,}, {told['contact_fraction']:.1%} of them in contact"),
-        *(_of_logs(told) if request["engine"] == ROBOT else _outcomes(told, manifest.shapes)),
+        *(_of_logs(told) if request["engine"] == ROBOT else ()),
+        *(_outcomes(told, manifest.shapes) if knows_truth(request) else ()),
         ("size", size),
         *provenance(request | {"device": " and ".join(told["devices"]), "versions": manifest.versions}),
     )
 
 
 def _of_logs(told: dict[str, Any]) -> tuple[tuple[str, str], ...]:
-    """Describe the logs of a robot, whose outcomes nobody knows."""
+    """Describe the logs of a robot."""
     return (
         ("logs", ", ".join(f"{name} ({count})" for name, count in told["logs"].items())),
         ("pegs", ", ".join(f"{name} {count}" for name, count in told["pegs"].items())),

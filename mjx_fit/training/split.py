@@ -1,5 +1,6 @@
 """Train/validation split of the episodes, and checks that they are usable for training."""
 
+from dataclasses import replace
 from typing import Any
 
 import jax
@@ -135,6 +136,9 @@ def require_sound(data: Episode, keep: Bool[np.ndarray, "episodes"], n_types: in
         wrong = types[(types < 0) | (types >= n_types)]
         if len(wrong):
             raise RequestError(f"--data: {name}: {wrong[0]} is invalid: there are {n_types} types, from 0")
+    # No sensor reads where the arm ended, and nobody knows it of a robot.
+    truth = replace(rollout.truth, end_qpos=np.zeros(len(keep)), end_qvel=np.zeros(len(keep)))
+    data = replace(data, rollout=replace(rollout, truth=truth))
     for path, leaf in jax.tree_util.tree_leaves_with_path(data):
         values = np.asarray(leaf).reshape(len(keep), -1)
         broken = np.asarray(~np.isfinite(values).all(axis=1)) & keep

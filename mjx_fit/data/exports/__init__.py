@@ -5,7 +5,6 @@ from pathlib import Path
 
 import yaml
 
-from mjx_fit.config.schema import config_from_stored
 from mjx_fit.data.manifest import Manifest, read_complete_manifest
 from mjx_fit.utils import files, locks
 from mjx_fit.utils.errors import RequestError
@@ -40,7 +39,7 @@ def export(folder: Path, out: Path) -> list[Path]:
     from mjx_fit.data.exports.mcap import map_of
 
     said = out.with_suffix(".map.yaml")
-    files.write_text(said, yaml.safe_dump(map_of(config_from_stored(manifest.request["config"]))))
+    files.write_text(said, yaml.safe_dump(map_of(manifest)))
     return [out, said]
 
 

@@ -22,6 +22,7 @@ STATE, WINDOW, ESTIMATE, ACTION, PEG = (
     "action",
     "peg",
 )
+HOLE, PLACE, SUCCESS = "truth.hole", "truth.place", "next.success"
 
 
 def features_of(config: Config, turns: bool, known: bool) -> dict[str, dict[str, Any]]:
@@ -30,7 +31,7 @@ def features_of(config: Config, turns: bool, known: bool) -> dict[str, dict[str,
     Args:
         config: Configuration of the data set.
         turns: Whether commands turn the TCP.
-        known: Whether a simulator told which attempts inserted the peg.
+        known: Whether it is known which hole it was, where, and which attempts inserted the peg.
     """
     action = (*COMMAND, *TURN) if turns else COMMAND
     found = {
@@ -46,7 +47,9 @@ def features_of(config: Config, turns: bool, known: bool) -> dict[str, dict[str,
         "next.done": _feature("bool", (1,), None),
     }
     if known:
-        found["next.success"] = _feature("bool", (1,), None)
+        found[HOLE] = _feature("string", (1,), None)
+        found[PLACE] = _feature("float32", (2,), ["x", "y"])
+        found[SUCCESS] = _feature("bool", (1,), None)
         found["next.reward"] = _feature("float32", (1,), None)
     return found | {
         "timestamp": _feature("float32", (1,), None),
@@ -83,6 +86,9 @@ def frames_of(one: Recording) -> Frames:
         "frame_index": np.arange(n + 1),
     }
     if one.truth is not None:
-        found["next.success"] = last & bool(one.truth.inserted)
-        found["next.reward"] = found["next.success"].astype(np.float32)
+        assert one.place_world is not None
+        found[HOLE] = np.full(n + 1, one.hole)
+        found[PLACE] = np.tile(one.place_world, (n + 1, 1))
+        found[SUCCESS] = last & bool(one.truth.inserted)
+        found["next.reward"] = found[SUCCESS].astype(np.float32)
     return found

@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 import yaml
 
-from mjx_fit.config.schema import Config, config_from_stored
+from mjx_fit.config.schema import config_from_stored
 from mjx_fit.data.exports import frames as frame
 from mjx_fit.data.exports.frame_statistics import FrameStatistics
 from mjx_fit.data.exports.frames import Frames, features_of, frames_of
-from mjx_fit.data.exports.recording import Recording, recordings
-from mjx_fit.data.manifest import ROBOT, Manifest
+from mjx_fit.data.exports.recording import Recording, recordings, truth_of
+from mjx_fit.data.manifest import Manifest, knows_truth
 from mjx_fit.utils import locks
 from mjx_fit.utils.progress import Progress
 from mjx_fit.utils.rates import ACTION_S
@@ -39,8 +39,9 @@ _FILE = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 _MEGABYTES = 100
 
 
-def map_of(config: Config) -> dict[str, Any]:
-    """Return the map of such a folder (``mjx_fit.data.logs.log_map``)."""
+def map_of(manifest: Manifest) -> dict[str, Any]:
+    """Return the map of a data set's folder (``mjx_fit.data.logs.log_map``)."""
+    config = config_from_stored(manifest.request["config"])
 
     def state(names: tuple[str, ...]) -> list[str]:
         return [f"{frame.STATE}:{name}" for name in names]
@@ -61,6 +62,7 @@ def map_of(config: Config) -> dict[str, Any]:
             "estimate_source": frame.ESTIMATE,
             "tare_s": ACTION_S,
         },
+        **truth_of(manifest, frame.HOLE, frame.PLACE, frame.SUCCESS),
     }
 
 
@@ -86,9 +88,9 @@ def _write(folder: Path, manifest: Manifest, out: Path) -> None:
             if attempts:
                 writer.add(attempts)
             progress(done)
-    features = features_of(config, turns, manifest.request["engine"] != ROBOT)
+    features = features_of(config, turns, knows_truth(manifest.request))
     writer.finish(features, config.scene.robot)
-    (out / MAP).write_text(yaml.safe_dump(map_of(config)))
+    (out / MAP).write_text(yaml.safe_dump(map_of(manifest)))
 
 
 class _Writer:

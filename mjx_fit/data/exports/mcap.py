@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mjx_fit.config.schema import Config, config_from_stored
-from mjx_fit.data.exports.recording import Recording, recordings
+from mjx_fit.data.exports.recording import Recording, recordings, truth_of
 from mjx_fit.data.manifest import Manifest
 from mjx_fit.utils.progress import Progress
 from mjx_fit.utils.rates import ACTION_S, STEP_S
@@ -40,6 +40,9 @@ _TOPICS = {
     "/peg": "std_msgs/msg/String",
     "/estimate": "std_msgs/msg/Float64MultiArray",
     "/truth/hole": "geometry_msgs/msg/PointStamped",
+    "/truth/type": "std_msgs/msg/String",
+    "/truth/place": "geometry_msgs/msg/PointStamped",
+    "/truth/inserted": "std_msgs/msg/Bool",
 }
 
 
@@ -49,8 +52,9 @@ class _Sample(NamedTuple):
     message: Any
 
 
-def map_of(config: Config) -> dict[str, Any]:
-    """Return the map of such a file (``mjx_fit.data.logs.log_map``)."""
+def map_of(manifest: Manifest) -> dict[str, Any]:
+    """Return the map of a data set's file (``mjx_fit.data.logs.log_map``)."""
+    config = config_from_stored(manifest.request["config"])
     return {
         "wrench": {
             "source": "/wrench",
@@ -67,6 +71,7 @@ def map_of(config: Config) -> dict[str, Any]:
             "estimate_source": "/estimate",
             "tare_s": REST_S - 0.1,
         },
+        **truth_of(manifest, "/truth/type", "/truth/place", "/truth/inserted"),
     }
 
 
@@ -121,8 +126,11 @@ def _unsorted(one: Recording, begin_s: float, config: Config) -> Iterator[_Sampl
     values = one.estimate.astype(np.float64)
     yield _Sample(begin_s, "/estimate", types["std_msgs/msg/Float64MultiArray"](layout, values))
     if one.truth is not None:
-        at = [*np.asarray(one.truth.hole_pos_world, float), 0.0]
-        yield _stamped(begin_s, "/truth/hole", "base", point=_new("Point", *at))
+        for topic, place in (("/truth/hole", one.truth.hole_pos_world), ("/truth/place", one.place_world)):
+            at = [*np.asarray(place, float), 0.0]
+            yield _stamped(begin_s, topic, "base", point=_new("Point", *at))
+        yield _Sample(begin_s, "/truth/type", types["std_msgs/msg/String"](one.hole or ""))
+        yield _Sample(begin_s + end, "/truth/inserted", types["std_msgs/msg/Bool"](bool(one.truth.inserted)))
 
 
 def _motion(one: Recording, begin_s: float) -> Iterator[_Sample]:

@@ -1,4 +1,4 @@
-"""Write the attempts of logs as a data set, in which nobody knows types and places of holes."""
+"""Write the attempts of logs as a data set, with the truth that their map says, or with none."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -17,7 +17,7 @@ from mjx_fit.data.schedule import stored_policies
 from mjx_fit.data.writer import Writer, new_manifest, new_shard
 from mjx_fit.filters.updates import detected_belief
 from mjx_fit.task.logged_attempt import padded
-from mjx_fit.types import Felt, Rollout
+from mjx_fit.types import Felt, Rollout, Truth
 from mjx_fit.utils import files
 from mjx_fit.utils.errors import RequestError
 
@@ -46,6 +46,7 @@ def write_logs(logs: Sequence[ImportedLog], paths: Sequence[Path], config: Confi
         if one.felt.start is None:
             raise RequestError(f"{name}: no pose before the attempt at {one.begin_s:.3f} s: it is needed")
     steps = max(int(one.felt.length) for _, one in attempts)
+    labelled = all(one.truth is not None for _, one in attempts)
     request = {
         "episodes": len(attempts),
         "steps": steps,
@@ -53,6 +54,7 @@ def write_logs(logs: Sequence[ImportedLog], paths: Sequence[Path], config: Confi
         "seed": 0,
         "batch": SHARD,
         "sequence": 1,
+        **({"labelled": True} if labelled else {}),
         "logs": [_told(log, path) for log, path in zip(logs, paths, strict=True)],
         "engine": ROBOT,
         "config": config_to_tree(config),
@@ -88,5 +90,18 @@ def _episodes(attempts: list[LoggedAttempt], first: int, steps: int, config: Con
         number=np.zeros(n, int),
         policy=np.full(n, stored_policies(ROBOT).index(ROBOT), np.int32),
         estimate_cov=np.asarray(belief.cov, np.float32),
-        rollout=Rollout(replace(stacked, estimate_world=estimate), unknown_truth(n, config)),
+        rollout=Rollout(replace(stacked, estimate_world=estimate), _truth(attempts, config)),
+    )
+
+
+def _truth(attempts: list[LoggedAttempt], config: Config) -> Truth:
+    unknown = unknown_truth(len(attempts), config)
+    told = [one.truth for one in attempts if one.truth is not None]
+    if len(told) < len(attempts):
+        return unknown
+    return replace(
+        unknown,
+        hole_type=np.array([one.hole_type for one in told], np.int32),
+        hole_pos_world=np.array([one.place_world for one in told], np.float32),
+        inserted=np.array([one.inserted for one in told]),
     )

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from mjx_fit.config.schema import Config
 from mjx_fit.data.logs import cutting
-from mjx_fit.data.logs.attempt_facts import AttemptFacts, facts_of
+from mjx_fit.data.logs.attempt_facts import AttemptFacts, LoggedTruth, facts_of
 from mjx_fit.data.logs.cleaning import FROZEN_S, BadTime, bad_times, cleaned
 from mjx_fit.data.logs.consistency import inconsistencies
 from mjx_fit.data.logs.cutting import Span
@@ -45,6 +45,7 @@ class LoggedAttempt:
         label: Its label in the log; None: the log has none.
         log: Its samples, in the library's units, frames and signs.
         felt: The same, resampled to the library's times.
+        truth: What is known about it afterwards; None: the map does not say.
     """
 
     begin_s: float
@@ -52,6 +53,7 @@ class LoggedAttempt:
     label: str | None
     log: SensorLog
     felt: Felt
+    truth: LoggedTruth | None
 
 
 @dataclass(frozen=True)
@@ -119,7 +121,7 @@ def _in_order(raw: RawLog, said: LogMap) -> tuple[RawLog, list[BadTime], list[Fi
     """Return the log with its samples in order, times at which the wrench is wrong, and what was found."""
     streams, findings, bad = {}, [], []
     for name, stream in raw.streams.items():
-        if name == "estimate":  # one for each attempt
+        if name in ("estimate", "place"):  # one for each attempt
             streams[name] = stream
             continue
         streams[name], found = cleaned(name, stream)
@@ -180,7 +182,9 @@ def _attempt(
     begin = float(times[0])
     estimate = _at(signals, times[:1])[0, :2] if facts.estimate_at is None else facts.estimate_at(begin)
     felt = felt_from_log(log, facts.peg_at(begin), np.asarray(estimate, np.float32), robot)
-    return LoggedAttempt(begin, float(times[-1]) + ACTION_S, span.label, log, felt)
+    end = float(times[-1]) + ACTION_S
+    truth = None if facts.truth_of is None else facts.truth_of(begin, end)
+    return LoggedAttempt(begin, end, span.label, log, felt, truth)
 
 
 def _harms(one: BadTime, span: Span) -> bool:

@@ -13,12 +13,9 @@ from pydantic.dataclasses import dataclass
 from mjx_fit.config import schema_errors
 from mjx_fit.config.files import read_tree
 from mjx_fit.config.sections.fields import STRICT
+from mjx_fit.data.logs.attempts_map import AttemptsMap, Metres, Name, Source, TruthMap
 from mjx_fit.utils.errors import RequestError, shown
 
-Name = Annotated[str, Field(min_length=1, max_length=200)]
-Source = Name | tuple[Name, ...]
-"""A topic, an array or a feature; or the columns of a table, in order."""
-_Metres = Annotated[float, Field(ge=-10, le=10)]
 _Degrees = Annotated[float, Field(ge=-360, le=360)]
 
 
@@ -26,7 +23,7 @@ _Degrees = Annotated[float, Field(ge=-360, le=360)]
 class FrameMap:
     """Pose of a frame in another one: its origin, and turns about x, then y, then z of the other frame."""
 
-    position_m: tuple[_Metres, _Metres, _Metres] = (0.0, 0.0, 0.0)
+    position_m: tuple[Metres, Metres, Metres] = (0.0, 0.0, 0.0)
     rpy_deg: tuple[_Degrees, _Degrees, _Degrees] = (0.0, 0.0, 0.0)
 
 
@@ -133,7 +130,7 @@ class LoadMap:
     """
 
     mass_kg: Annotated[float, Field(ge=0, le=50)]
-    centre_m: tuple[_Metres, _Metres, _Metres] = (0.0, 0.0, 0.0)
+    centre_m: tuple[Metres, Metres, Metres] = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -152,41 +149,6 @@ class TimeMap:
 
 
 @dataclass(frozen=True, config=STRICT)
-class AttemptsMap:
-    """Where attempts are, and what is known about each.
-
-    Attributes:
-        by: ``contact``: an attempt is a spell of contact with the free motion before it. ``column``: rows
-            with the same number (or text) in a column, an array or a topic; none with a negative number or
-            an empty text. ``file``: the log is one attempt.
-        source: That column, array or topic.
-        peg: Name of the peg's type.
-        peg_source: Column, array or topic with the names of the pegs, instead of ``peg``.
-        estimate: Where the hole was believed to be in the world: x and y, m, or a value for each coordinate
-            of the belief, m and rad. None: where the attempt begins.
-        estimate_source: The same for each attempt: columns, an array, a topic (``PointStamped``,
-            ``Float64MultiArray``).
-        tare_s: The tare is the mean of so long a rest before the attempt, s; None: of the free motion that
-            comes before its contact.
-    """
-
-    by: Literal["contact", "column", "file"] = "contact"
-    source: Name | None = None
-    peg: Name | None = None
-    peg_source: Name | None = None
-    estimate: Annotated[tuple[_Metres, ...], Field(min_length=2, max_length=6)] | None = None
-    estimate_source: Source | None = None
-    tare_s: Annotated[float, Field(ge=0.05, le=10)] | None = None
-
-    def __post_init__(self) -> None:
-        if (self.by == "column") != (self.source is not None):
-            raise ValueError("source: it is needed with by: column, and with nothing else")
-        for name in ("peg", "estimate"):
-            if getattr(self, name) is not None and getattr(self, f"{name}_source") is not None:
-                raise ValueError(f"{name}_source: it cannot be used with {name}")
-
-
-@dataclass(frozen=True, config=STRICT)
 class LogMap:
     """The whole map.
 
@@ -198,6 +160,7 @@ class LogMap:
         load: What hangs on the sensor; None: nothing that is known.
         time: Times of samples.
         attempts: Where attempts are.
+        truth: What is known about them afterwards; None: nothing.
     """
 
     wrench: WrenchMap
@@ -207,6 +170,7 @@ class LogMap:
     load: LoadMap | None = None
     time: TimeMap = TimeMap()
     attempts: AttemptsMap = AttemptsMap()
+    truth: TruthMap | None = None
 
     @property
     def sources(self) -> dict[str, Source]:
@@ -217,12 +181,16 @@ class LogMap:
                 found[name] = own.source
         if self.attempts.estimate_source is not None:
             found["estimate"] = self.attempts.estimate_source
+        if self.truth is not None and self.truth.place_source is not None:
+            found["place"] = self.truth.place_source
         return found
 
     @property
     def labels(self) -> dict[str, Name]:
-        """Where the labels of attempts and the names of their pegs are, by ``attempts`` and ``pegs``."""
+        """Where labels are: of ``attempts``, of types (``pegs``, ``holes``), of outcomes (``inserted``)."""
         own = {"attempts": self.attempts.source, "pegs": self.attempts.peg_source}
+        if self.truth is not None:
+            own |= {"holes": self.truth.hole_source, "inserted": self.truth.inserted_source}
         return {name: source for name, source in own.items() if source is not None}
 
 

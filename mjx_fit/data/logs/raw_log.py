@@ -43,8 +43,9 @@ class RawLog:
     Attributes:
         name: Name of the file, for messages.
         streams: ``wrench`` (six values), ``pose`` (seven or six), and those of ``command`` (three), ``twist``
-            (six) and ``estimate`` that the map asks for.
-        labels: Labels of ``attempts`` and names of ``pegs``, if the map asks for them.
+            (six), ``estimate`` and ``place`` that the map asks for.
+        labels: Labels of ``attempts``, names of ``pegs`` and ``holes``, and outcomes (``inserted``), if the
+            map asks for them.
         quaternions_xyzw: Whether poses have quaternions in this order, whatever the map says: messages do.
     """
 

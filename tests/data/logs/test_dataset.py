@@ -14,6 +14,7 @@ import mjx_fit as mf
 from mjx_fit.cli import main
 from mjx_fit.data import hdf5_check_values, reader
 from mjx_fit.data.episode import UNKNOWN
+from mjx_fit.data.hdf5_fields import Kind
 from mjx_fit.data.logs import import_log, read_map
 
 
@@ -123,4 +124,4 @@ def test_a_simulated_shard_does_not_pass_for_a_robots(folder):
     simulated = replace(data, rollout=replace(data.rollout, truth=truth))
     with pytest.raises(ValueError, match="hole_type of episode 0: -1 is invalid: expected 0 to 2"):
         hdf5_check_values.require(simulated, 0, 1, types=3, policies=3)
-    hdf5_check_values.require(data, 0, 1, types=3, policies=3, known=False)
+    hdf5_check_values.require(data, 0, 1, types=3, policies=3, unknown=Kind(robot=True).unknown)

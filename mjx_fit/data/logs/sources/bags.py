@@ -133,6 +133,11 @@ def _transforms(message: Any, said: PoseMap) -> Iterable[tuple[Any, _Numbers]]:
 
 
 _G, _JOINT_STATE = "geometry_msgs/msg/", "sensor_msgs/msg/JointState"
+_PLACES: dict[str, _Samples] = {
+    f"{_G}PointStamped": lambda said, _: [(said.header.stamp, _xyz(said.point)[:2])],
+    "std_msgs/msg/Float64MultiArray": lambda said, _: [(None, tuple(said.data))],
+}
+
 _READERS: dict[str, dict[str, _Samples]] = {
     "wrench": {
         f"{_G}WrenchStamped": lambda said, _: [(said.header.stamp, _wrench(said.wrench))],
@@ -156,11 +161,10 @@ _READERS: dict[str, dict[str, _Samples]] = {
         f"{_G}TwistStamped": lambda said, _: [(said.header.stamp, _twist(said.twist))],
         f"{_G}Twist": lambda said, _: [(None, _twist(said))],
     },
-    "estimate": {
-        f"{_G}PointStamped": lambda said, _: [(said.header.stamp, _xyz(said.point)[:2])],
-        "std_msgs/msg/Float64MultiArray": lambda said, _: [(None, tuple(said.data))],
-    },
+    "estimate": _PLACES,
+    "place": _PLACES,
     "labels": {
+        "std_msgs/msg/Bool": lambda said, _: [(None, (said.data,))],
         "std_msgs/msg/Int32": lambda said, _: [(None, (said.data,))],
         "std_msgs/msg/Int64": lambda said, _: [(None, (said.data,))],
         "std_msgs/msg/String": lambda said, _: [(None, (said.data,))],
