@@ -34,7 +34,7 @@ LONG = {
     "files", "framed", "going_on", "hostile_configs", "hostile_data", "hostile_results",
     "hostile_runs", "insertion_envs", "interrupts", "levelling", "loopback", "loss", "machine_paths",
     "memory", "mirror", "newton_solver", "numerics", "online", "package", "paper", "parity", "parts",
-    "parts_parity", "placement", "plausible", "policy_hooks", "posed_pictures", "poses", "press",
+    "parts_parity", "placement", "plausible", "policy_hooks", "posed_pictures", "pools", "poses", "press",
     "public", "reader", "requests", "revisits", "round_trip", "seek_poses", "sensed_success",
     "single_hole", "sliding", "slip", "torch_twin", "tracker", "training", "turning", "types", "video",
     "viewer", "viser_access", "watchdog", "windows",

@@ -3,7 +3,17 @@
 import argparse
 from dataclasses import fields, replace
 
-from mjx_fit.cli.options import SEEK, add_command, config_of, configurable, policy_of, simulating, with_policy
+from mjx_fit.cli.options import (
+    SEEK,
+    add_command,
+    config_of,
+    configurable,
+    policy_of,
+    pool_of,
+    simulating,
+    with_cluster,
+    with_policy,
+)
 from mjx_fit.cli.output import show
 from mjx_fit.cli.path_argument import path, run_path
 from mjx_fit.utils.errors import RequestError, WorkError
@@ -44,6 +54,12 @@ def add_collect(parsers: argparse._SubParsersAction) -> None:
     parser.add_argument(
         "--num-shards", type=int, default=1, metavar="N", help="number of parts, one for each machine"
     )
+    parser.add_argument(
+        "--shared-storage",
+        action="store_true",
+        help="workers of --cluster write shards into DIR themselves (default: they send them to one writer)",
+    )
+    with_cluster(parser)
     simulating(parser)
     configurable(parser)
 
@@ -96,7 +112,10 @@ def collect(args: argparse.Namespace) -> None:
         plan, update = replace(plan, sensor=sensor.fingerprint), filter_update(config, sensor.network)
         check(plan)
         sensor.say_if_away(config, "collect")
-    collect(config, args.out, plan, make_engine(plan.engine, config, policy), update)
+    if args.shared_storage and args.cluster is None:
+        raise RequestError("--shared-storage: it has no effect without --cluster")
+    engine, pool = make_engine(plan.engine, config, policy), pool_of(args, shared=args.shared_storage)
+    collect(config, args.out, plan, engine, update, pool)
     part = f" (part {plan.shard_index} of {plan.num_shards})" if plan.num_shards > 1 else ""
     print(f"{args.out}: complete{part}{invalid_in(args.out)}")
 

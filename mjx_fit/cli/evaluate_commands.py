@@ -12,8 +12,10 @@ from mjx_fit.cli.options import (
     config_of,
     configurable,
     policy_of,
+    pool_of,
     run_of,
     simulating,
+    with_cluster,
     with_policy,
 )
 from mjx_fit.cli.path_argument import path, run_path
@@ -102,6 +104,7 @@ def _add_robustness(commands: Commands) -> None:
         help="mismatched holes under each perturbation, and half as many matching ones (default 500)",
     )
     parser.add_argument("--perturbations", metavar="A,B", help="names (default: all; see the guide)")
+    with_cluster(parser)
     simulating(parser)
     configurable(parser)
 
@@ -128,6 +131,7 @@ def _with_trials(parser: argparse.ArgumentParser, count: int, what: str) -> None
     parser.add_argument("--out", type=path, required=True, metavar="FILE.json")
     parser.add_argument("--trials", type=int, default=count, metavar="N", help=f"{what} (default {count})")
     with_policy(parser, "spiral, raster, tilt, seek", None)
+    with_cluster(parser)
     simulating(parser)
     configurable(parser)
 
@@ -174,7 +178,7 @@ def _evaluate(experiment: "Callable[[Request], Result]", args: argparse.Namespac
             f"--policy: {shown(args.policy)} is invalid: choose spiral, raster, tilt, seek or FILE.py:NAME"
         )
     engine = make_engine(args.engine, config, policy)
-    request = Request(config, args.out, engine, args.trials, args.seed)
+    request = Request(config, args.out, engine, args.trials, args.seed, pool=pool_of(args))
     if hasattr(args, "methods"):
         request = replace(request, methods=args.methods, seeds=getattr(args, "seeds", 1))
         request = request.with_sensors_of(run_of(args))
@@ -191,7 +195,8 @@ def robustness(args: argparse.Namespace) -> None:
 
     config = config_of(args)
     engine = make_engine(args.engine, config)
-    request = Request(config, args.out, engine, args.trials, args.seed).with_sensors_of(run_of(args))
+    request = Request(config, args.out, engine, args.trials, args.seed, pool=pool_of(args))
+    request = request.with_sensors_of(run_of(args))
     print_summary(robustness(request, args.perturbations or ",".join(PERTURBATIONS)))
 
 

@@ -14,6 +14,7 @@ from mjx_fit.utils.errors import RequestError, shortened
 
 if TYPE_CHECKING:
     from mjx_fit.control.policies import Policy
+    from mjx_fit.jobs.pool import Pool
 
 RUN = "folder of a training run, as-2026-11, gentle or nist (default: the weights that ship with the package)"
 RASTER, TILT, SEEK, SEEK_RUN = "raster", "tilt", "seek", "gentle"
@@ -70,6 +71,46 @@ def configurable(parser: argparse.ArgumentParser) -> None:
         help="maximum number of CPU threads (default: all that are granted)",
     )
     with_config(parser)
+
+
+def with_cluster(parser: argparse.ArgumentParser) -> None:
+    """Add the cluster that performs the parts of a command."""
+    parser.add_argument(
+        "--cluster",
+        metavar="auto|HOST:PORT",
+        help="let workers of a Ray cluster do the work: pip install 'mjx-fit[ray]' (default: this process)",
+    )
+    parser.add_argument(
+        "--worker-cpus",
+        type=int,
+        default=1,
+        metavar="N",
+        help="CPUs of each worker of the cluster (default 1)",
+    )
+
+
+def pool_of(args: argparse.Namespace, *, shared: bool = False) -> "Pool":
+    """Return what performs the parts of a command.
+
+    Args:
+        args: Command line.
+        shared: Whether workers write to storage that they share with this process.
+
+    Raises:
+        RequestError: Ray is missing, no cluster answers, or the number of CPUs is invalid.
+    """
+    from mjx_fit.engines.requests import MOST_THREADS
+    from mjx_fit.jobs.pool import Here
+    from mjx_fit.utils.errors import require
+
+    require("--worker-cpus", args.worker_cpus, 1, MOST_THREADS)
+    if args.cluster is None:
+        return Here()
+    try:
+        from mjx_fit.jobs.ray_pool import RayPool
+    except ImportError as error:
+        raise RequestError(str(error)) from None
+    return RayPool(args.cluster, args.worker_cpus, shared=shared)
 
 
 def with_policy(parser: argparse.ArgumentParser, names: str, default: str | None) -> None:

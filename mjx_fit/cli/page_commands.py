@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from mjx_fit.cli.options import add_command, config_of, configurable
+from mjx_fit.cli.options import add_command, config_of, configurable, pool_of, with_cluster
 from mjx_fit.cli.path_argument import path
 from mjx_fit.utils.errors import RequestError
 
@@ -32,6 +32,7 @@ def add_paper(parsers: argparse._SubParsersAction) -> None:
     parser.add_argument("--out", type=path, required=True, metavar="DIR")
     parser.add_argument("--size", default="cpu", help="quick, cpu or full (default cpu)")
     parser.add_argument("--seed", type=int, default=0, metavar="S", help="root seed (default 0)")
+    with_cluster(parser)
     configurable(parser)
 
 
@@ -68,7 +69,7 @@ def paper(args: argparse.Namespace) -> None:
     from mjx_fit.cli.paper import run_paper, size_of
 
     size = size_of(args.size)
-    run_paper(config_of(args, preset=size.preset), args.out, size, args.seed)
+    run_paper(config_of(args, preset=size.preset), args.out, size, args.seed, pool_of(args))
 
 
 def report(args: argparse.Namespace) -> None:

@@ -22,6 +22,7 @@ from mjx_fit.evaluation.insertion import insertion
 from mjx_fit.evaluation.position import position
 from mjx_fit.evaluation.request import Request
 from mjx_fit.evaluation.results import Result
+from mjx_fit.jobs.pool import Here, Pool
 from mjx_fit.report.build import build
 from mjx_fit.task.estimator import filter_update
 from mjx_fit.training.run import Run
@@ -106,7 +107,7 @@ def size_of(name: str) -> Size:
     return SIZES[name]
 
 
-def run_paper(config: Config, out: Path, size: Size, seed: int) -> None:
+def run_paper(config: Config, out: Path, size: Size, seed: int, pool: Pool | None = None) -> None:
     """Run every stage into ``out``; a rerun skips finished stages.
 
     Args:
@@ -114,22 +115,22 @@ def run_paper(config: Config, out: Path, size: Size, seed: int) -> None:
         out: Folder for everything.
         size: Size of the reproduction.
         seed: Root seed.
+        pool: Simulates data and experiments; None: this process.
 
     Raises:
         RequestError: The folder holds something else, or the configuration trains no baseline.
     """
     _check(config, out, seed)
     with locks.holding(out):
-        _run(config, out, size, seed)
+        engine = make_engine("auto", config)
+        _run(Request(config, out, engine, trials=0, seed=seed, pool=pool or Here()), size)
 
 
-def _run(config: Config, out: Path, size: Size, seed: int) -> None:
-    console = Console(highlight=False, emoji=False)
-    engine = make_engine(
-        "auto", config
-    )  # shared by all stages: it depends on neither detector nor outcome model
-    stages = _stages(Request(config, out, engine, trials=0, seed=seed), size)
-    console.print(_forecast(config, size, engine))
+def _run(base: Request, size: Size) -> None:
+    """Run the stages; they share an engine, which depends on neither detector nor outcome model."""
+    console, out = Console(highlight=False, emoji=False), base.out
+    stages = _stages(base, size)
+    console.print(_forecast(base.config, size, base.engine))
     for number, (title, work) in enumerate(stages.items(), 1):
         console.rule(f"{number}/{len(stages)}  {title}")
         began = time.monotonic()
@@ -157,7 +158,7 @@ def _check(config: Config, out: Path, seed: int) -> None:
 
 def _stages(base: Request, size: Size) -> dict[str, Callable[[], object]]:
     """Return the stages by title; ``base`` holds the fields shared by all requests, ``out`` the folder."""
-    config, out, engine, seed = base.config, base.out, base.engine, base.seed
+    config, out, engine, seed, pool = base.config, base.out, base.engine, base.seed, base.pool
     data, test, run = (path_inside(out, name) for name in ("data", "held_out", "run"))
     plan = Plan(size.episodes, config.task.attempt_actions, "spiral", seed=seed, sequence=size.sequence)
     test_plan = Plan(size.held_out, config.task.attempt_actions, "spiral", seed=seed + HELD_OUT)
@@ -174,8 +175,8 @@ def _stages(base: Request, size: Size) -> dict[str, Callable[[], object]]:
         return insertion(replace(request, seeds=size.seeds))
 
     return {
-        f"{size.episodes:,} episodes to train on": lambda: collect(config, data, plan, engine),
-        f"{size.held_out:,} to calibrate on": lambda: collect(config, test, test_plan, engine),
+        f"{size.episodes:,} episodes to train on": lambda: collect(config, data, plan, engine, pool=pool),
+        f"{size.held_out:,} to calibrate on": lambda: collect(config, test, test_plan, engine, pool=pool),
         "train": lambda: train_from([data], config, Run(run, seed)),
         "calibration": lambda: calibrate(config, out / "calibration.json", run, test, seed),
         "calibration by attempt": lambda: _by_attempt(replace(base, seed=seed + OWN), run, size.own),
@@ -201,7 +202,8 @@ def _by_attempt(base: Request, run: Path, episodes: int) -> None:
     sensor = load_trained_sensor(run)
     actions = config.task.attempt_actions
     plan = Plan(episodes, actions, "spiral", seed=base.seed, sequence=5, sensor=sensor.fingerprint)
-    collect(config, path_inside(out, "own"), plan, base.engine, filter_update(config, sensor.network))
+    update = filter_update(config, sensor.network)
+    collect(config, path_inside(out, "own"), plan, base.engine, update, base.pool)
     calibrate(config, out / "calibration_by_attempt.json", run, out / "own", base.seed)
 
 

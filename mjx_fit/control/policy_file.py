@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 
 from mjx_fit.control.policies import Policy, PolicyInput, PolicyStart, stateless
+from mjx_fit.jobs.pool import USER_MODULES
 from mjx_fit.types import Array, Reading
 from mjx_fit.utils import numerics
 from mjx_fit.utils.errors import RequestError, shortened, shown
@@ -98,7 +99,7 @@ def require_policy(policy: Policy) -> None:
 
 
 def _module(path: Path) -> ModuleType:
-    spec = spec_from_file_location(f"mjx_fit_policy_{path.stem}", path)
+    spec = spec_from_file_location(f"{USER_MODULES}{path.stem}", path)
     if spec is None or spec.loader is None:
         raise RequestError(f"--policy: {path} is no Python file")
     module = module_from_spec(spec)

@@ -1,7 +1,10 @@
 """Collect rollouts into a data set."""
 
 import time
+from collections import Counter
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +15,10 @@ from mjx_fit.config.schema import Config, require_room
 from mjx_fit.data import hdf5
 from mjx_fit.data.plan import Plan, check, require_engine
 from mjx_fit.data.sequences import Sequences
-from mjx_fit.data.writer import Writer, is_finished, new_manifest, new_shard
+from mjx_fit.data.writer import NewShard, Writer, is_finished, new_manifest, new_shard
 from mjx_fit.engines.failures import kept_in
 from mjx_fit.engines.interface import Engine
+from mjx_fit.jobs.pool import Here, Pool, Tell
 from mjx_fit.task.estimator import Update
 from mjx_fit.utils import memory
 from mjx_fit.utils.filesystem import path_inside
@@ -25,7 +29,14 @@ _BROKEN = "broken"
 """Subfolder of the data set for replay files of diverged simulations."""
 
 
-def collect(config: Config, out: Path, plan: Plan, engine: Engine, update: Update | None = None) -> None:
+def collect(
+    config: Config,
+    out: Path,
+    plan: Plan,
+    engine: Engine,
+    update: Update | None = None,
+    pool: Pool | None = None,
+) -> None:
     """Simulate interactions and store them; resume an interrupted collection with the same request.
 
     The draws of an episode depend on the seed and its id alone. All batches have the same shape, the last one
@@ -37,9 +48,11 @@ def collect(config: Config, out: Path, plan: Plan, engine: Engine, update: Updat
         plan: Collection plan.
         engine: Engine that simulates the attempts; it must be the one named in the plan.
         update: Belief update with the sensor of fingerprint ``plan.sensor``.
+        pool: Simulates the shards; None: this process.
 
     Raises:
         RequestError: A value is invalid, or the folder holds other files or is in use.
+        WorkError: As in ``Pool.run``.
     """
     check(plan)
     plan = replace(plan, turns=engine.turns)
@@ -56,8 +69,12 @@ def collect(config: Config, out: Path, plan: Plan, engine: Engine, update: Updat
     with Writer(out, wanted) as writer:
         missing = writer.missing(shards)
         if missing:
-            simulate = Sequences(engine, config, plan, path_inside(out, _BROKEN), update)
-            _fill(writer, {name: shards[name] for name in missing}, len(shards), simulate, request)
+            simulate = Sequences(engine, config, plan, path_inside(out.absolute(), _BROKEN), update)
+            work = partial(_collected, simulate, request)
+            begins = COMPILING if engine.name == "mjx" else ""
+            with Progress("collect: shard", len(shards), len(shards) - len(missing), begins) as progress:
+                pieces = {name: (name, shards[name]) for name in missing}
+                _fill(writer, pieces, work, pool or Here(), progress)
         writer.finish()
 
 
@@ -75,24 +92,40 @@ def invalid_in(out: Path) -> str:
 
 
 def _fill(
-    writer: Writer, missing: dict[str, int], n_shards: int, simulate: Sequences, request: dict[str, Any]
+    writer: Writer,
+    missing: dict[str, tuple[str, int]],
+    work: Callable[[tuple[str, int], Tell], NewShard],
+    pool: Pool,
+    progress: Progress,
 ) -> None:
-    began, actions, inserted, wrongly = time.monotonic(), 0, 0, 0
-    done = n_shards - len(missing)
-    begins = COMPILING if request["engine"] == "mjx" else ""
-    with Progress("collect: shard", n_shards, done, begins) as progress:
-        for name, start in missing.items():
-            episodes = simulate(start)
-            content = hdf5.encode(episodes, request)
-            writer.write(new_shard(name, np.asarray(episodes.episode), content), content)
-            done += 1
-            actions += int(episodes.rollout.felt.length.sum())
-            inserted += int(episodes.rollout.succeeded.sum())
-            wrongly += int(episodes.rollout.inserted_wrongly.sum())
-            speed = actions * SUBSTEPS / (time.monotonic() - began)
-            words = [f"{inserted} inserted", f"{speed:,.0f} steps/s"]
-            if wrongly:
-                words.insert(1, f"{wrongly} inserted wrongly")
-            if simulate.broken:
-                words.append(f"{simulate.broken} invalid")
-            progress(done, ", ".join(words))
+    """Collect the missing shards, whoever simulates them."""
+    began, sums = time.monotonic(), Counter[str]()
+
+    def told(_: int, text: str) -> None:
+        progress(progress.done + sums["shards"], text)
+
+    for _, one in pool.run(work, missing, told, writer.storing()):
+        writer.add(one.shard)
+        sums.update(one.counts, shards=1)
+        speed = sums["actions"] * SUBSTEPS / (time.monotonic() - began)
+        words = [f"{sums['inserted']} inserted", f"{speed:,.0f} steps/s"]
+        if sums["inserted_wrongly"]:
+            words.insert(1, f"{sums['inserted_wrongly']} inserted wrongly")
+        if sums["invalid"]:
+            words.append(f"{sums['invalid']} invalid")
+        told(0, ", ".join(words))
+
+
+def _collected(simulate: Sequences, request: dict[str, Any], piece: tuple[str, int], _: Tell) -> NewShard:
+    """Simulate the shard of a name and a first sequence."""
+    name, start = piece
+    episodes = simulate(start)
+    rollout = episodes.rollout
+    counts = {
+        "actions": int(rollout.felt.length.sum()),
+        "inserted": int(rollout.succeeded.sum()),
+        "inserted_wrongly": int(rollout.inserted_wrongly.sum()),
+        "invalid": int((~rollout.truth.valid).sum()),
+    }
+    content = hdf5.encode(episodes, request)
+    return NewShard(new_shard(name, np.asarray(episodes.episode), content), content, counts)

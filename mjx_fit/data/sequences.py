@@ -34,15 +34,11 @@ class Sequences:
         dumps: Folder for the files that replay diverged simulations.
         update: Estimator whose posteriors later attempts start from; None: later attempts start from sampled
             estimates.
-
-    Attributes:
-        broken: Number of diverged simulations so far; training excludes them.
     """
 
     def __init__(self, engine: Engine, config: Config, plan: Plan, dumps: Path, update: Update | None):
         self._engine, self._config, self._plan, self._dumps = engine, config, plan, dumps
         self._update = update
-        self.broken = 0
 
     def __call__(self, start: int) -> Episode:
         """Simulate one batch of sequences and return its episodes in the order of their ids."""
@@ -60,7 +56,6 @@ class Sequences:
                 whole = jax.tree.map(partial(_with_axis, plan.sequence), one)
             jax.tree.map(lambda to, leaf, n=number: to.__setitem__((slice(None), n), leaf), whole, one)
         assert whole is not None
-        self.broken += engine.broken
         if plan.sequence == 1:
             return whole
         return jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), whole)
@@ -133,17 +128,12 @@ class _Batch:
 
 
 class _EachPolicy:
-    """Engine wrapper that runs the attempts of each policy with that policy's number of actions.
-
-    Attributes:
-        broken: Number of diverged simulations so far; each is reported.
-    """
+    """Engine wrapper that runs the attempts of each policy with that policy's number of actions."""
 
     def __init__(self, engine: Engine, config: Config, batch: _Batch, dumps: Path):
         self.name, self.policy_name, self.turns = engine.name, engine.policy_name, engine.turns
         self._engine = engine
         self._config, self._batch, self._dumps = config, batch, dumps
-        self.broken = 0
 
     def run(
         self,
@@ -161,7 +151,7 @@ class _EachPolicy:
             mine = kind == policy
             plans = self._config.task.attempt_actions if policy == policies.SPIRAL else horizon or actions
             part = self._engine.run(attempts, min(actions, plans), active & mine, plans)
-            self.broken += report(part, attempts, ids, plans, self._config, self._dumps)
+            report(part, attempts, ids, plans, self._config, self._dumps)
             part = padded(part, actions)
             done = part if done is None else jax.tree.map(partial(_chosen, mine), part, done)
         assert done is not None

@@ -5,11 +5,12 @@ that the manifest names is therefore complete, and a killed collection resumes a
 """
 
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Int
@@ -32,6 +33,26 @@ def new_shard(name: str, episodes: Int[np.ndarray, "n"], content: bytes) -> Shar
     """Return the manifest entry of a shard with these episodes and this content, computed on this device."""
     size, digest = len(content), files.sha256_of(content)
     return Shard(name, int(episodes[0]), len(episodes), size, digest, provenance.device())
+
+
+class NewShard(NamedTuple):
+    """A shard on its way to its folder.
+
+    Attributes:
+        shard: Its entry in the manifest.
+        content: Content of its file; empty once it is written.
+        counts: What is in it, for progress.
+    """
+
+    shard: Shard
+    content: bytes
+    counts: dict[str, int]
+
+
+def store_shard(folder: Path, new: NewShard) -> NewShard:
+    """Write the file of a shard, and return what is small of it."""
+    files.write_bytes(folder / new.shard.name, new.content)
+    return new._replace(content=b"")
 
 
 def is_finished(folder: Path, wanted: Manifest, names: Iterable[str]) -> bool:
@@ -113,13 +134,24 @@ class Writer:
         return missing
 
     def write(self, shard: Shard, content: bytes) -> None:
-        """Adds or replaces a shard, whose file is to hold this content.
+        """Add or replace a shard, whose file is to hold this content.
 
         Raises:
             WorkError: The folder was taken away.
         """
         self._hold.require()
-        files.write_bytes(self._folder / shard.name, content)
+        self.add(store_shard(self._folder, NewShard(shard, content, {})).shard)
+
+    def storing(self) -> Callable[[NewShard], NewShard]:
+        """Return the function that writes files, which may travel; ``add`` their shards afterwards."""
+        return partial(store_shard, self._folder.absolute())
+
+    def add(self, shard: Shard) -> None:
+        """Add or replace a shard whose file is written.
+
+        Raises:
+            WorkError: The folder was taken away.
+        """
         self._save(self._manifest.with_shard(shard))
 
     def finish(self) -> None:

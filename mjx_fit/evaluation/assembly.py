@@ -11,6 +11,7 @@ from mjx_fit.evaluation.effort_summary import seconds_of_pegs, shares_in_time, s
 from mjx_fit.evaluation.request import Request
 from mjx_fit.evaluation.results import Result
 from mjx_fit.evaluation.statistics import Row
+from mjx_fit.jobs.pool import Tell
 from mjx_fit.scene.scenarios import draw_trials
 from mjx_fit.task.assembly import confirmation_of_rows, rounds, update_of_rows
 from mjx_fit.task.assembly_state import Table
@@ -60,27 +61,25 @@ def _assembly(
     network = sensor.network if sensor else None
     update = update_of_rows(config, picked, len(pieces[0]), network)
     confirm = confirmation_of_rows(config, picked, len(pieces[0]), network)
-    pegs_each = len(picked) * config.task.n_holes
-    before = min(parts.kept(out) * len(pieces[0]), trials) * pegs_each
-    with Progress(
-        "assembly: pegs", trials * pegs_each, before, COMPILING if engine.name == "mjx" else ""
-    ) as progress:
+    broken, n_holes, seed = result_file.broken(out), config.task.n_holes, request.seed
 
-        def work(ids: Int[np.ndarray, "n"]) -> parts.Rows:
-            table = Table(config, picked, draw_trials(config, request.seed, ids), request.seed)
-            reporting = Reporting(engine, config, result_file.broken(out) / f"trials-{ids[0]:06d}")
-            for _ in rounds(table, reporting, update, confirm):
-                pegs = before + int(table.pegs_done.sum())
-                left = f"{table.active.sum()} of {len(table.active)} assemblies open"
-                progress(min(pegs, trials * pegs_each), left)
-            return [row for row in table.rows() if row["trial"] < trials]
+    def work(ids: Int[np.ndarray, "n"], tell: Tell) -> parts.Rows:
+        table = Table(config, picked, draw_trials(config, seed, ids), seed)
+        reporting = Reporting(engine, config, broken / f"trials-{ids[0]:06d}")
+        for _ in rounds(table, reporting, update, confirm):
+            open_ = f"{table.active.sum()} of {len(table.active)} assemblies open"
+            tell(int(table.pegs_done.sum()), open_)
+        return [row for row in table.rows() if row["trial"] < trials]
 
-        def told(rows: parts.Rows) -> None:
-            nonlocal before
-            before = max(before, len(rows) * config.task.n_holes)
-            progress(before, _running(rows))
+    pegs = trials * len(picked) * n_holes
+    before = min(parts.kept(out) * len(pieces[0]), trials) * len(picked) * n_holes
+    begins = COMPILING if engine.name == "mjx" else ""
+    with Progress("assembly: pegs", pegs, before, begins) as progress:
 
-        rows = parts.in_parts(out, here, pieces, work, told)
+        def told(rows: parts.Rows, done: int, text: str) -> None:
+            progress(min(len(rows) * n_holes + done, pegs), text or _running(rows))
+
+        rows = parts.in_parts(out, here, pieces, work, told, request.pool)
     result = result_file.write(out, here, summarise(rows), rows)
     parts.finish(out)
     return result

@@ -17,6 +17,7 @@ from mjx_fit.evaluation.request import Request
 from mjx_fit.evaluation.results import Result
 from mjx_fit.evaluation.statistics import Row
 from mjx_fit.filters.updates import detected_belief
+from mjx_fit.jobs.pool import Tell
 from mjx_fit.task.attempt_loop import spirals_at
 from mjx_fit.task.effort import COLUMNS, effort_of
 from mjx_fit.types import Rollout
@@ -51,28 +52,29 @@ def _attempt(request: Request, here: result_file.Header) -> Result:
     n = len(peg_type)
     batch = even_batch(n, ATTEMPT_BATCH)
     root, dumps = root_key(request.seed, "attempt"), result_file.broken(request.out)
+
+    def work(ids: Int[np.ndarray, "m"], _: Tell) -> parts.Rows:
+        there = draw_places(root, jnp.asarray(ids), config)
+        attempts = spirals_at(
+            peg_type[ids % n],
+            hole_type[ids % n],
+            there.hole_pos_world,
+            detected_belief(there.estimate_world, config).mean_world,
+            there.key,
+            there.physics,
+        )
+        rollouts = engine.run(attempts, actions, ids < n)
+        report(rollouts, as_run(attempts, engine), ids, actions, config, dumps)
+        return _attempt_rows(rollouts, ids[ids < n], config.scene.names)
+
     finished = min(parts.kept(request.out) * batch, n)
     with Progress("attempts", n, finished, COMPILING if engine.name == "mjx" else "") as progress:
 
-        def work(ids: Int[np.ndarray, "m"]) -> parts.Rows:
-            there = draw_places(root, jnp.asarray(ids), config)
-            attempts = spirals_at(
-                peg_type[ids % n],
-                hole_type[ids % n],
-                there.hole_pos_world,
-                detected_belief(there.estimate_world, config).mean_world,
-                there.key,
-                there.physics,
-            )
-            rollouts = engine.run(attempts, actions, ids < n)
-            report(rollouts, as_run(attempts, engine), ids, actions, config, dumps)
-            return _attempt_rows(rollouts, ids[ids < n], config.scene.names)
-
-        def told(rows: parts.Rows) -> None:
-            progress(len(rows), f"{sum(row['inserted'] for row in rows)} inserted")
+        def told(rows: parts.Rows, _: int, text: str) -> None:
+            progress(len(rows), text or f"{sum(row['inserted'] for row in rows)} inserted")
 
         pieces = [np.arange(start, start + batch) for start in range(0, n, batch)]
-        rows = parts.in_parts(request.out, here, pieces, work, told)
+        rows = parts.in_parts(request.out, here, pieces, work, told, request.pool)
     return result_file.write(request.out, here, summarise(rows, _method(engine)), rows)
 
 

@@ -13,6 +13,7 @@ from jaxtyping import Int
 from mjx_fit.config.schema import Config
 from mjx_fit.engines.threads import even_batch
 from mjx_fit.evaluation.result_file import Header
+from mjx_fit.jobs.pool import Pool, Tell
 from mjx_fit.utils import bounded_json, files, locks, provenance
 from mjx_fit.utils.errors import RequestError
 from mjx_fit.utils.filesystem import path_inside
@@ -55,9 +56,10 @@ def kept(out: Path) -> int:
 def in_parts(
     out: Path,
     here: Header,
-    parts: Sequence[Any],
-    work: Callable[[Any], Rows],
-    told: Callable[[Rows], None],
+    pieces: Sequence[Any],
+    work: Callable[[Any, Tell], Rows],
+    told: Callable[[Rows, int, str], None],
+    pool: Pool,
 ) -> Rows:
     """Return the rows of all parts in order: stored parts are read, the others computed and stored.
 
@@ -66,28 +68,35 @@ def in_parts(
     Args:
         out: Result file.
         here: Header of the result: everything the rows depend on.
-        parts: Arguments of ``work``, one per part.
-        work: Function that computes the rows of a part.
-        told: Callback that receives all rows so far after each part.
+        pieces: Arguments of ``work``, one per part.
+        work: Function that computes the rows of a part (``Pool.run``).
+        told: Callback that receives all rows so far, and the units done and a text within a part.
+        pool: Performs the parts.
 
     Raises:
         RequestError: The folder holds parts of another request.
+        WorkError: As in ``Pool.run``.
     """
     folder = _folder(out)
     own = here | {"versions": provenance.versions(), "device": provenance.device()}
     _require_own(folder, own)
-    rows: Rows = []
-    for number, part in enumerate(parts):
-        path = path_inside(folder, f"part-{number:05d}.json")
-        made = _read(path)
-        if made is None:
-            made = work(part)  # first: a refused request leaves no files
-            if not (folder / ASKED).is_file():
-                files.write_text(folder / ASKED, json.dumps(own))
-            files.write_text(path, json.dumps(made))
-        rows += made
-        told(rows)
-    return rows
+    paths = {f"part {n}": path_inside(folder, f"part-{n:05d}.json") for n in range(len(pieces))}
+    stored = {name: _read(path) for name, path in paths.items()}
+    missing = {
+        name: piece for (name, made), piece in zip(stored.items(), pieces, strict=True) if made is None
+    }
+
+    def rows() -> Rows:
+        return [row for made in stored.values() for row in made or ()]
+
+    told(rows(), 0, "")
+    for name, made in pool.run(work, missing, lambda done, text: told(rows(), done, text)):
+        if not (folder / ASKED).is_file():  # only now: a refused request leaves no files
+            files.write_text(folder / ASKED, json.dumps(own))
+        files.write_text(paths[name], json.dumps(made))
+        stored[name] = made
+        told(rows(), 0, "")
+    return rows()
 
 
 def finish(out: Path) -> None:

@@ -1,10 +1,11 @@
 """Request of an experiment."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from mjx_fit.config.schema import Config
 from mjx_fit.engines.interface import Engine, stored_policy_name
+from mjx_fit.jobs.pool import Here, Pool
 from mjx_fit.task.seek import GEOMETRIC
 from mjx_fit.task.seek import NAME as SEEK
 from mjx_fit.training.checkpoint import FRAME_BY_FRAME
@@ -29,6 +30,7 @@ class Request:
         seeds: Number of seeds of exploration noise and sensor noise per trial of the insertion experiment.
         sensor: Trained sensor, for the methods that use traces.
         baseline: Frame-by-frame sensor of the same run, for the method of that name.
+        pool: Performs the parts of the experiment.
     """
 
     config: Config
@@ -40,6 +42,7 @@ class Request:
     seeds: int = 1
     sensor: TrainedSensor | None = None
     baseline: TrainedSensor | None = None
+    pool: Pool = field(default_factory=Here)
 
     def asked_policy(self) -> dict[str, str]:
         """Return the custom policy for the result file; empty where attempts follow the spiral.

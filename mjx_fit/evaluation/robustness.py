@@ -1,6 +1,7 @@
 """Robustness experiment: a sensor, or the geometry of contact, in perturbed worlds, on the same holes."""
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -19,6 +20,7 @@ from mjx_fit.evaluation.request import Request
 from mjx_fit.evaluation.results import Result
 from mjx_fit.evaluation.scores import auroc, inside
 from mjx_fit.evaluation.statistics import Row, bootstrap_mean, bootstrap_score, clustered_rate
+from mjx_fit.jobs.pool import Here, Tell
 from mjx_fit.task import single_hole
 from mjx_fit.task.estimator import Update, filter_update
 from mjx_fit.task.holes import Holes, Outcome
@@ -91,26 +93,23 @@ def _worked_out(
     out, n = request.out, request.trials + request.trials // 2
     ids = parts.pieces(n, 1, request.engine.name, config)
     pieces = [_Part(name, own) for name in asked for own in ids]
-    finished = parts.kept(out)
-    with Progress("robustness: parts", len(pieces), finished) as progress:
+    work = partial(_trials, replace(request, pool=Here()), config, asked, n)
+    with Progress("robustness: parts", len(pieces), parts.kept(out)) as progress:
 
-        def work(part: _Part) -> Rows:
-            progress(finished, part.name)
-            rows = _trials(request, config, asked[part.name], part)
-            return [row for row in rows if row["trial"] < n]
+        def told(_: Rows, __: int, text: str) -> None:
+            progress(parts.kept(out), text)
 
-        def told(_: Rows) -> None:
-            nonlocal finished
-            finished = parts.kept(out)
-            progress(finished)
-
-        rows = parts.in_parts(out, here, pieces, work, told)
+        rows = parts.in_parts(out, here, pieces, work, told, request.pool)
     result = result_file.write(out, here, summarise(rows), rows)
     parts.finish(out)
     return result
 
 
-def _trials(request: Request, config: Config, perturbation: Perturbation, part: _Part) -> Rows:
+def _trials(
+    request: Request, config: Config, asked: dict[str, Perturbation], n: int, part: _Part, tell: Tell
+) -> Rows:
+    tell(0, part.name)
+    perturbation = asked[part.name]
     changed = perturbation.applied_to(config)
     engine = _engine(request, changed, perturbation)
     root = root_key(request.seed, "robustness")
@@ -122,7 +121,8 @@ def _trials(request: Request, config: Config, perturbation: Perturbation, part: 
     reporting = Reporting(engine, changed, broken)
     for _ in single_hole.rounds(table, reporting, update):
         pass
-    return _rows(part, world, table.outcomes()[METHOD], changed)
+    rows = _rows(part, world, table.outcomes()[METHOD], changed)
+    return [row for row in rows if row["trial"] < n]
 
 
 def _engine(request: Request, config: Config, perturbation: Perturbation) -> Engine:

@@ -17,6 +17,7 @@ from mjx_fit.evaluation.parts import Rows
 from mjx_fit.evaluation.request import Request
 from mjx_fit.evaluation.results import Result
 from mjx_fit.evaluation.statistics import Row
+from mjx_fit.jobs.pool import Tell
 from mjx_fit.task import single_hole
 from mjx_fit.task.estimator import Update, filter_update, frame_update, position_update
 from mjx_fit.task.holes import Holes, Outcome
@@ -92,26 +93,25 @@ def _worked_out(
 ) -> Result:
     config, out, engine, n_methods = request.config, request.out, request.engine, len(study.methods)
     update = single_hole.update_of_rows(study.methods, _updates(study.methods, sensors, config))
-    pieces = parts.pieces(study.n, n_methods, engine.name, config)
-    finished = min(parts.kept(out) * len(pieces[0]), study.n) * n_methods
+    pieces, broken = parts.pieces(study.n, n_methods, engine.name, config), result_file.broken(out)
+
+    def work(ids: Ids, tell: Tell) -> Rows:
+        world = study.holes(config, ids)
+        reporting = Reporting(engine, config, broken / f"trials-{ids[0]:06d}")
+        table = single_hole.HoleTable(config, study.methods, world, study.max_attempts)
+        for number, attempts in enumerate(single_hole.rounds(table, reporting, update), 1):
+            tell(0, f"{attempts} attempts in round {number}")
+        wanted = np.tile(ids < study.n, n_methods)
+        return list(compress(study.rows(ids, world, table.outcomes()), wanted))
+
     begins = COMPILING if engine.name == "mjx" else ""
+    finished = min(parts.kept(out) * len(pieces[0]), study.n) * n_methods
     with Progress(f"{study.experiment}: trials", study.n * n_methods, finished, begins) as progress:
 
-        def work(ids: Ids) -> Rows:
-            world = study.holes(config, ids)
-            reporting = Reporting(engine, config, result_file.broken(out) / f"trials-{ids[0]:06d}")
-            table = single_hole.HoleTable(config, study.methods, world, study.max_attempts)
-            for number, attempts in enumerate(single_hole.rounds(table, reporting, update), 1):
-                progress(finished, f"{attempts} attempts in round {number}")
-            wanted = np.tile(ids < study.n, n_methods)
-            return list(compress(study.rows(ids, world, table.outcomes()), wanted))
+        def told(rows: Rows, _: int, text: str) -> None:
+            progress(len(rows), text)
 
-        def told(rows: Rows) -> None:
-            nonlocal finished
-            finished = max(finished, len(rows))
-            progress(finished)
-
-        rows = parts.in_parts(out, here, pieces, work, told)
+        rows = parts.in_parts(out, here, pieces, work, told, request.pool)
     result = result_file.write(out, here, study.summarise(rows), rows)
     parts.finish(out)
     return result

@@ -25,10 +25,13 @@ class Progress:
         total: Total amount of work.
         done: Amount done before.
         begins: Text shown before the first call.
+
+    Attributes:
+        done: Amount done before.
     """
 
     def __init__(self, name: str, total: int, done: int = 0, begins: str = ""):
-        self._name, self._total, self._before, self._begins = name, total, done, begins
+        self._name, self._total, self.done, self._begins = name, total, done, begins
         self._watchdog = Watchdog(name)
         self._last_line = time.monotonic() - SECONDS_BETWEEN_LINES
         self._paced_from: tuple[float, int] | None = None
@@ -44,7 +47,7 @@ class Progress:
         if self._bar is not None:
             self._bar.start()
         if self._begins:
-            self(self._before, self._begins)
+            self(self.done, self._begins)
         return self
 
     def __exit__(self, *error) -> None:
@@ -65,7 +68,7 @@ class Progress:
             return
         now = time.monotonic()
         # Exclude earlier work and the first part, which includes compilation, from the pace.
-        if self._paced_from is None and done > self._before:
+        if self._paced_from is None and done > self.done:
             self._paced_from = now, done
         if now - self._last_line < SECONDS_BETWEEN_LINES and done < self._total:
             return

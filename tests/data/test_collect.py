@@ -283,7 +283,6 @@ def test_a_sequence_ends_with_a_world_that_broke(tmp_path, capsys):
     assert [active.tolist() for _, active in engine.seen] == [[True] * 3, [True] * 3, [True, False, True]]
     assert data.rollout.truth.valid.tolist() == [i != 4 for i in range(9)]
     assert (data.rollout.felt.length > 0).tolist() == [i != 5 for i in range(9)]
-    assert sequences.broken == 1
     assert "episode 4: " in capsys.readouterr().err
 
 

@@ -19,6 +19,7 @@ from mjx_fit.config.worlds import world_file
 from mjx_fit.evaluation import insertion, parts, position, result_file, results
 from mjx_fit.evaluation.request import Request
 from mjx_fit.filters.updates import initial_belief
+from mjx_fit.jobs.pool import Here
 from mjx_fit.task import estimator, methods, single_hole
 from mjx_fit.task.after_attempts import after_failures
 from mjx_fit.task.holes import Holes
@@ -102,6 +103,17 @@ def asked(tmp_path, **changes) -> tuple[Path, result_file.Header]:
     return tmp_path / "r.json", result_file.header("position", CONFIG, 0, "native", {"trials": 5} | changes)
 
 
+def in_parts(asked, n, work, seen=None):
+    """Work in n parts, each given its number; ``seen`` gets the number of rows after each new one."""
+
+    def told(rows, done, text):
+        if seen is not None:
+            seen.append(len(rows))
+
+    out, here = asked
+    return parts.in_parts(out, here, range(n), lambda part, _: work(part), told, Here())
+
+
 def test_a_result_of_an_older_version_is_its_own(tmp_path):
     """Its configuration lacks keys that were added since; they have the values of that time."""
     then = read_config(world_file("as-2026-11"))
@@ -124,7 +136,7 @@ def test_parts_that_are_killed_at_any_file_operation_go_on(tmp_path, monkeypatch
         _, here = asked(tmp_path)
 
         def work():
-            rows = parts.in_parts(out, here, range(2), lambda part: [{"trial": part}], lambda rows: None)
+            rows = in_parts((out, here), 2, lambda part: [{"trial": part}])
             assert rows == [{"trial": 0}, {"trial": 1}]
             return result_file.write(out, here, [], [])
 
@@ -158,24 +170,24 @@ def test_work_that_is_killed_goes_on_with_the_part_that_it_was_in(tmp_path):
         return [{"trial": part, "value": 2 * part}]
 
     with pytest.raises(KeyboardInterrupt):
-        parts.in_parts(*asked(tmp_path), range(4), lambda part: work(part, kill_at=2), lambda rows: None)
+        in_parts(asked(tmp_path), 4, lambda part: work(part, kill_at=2))
     seen = []
-    rows = parts.in_parts(*asked(tmp_path), range(4), work, lambda rows: seen.append(len(rows)))
+    rows = in_parts(asked(tmp_path), 4, work, seen)
     assert worked == [0, 1, 2, 3]
     assert [row["value"] for row in rows] == [0, 2, 4, 6]
-    assert seen == [1, 2, 3, 4]
+    assert seen == [2, 3, 4]
     damaged = tmp_path / "r.parts" / "part-00001.json"
     damaged.write_text(damaged.read_text()[:-3])
-    assert parts.in_parts(*asked(tmp_path), range(4), work, lambda rows: None) == rows
+    assert in_parts(asked(tmp_path), 4, work) == rows
     assert worked == [0, 1, 2, 3, 1]
     with pytest.raises(result_file.RequestError, match="its request differs"):
-        parts.in_parts(*asked(tmp_path, trials=6), range(4), work, lambda rows: None)
+        in_parts(asked(tmp_path, trials=6), 4, work)
     parts.finish(tmp_path / "r.json")
     assert list(tmp_path.iterdir()) == []
     (tmp_path / "r.parts").mkdir()
     (tmp_path / "r.parts" / "mine.txt").write_text("keep")
     with pytest.raises(result_file.RequestError, match="it holds other files"):
-        parts.in_parts(*asked(tmp_path), range(4), work, lambda rows: None)
+        in_parts(asked(tmp_path), 4, work)
 
 
 @pytest.mark.parametrize(("n", "methods_", "sizes"), [(100, 3, [100]), (750, 5, [188] * 4)])

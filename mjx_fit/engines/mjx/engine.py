@@ -5,6 +5,7 @@
 
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import jax
 import numpy as np
@@ -25,7 +26,7 @@ from mjx_fit.scene.build import pair_index, simulation_scene
 from mjx_fit.scene.placement import setting_of
 from mjx_fit.scene.slip import with_grasp
 from mjx_fit.types import Array, Attempt, Rollout
-from mjx_fit.utils import interrupts, numerics
+from mjx_fit.utils import granted_cpus, interrupts, numerics
 
 MOST_ROWS = 128
 """Maximum number of worlds in one computation on a CPU, to keep its working set small.
@@ -67,10 +68,15 @@ class MjxEngine:
         self.turns = self._world.policy.turns
         self._policies = len(policies.NAMES) if policy is None else ANY_POLICY
         self.policy_name = None if policy is None else policy.name
+        self._policy = policy
         self._threads = threads if jax.default_backend() == "cpu" else 1
         static = ("actions", "horizon")
         self._jitted = jax.jit(self._rollout, static_argnames=static, compiler_options=compiler_options())
         self._compiled: dict[tuple, jax.stages.Compiled] = {}
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Travel as what it was made of: elsewhere it has the threads that are granted there."""
+        return _made_here, (self.config, self._policy)
 
     def run(
         self,
@@ -129,3 +135,7 @@ class MjxEngine:
         # Matrix products in lower precision (TF32 on some accelerators) break the constraint solver.
         with jax.default_matmul_precision("highest"):
             return jax.vmap(world, (axes, 0, 0, 0))(models, qpos, attempts, active)
+
+
+def _made_here(config: Config, policy: Policy | None) -> MjxEngine:
+    return MjxEngine(config, granted_cpus.cpus(), policy)

@@ -6,6 +6,7 @@ independent of the other attempts in the batch and of their number.
 """
 
 from dataclasses import replace
+from typing import Any
 
 import jax
 import numpy as np
@@ -27,7 +28,7 @@ from mjx_fit.engines.threads import OneByOne, on_threads, parts_of, silence_mujo
 from mjx_fit.scene.build import simulation_scene
 from mjx_fit.scene.slip import with_grasp
 from mjx_fit.types import Attempt, Rollout
-from mjx_fit.utils import interrupts, numerics
+from mjx_fit.utils import granted_cpus, interrupts, numerics
 
 
 class NativeEngine:
@@ -61,10 +62,15 @@ class NativeEngine:
         self._threads, self._on_step = threads, on_step
         self._policies = len(policies.NAMES) if policy is None else ANY_POLICY
         self.policy_name = None if policy is None else policy.name
+        self._policy = policy
         self._brain = Brain(self.scene, config, acting(policy, config))
         self.turns = self._brain.policy.turns
         self._models = Models(self.scene)
         self._compiling = OneByOne()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Travel as what it was made of: elsewhere it has the threads that are granted there."""
+        return _made_here, (self.config, self._policy)
 
     def run(
         self,
@@ -154,3 +160,7 @@ class NativeEngine:
         at_rest = (block.tare_sensor, np.asarray(block.tip_pos_world, np.float32))
         memory = self._brain.begin(rows, *(padded(one, np.arange(len(ids))) for one in at_rest))
         return Part(self._brain, block, own, memory, setting, ids, done, self._on_step)
+
+
+def _made_here(config: Config, policy: Policy | None) -> NativeEngine:
+    return NativeEngine(config, granted_cpus.cpus(), policy)
