@@ -104,7 +104,7 @@ def _add_robustness(commands: Commands) -> None:
         help="mismatched holes under each perturbation, and half as many matching ones (default 500)",
     )
     parser.add_argument("--perturbations", metavar="A,B", help="names (default: all; see the guide)")
-    with_cluster(parser)
+    _with_parts(parser)
     simulating(parser)
     configurable(parser)
 
@@ -131,9 +131,21 @@ def _with_trials(parser: argparse.ArgumentParser, count: int, what: str) -> None
     parser.add_argument("--out", type=path, required=True, metavar="FILE.json")
     parser.add_argument("--trials", type=int, default=count, metavar="N", help=f"{what} (default {count})")
     with_policy(parser, "spiral, raster, tilt, seek", None)
-    with_cluster(parser)
+    _with_parts(parser)
     simulating(parser)
     configurable(parser)
+
+
+def _with_parts(parser: argparse.ArgumentParser) -> None:
+    """Add the cluster, and the size of the parts that it works on."""
+    with_cluster(parser)
+    parser.add_argument(
+        "--part-rows",
+        type=int,
+        metavar="N",
+        help="most trials times methods in a part, which one worker does at a time and a stopped command "
+        "repeats (default: 1024, 256 attempts, 16384 on an accelerator, 128 with --cluster)",
+    )
 
 
 def attempt(args: argparse.Namespace) -> None:
@@ -178,7 +190,9 @@ def _evaluate(experiment: "Callable[[Request], Result]", args: argparse.Namespac
             f"--policy: {shown(args.policy)} is invalid: choose spiral, raster, tilt, seek or FILE.py:NAME"
         )
     engine = make_engine(args.engine, config, policy)
-    request = Request(config, args.out, engine, args.trials, args.seed, pool=pool_of(args))
+    request = Request(
+        config, args.out, engine, args.trials, args.seed, pool=pool_of(args), part_rows=args.part_rows
+    )
     if hasattr(args, "methods"):
         request = replace(request, methods=args.methods, seeds=getattr(args, "seeds", 1))
         request = request.with_sensors_of(run_of(args))
@@ -195,7 +209,9 @@ def robustness(args: argparse.Namespace) -> None:
 
     config = config_of(args)
     engine = make_engine(args.engine, config)
-    request = Request(config, args.out, engine, args.trials, args.seed, pool=pool_of(args))
+    request = Request(
+        config, args.out, engine, args.trials, args.seed, pool=pool_of(args), part_rows=args.part_rows
+    )
     request = request.with_sensors_of(run_of(args))
     print_summary(robustness(request, args.perturbations or ",".join(PERTURBATIONS)))
 

@@ -156,16 +156,21 @@ def config_of(args: argparse.Namespace, preset: str | None = None) -> Config:
     Raises:
         RequestError: A file cannot be read, or a key, a value or the seed is invalid.
     """
-    from mjx_fit.utils import resources
     from mjx_fit.utils.randomness import require_seed
 
     if hasattr(args, "seed"):  # before sensors and data are read
         require_seed(args.seed)
+    return read_config(config_paths(args, preset), args.set)
+
+
+def config_paths(args: argparse.Namespace, preset: str | None = None) -> list[Path]:
+    """Return the files of ``config_of``, of which later ones take precedence."""
+    from mjx_fit.utils import resources
+
     preset_file = [] if preset is None else [resources.folder("configs") / f"{preset}.yaml"]
     if getattr(args, "policy", None) == SEEK:
         preset_file = [resources.folder("configs") / f"{SEEK_RUN}.yaml", *preset_file]
-    presets = [*world_file(args.world), *parts_file(args.parts), *preset_file]
-    return read_config([*presets, *args.config], args.set)
+    return [*world_file(args.world), *parts_file(args.parts), *preset_file, *args.config]
 
 
 def run_of(args: argparse.Namespace, policy: str | None = None) -> Path:

@@ -11,6 +11,7 @@ from mjx_fit.cli.options import Parser
 from mjx_fit.cli.page_commands import add_demo, add_paper, add_report, add_table
 from mjx_fit.cli.part_commands import add_part
 from mjx_fit.cli.picture_commands import add_render, add_view
+from mjx_fit.cli.sweep_command import add_sweep
 from mjx_fit.cli.train_command import add_train
 
 
@@ -27,6 +28,7 @@ def parser() -> argparse.ArgumentParser:
         add_part,
         add_train,
         add_evaluate,
+        add_sweep,
         add_paper,
         add_report,
         add_table,

@@ -20,15 +20,24 @@ def read_config(path: Path | Sequence[Path] | None = None, overrides: Sequence[s
     Raises:
         RequestError: The file cannot be read, or a key or value is invalid.
     """
-    tree: dict[str, Any] = {}
     paths = [] if path is None else [path] if isinstance(path, Path) else path
+    return config_from_tree(config_tree(paths, overrides))
+
+
+def config_tree(paths: Sequence[Path], overrides: Sequence[str] = ()) -> dict[str, Any]:
+    """Return the sections of files and overrides (``read_config``), whose keys and values are not checked.
+
+    Raises:
+        RequestError: A file cannot be read, or an override has another form.
+    """
+    tree: dict[str, Any] = {}
     for one in paths:
         for name, section in read_tree(one).items():
             both = isinstance(section, dict) and isinstance(tree.get(name), dict)
             tree[name] = tree[name] | section if both else section
     for override in overrides:
         _set(tree, override)
-    return config_from_tree(tree)
+    return tree
 
 
 def read_stored_config(path: Path) -> Config:

@@ -44,6 +44,7 @@ def assembly(request: Request) -> Result:
         "methods": [method.name for method in picked],
         "trials": request.trials,
         **request.asked_policy(),
+        **request.asked_parts(),
         "sensor": sensor.fingerprint if sensor else None,
         "differs_from_training": sensor.differences(request.config) if sensor else [],
     }
@@ -57,7 +58,7 @@ def _assembly(
     request: Request, here: result_file.Header, picked: tuple[Method, ...], sensor: TrainedSensor | None
 ) -> Result:
     config, out, trials, engine = request.config, request.out, request.trials, request.engine
-    pieces = parts.pieces(trials, len(picked), engine.name, config)
+    pieces = parts.pieces(trials, len(picked), engine.name, config, request.rows_of_parts)
     network = sensor.network if sensor else None
     update = update_of_rows(config, picked, len(pieces[0]), network)
     confirm = confirmation_of_rows(config, picked, len(pieces[0]), network)

@@ -39,7 +39,7 @@ def attempt(request: Request) -> Result:
     """
     n_types = request.config.scene.n_types
     result_file.require_trials(request.trials, n_types + (n_types > 1))  # each shape, and mismatched
-    asked = {"trials": request.trials, **request.asked_policy()}
+    asked = {"trials": request.trials, **request.asked_policy(), **request.asked_parts()}
     here = result_file.header("attempt", request.config, request.seed, request.engine.name, asked)
     result = result_file.once(request.out, here, lambda: _attempt(request, here))
     parts.finish(request.out)
@@ -50,7 +50,7 @@ def _attempt(request: Request, here: result_file.Header) -> Result:
     config, engine, actions = request.config, request.engine, request.config.task.attempt_actions
     peg_type, hole_type = _attempt_pairs(request.trials, config.scene.n_types)
     n = len(peg_type)
-    batch = even_batch(n, ATTEMPT_BATCH)
+    batch = even_batch(n, request.rows_of_parts or ATTEMPT_BATCH)
     root, dumps = root_key(request.seed, "attempt"), result_file.broken(request.out)
 
     def work(ids: Int[np.ndarray, "m"], _: Tell) -> parts.Rows:

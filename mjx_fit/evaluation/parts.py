@@ -28,7 +28,9 @@ ROWS_BY_GEOMETRY = 64
 """The same where particles are conditioned on each attempt, one after the other, for a second or more."""
 
 
-def pieces(n: int, rows_each: int, engine: str, config: Config) -> list[Int[np.ndarray, "m"]]:
+def pieces(
+    n: int, rows_each: int, engine: str, config: Config, asked: int | None = None
+) -> list[Int[np.ndarray, "m"]]:
     """Return the ids of n trials in parts of equal size; the last is padded with ids beyond n.
 
     Equal sizes matter: arithmetic may differ in the last bit between array shapes, and each shape is compiled
@@ -39,11 +41,13 @@ def pieces(n: int, rows_each: int, engine: str, config: Config) -> list[Int[np.n
         rows_each: Rows per trial.
         engine: Name of the resolved engine.
         config: Tells what reads attempts.
+        asked: Most rows of a part, if somebody asks for a number.
     """
     on_cpu = engine == "native" or jax.default_backend() == "cpu"
     rows = ROWS if on_cpu else ROWS_ON_ACCELERATOR
     if on_cpu and config.filter.reads == "geometry":
         rows = ROWS_BY_GEOMETRY
+    rows = rows if asked is None else asked
     size = even_batch(n, max(1, rows // rows_each))
     return [np.arange(start, start + size) for start in range(0, n, size)]
 
@@ -89,7 +93,8 @@ def in_parts(
     def rows() -> Rows:
         return [row for made in stored.values() for row in made or ()]
 
-    told(rows(), 0, "")
+    if len(missing) < len(pieces):
+        told(rows(), 0, "")
     for name, made in pool.run(work, missing, lambda done, text: told(rows(), done, text)):
         if not (folder / ASKED).is_file():  # only now: a refused request leaves no files
             files.write_text(folder / ASKED, json.dumps(own))

@@ -111,7 +111,7 @@ def replay(
             f"result: request.trials: {trials!r} is invalid: expected the number of its trials"
         )
     config = config_from_stored(result.config)
-    pieces = parts.pieces(trials, len(names), engine.name, config)
+    pieces = parts.pieces(trials, len(names), engine.name, config, result.request.get("part_rows"))
     ids = next(piece for piece in pieces if pick.trial in piece)
     picked = chosen(",".join(names), ASSEMBLY)
     assemblies = _Assemblies(config, picked, ids, result.seed)

@@ -5,13 +5,16 @@ from pathlib import Path
 
 from mjx_fit.config.schema import Config
 from mjx_fit.engines.interface import Engine, stored_policy_name
+from mjx_fit.evaluation.result_schema import MOST_PART_ROWS
 from mjx_fit.jobs.pool import Here, Pool
 from mjx_fit.task.seek import GEOMETRIC
 from mjx_fit.task.seek import NAME as SEEK
 from mjx_fit.training.checkpoint import FRAME_BY_FRAME
 from mjx_fit.training.sensor_loader import TrainedSensor, load_baseline, load_trained_sensor
-from mjx_fit.utils.errors import RequestError
+from mjx_fit.utils.errors import RequestError, require
 
+PART_ROWS_OF_WORKERS = 128
+"""Enough to fill an engine's blocks on two threads, and few enough for several workers to have parts."""
 SEEKING = ("full", "oracle")
 """Methods that learn all that the policy ``seek`` learns by itself, or know it."""
 
@@ -31,6 +34,8 @@ class Request:
         sensor: Trained sensor, for the methods that use traces.
         baseline: Frame-by-frame sensor of the same run, for the method of that name.
         pool: Performs the parts of the experiment.
+        part_rows: Most rows of a part (``parts.pieces``); None: as many as suit the pool. Beliefs depend on
+            it in their last bits.
     """
 
     config: Config
@@ -43,6 +48,7 @@ class Request:
     sensor: TrainedSensor | None = None
     baseline: TrainedSensor | None = None
     pool: Pool = field(default_factory=Here)
+    part_rows: int | None = None
 
     def asked_policy(self) -> dict[str, str]:
         """Return the custom policy for the result file; empty where attempts follow the spiral.
@@ -59,6 +65,23 @@ class Request:
                         f"itself: choose from {', '.join(SEEKING)}"
                     )
         return {} if name is None else {"policy": name}
+
+    @property
+    def rows_of_parts(self) -> int | None:
+        """Most rows of a part; None: as many as suit one process."""
+        return PART_ROWS_OF_WORKERS if self.part_rows is None and not self.pool.alone else self.part_rows
+
+    def asked_parts(self) -> dict[str, int]:
+        """Return the size of the parts for the result file; empty where nobody asked for one.
+
+        Raises:
+            RequestError: The number is out of range.
+        """
+        rows = self.rows_of_parts
+        if rows is None:
+            return {}
+        require("--part-rows", rows, 1, MOST_PART_ROWS)
+        return {"part_rows": rows}
 
     def with_sensors_of(self, run: Path) -> "Request":
         """Return the request with the sensor of a training run, and its baseline if a method needs it.

@@ -15,6 +15,9 @@ from mjx_fit.utils import bounded_json
 LARGEST = 4 * 2**30
 """Largest result file, in bytes: 10^6 trials with five methods, or 10^5 assemblies."""
 
+MOST_PART_ROWS = 65536
+"""Most rows of a part that somebody may ask for."""
+
 _Seed = Annotated[int, Field(ge=0, lt=2**32)]
 _Long = Annotated[str, Field(max_length=2000)]
 _Limit = Annotated[int, Field(ge=1, le=trial_rows.MAX_ATTEMPTS)]
@@ -40,6 +43,7 @@ class _Request(TypedDict):
     methods: NotRequired[list[Name]]
     trials: NotRequired[Whole]
     seeds: NotRequired[Whole]
+    part_rows: NotRequired[Annotated[int, Field(ge=1, le=MOST_PART_ROWS)]]
     sensor: NotRequired[Name | dict[Name, Name] | None]
     beliefs_of: NotRequired[Name]
     policy: NotRequired[Name]

@@ -77,6 +77,7 @@ def robustness(request: Request, names: str) -> Result:
     entries = {
         "methods": [METHOD],
         "trials": request.trials,
+        **request.asked_parts(),
         "perturbations": list(asked),
         "sensor": {METHOD: sensor.fingerprint} if sensor else {},
         "differs_from_training": sensor.differences(config) if sensor else [],
@@ -91,7 +92,7 @@ def _worked_out(
     request: Request, config: Config, asked: dict[str, Perturbation], here: result_file.Header
 ) -> Result:
     out, n = request.out, request.trials + request.trials // 2
-    ids = parts.pieces(n, 1, request.engine.name, config)
+    ids = parts.pieces(n, 1, request.engine.name, config, request.rows_of_parts)
     pieces = [_Part(name, own) for name in asked for own in ids]
     work = partial(_trials, replace(request, pool=Here()), config, asked, n)
     with Progress("robustness: parts", len(pieces), parts.kept(out)) as progress:

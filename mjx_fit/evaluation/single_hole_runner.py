@@ -79,6 +79,7 @@ def run(study: Study, request: Request) -> Result:
         "methods": [method.name for method in study.methods],
         **study.asked,
         **request.asked_policy(),
+        **request.asked_parts(),
         "sensor": {name: sensor.fingerprint for name, sensor in sensors.items()},
         "differs_from_training": differs,
     }
@@ -93,7 +94,10 @@ def _worked_out(
 ) -> Result:
     config, out, engine, n_methods = request.config, request.out, request.engine, len(study.methods)
     update = single_hole.update_of_rows(study.methods, _updates(study.methods, sensors, config))
-    pieces, broken = parts.pieces(study.n, n_methods, engine.name, config), result_file.broken(out)
+    pieces, broken = (
+        parts.pieces(study.n, n_methods, engine.name, config, request.rows_of_parts),
+        result_file.broken(out),
+    )
 
     def work(ids: Ids, tell: Tell) -> Rows:
         world = study.holes(config, ids)

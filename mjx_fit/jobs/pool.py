@@ -19,7 +19,13 @@ def as_it_is(done: Any) -> Any:
 
 
 class Pool(Protocol):
-    """Performs parts."""
+    """Performs parts.
+
+    Attributes:
+        alone: Whether it performs one part at a time.
+    """
+
+    alone: bool
 
     def run(
         self,
@@ -45,6 +51,8 @@ class Pool(Protocol):
 
 class Here:
     """Performs parts in this process, one after the other."""
+
+    alone = True
 
     def run(
         self,

@@ -3,6 +3,7 @@
 import hashlib
 import logging
 import os
+import socket
 import statistics
 import sys
 import time
@@ -16,9 +17,8 @@ from mjx_fit.jobs.worker import Order, Report
 from mjx_fit.utils import provenance
 from mjx_fit.utils.errors import RequestError, WorkError, one_line, shortened
 
-# Ray reports its use to its makers, and its own connection errors besides ours, unless it is told not to.
+# Ray reports its use to its makers unless it is told not to.
 os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
-os.environ.setdefault("RAY_BACKEND_LOG_LEVEL", "fatal")
 
 try:
     import ray
@@ -32,7 +32,7 @@ MOST_FAILURES = 3
 """A part that failed, or lost its worker, this many times ends the command."""
 SLOW, SLOW_FROM_S = 4.0, 10.0
 """A part that takes so many times the median, and so many seconds more, is also started elsewhere."""
-_TICK_S = 0.5
+_TICK_S, _CONNECT_S = 0.5, 10.0
 
 
 def connect(address: str) -> None:
@@ -46,17 +46,17 @@ def connect(address: str) -> None:
     """
     if ray.is_initialized():
         return
+    hint = "start one with ray start --head"
     try:
-        ray.init(
-            address=address,
-            log_to_driver=False,
-            logging_level=logging.CRITICAL,
-        )
-    except (ConnectionError, RuntimeError, ValueError, TimeoutError, OSError) as error:
-        hint = ": start one with ray start --head" if address == "auto" else ""
+        if address != "auto":  # before Ray, which takes longer and writes lines of its own
+            host, _, port = address.rpartition(":")
+            hint = "expected auto or HOST:PORT of a cluster's head"
+            socket.create_connection((host, int(port)), _CONNECT_S).close()
+        ray.init(address=address, log_to_driver=False, logging_level=logging.CRITICAL)
+    except (RuntimeError, ValueError, OverflowError, OSError) as error:
+        why = shortened(one_line(str(error)), 120)
         raise RequestError(
-            f"--cluster: {address} cannot be used: no cluster answers there{hint} "
-            f"({shortened(one_line(str(error)), 120)})"
+            f"--cluster: {address} cannot be used: no cluster answers there ({why}): {hint}"
         ) from None
 
 
@@ -86,6 +86,8 @@ class RayPool:
     Raises:
         RequestError: No cluster answers.
     """
+
+    alone = False
 
     def __init__(self, address: str, cpus: int = 1, *, shared: bool = False):
         connect(address)

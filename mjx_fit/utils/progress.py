@@ -20,6 +20,8 @@ COMPILING = "compiling: the first part takes longest"
 class Progress:
     """Context manager that reports progress; call it with the amount done and a short text.
 
+    Work within other work, such as an experiment within a sweep, keeps its watchdog, and says nothing.
+
     Args:
         name: Name of the work.
         total: Total amount of work.
@@ -33,16 +35,20 @@ class Progress:
     def __init__(self, name: str, total: int, done: int = 0, begins: str = ""):
         self._name, self._total, self.done, self._begins = name, total, done, begins
         self._watchdog = Watchdog(name)
+        self._outer = Progress._current
         self._last_line = time.monotonic() - SECONDS_BETWEEN_LINES
         self._paced_from: tuple[float, int] | None = None
         self._console = Console(stderr=True, highlight=False, emoji=False)
         self._bar = None
-        if self._console.is_terminal:
+        if self._console.is_terminal and self._outer is None:
             columns = (TextColumn(name), BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"))
             self._bar = Bar(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=self._console)
             self._task = self._bar.add_task("", total=total, completed=done)
 
+    _current: "Progress | None" = None
+
     def __enter__(self) -> "Progress":
+        Progress._current = self
         self._watchdog.__enter__()
         if self._bar is not None:
             self._bar.start()
@@ -51,6 +57,7 @@ class Progress:
         return self
 
     def __exit__(self, *error) -> None:
+        Progress._current = self._outer
         self._watchdog.__exit__(*error)
         if self._bar is not None:
             self._bar.stop()
@@ -63,6 +70,9 @@ class Progress:
         """
         interrupts.check()
         self._watchdog.beat()
+        if self._outer is not None:
+            self._outer._watchdog.beat()
+            return
         if self._bar is not None:
             self._bar.update(self._task, completed=done, description=text)
             return

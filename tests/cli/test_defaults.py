@@ -26,7 +26,7 @@ def planned(monkeypatch):
     """The plan that a command line makes."""
     plans = []
     monkeypatch.setattr(
-        "mjx_fit.data.collect.collect", lambda config, out, plan, engine, update: plans.append(plan)
+        "mjx_fit.data.collect.collect", lambda config, out, plan, engine, update, pool: plans.append(plan)
     )
 
     def plan(*options) -> Plan:

@@ -30,6 +30,7 @@ def video(monkeypatch):
     return asked
 
 
+@pytest.mark.slow
 def test_demo_plays_with_the_weights_that_come_with_it(tmp_path, capsys, video):
     out = tmp_path / "demo"
     small = ["task.attempt_actions=6", "task.max_attempts=2", "task.n_holes=2"]

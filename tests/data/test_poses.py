@@ -167,6 +167,7 @@ def test_the_loss_is_the_density_per_centimetre_and_tenth_of_a_radian():
     assert float(found) == pytest.approx(-density - D / 2 * np.log(2 * np.pi), rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_sensor_of_six_coordinates_learns(data):
     """The gradient of the loss is finite and reaches the heads of all coordinates."""
     sensor = ContactSensor.of(CONFIG, nnx.Rngs(0))

@@ -5,6 +5,7 @@ from dataclasses import replace
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from mjx_fit.config.files import read_config
 from mjx_fit.config.part_sets import parts_file
@@ -24,6 +25,7 @@ def standing(part, n=8):
     return np.asarray(found.pos_plate)[np.asarray(found.dist)[:, 0] < 0, :2, 0]
 
 
+@pytest.mark.slow
 def test_a_part_stands_on_as_many_points_among_others_as_alone():
     """In a scene of several parts all outlines have the same number of sides, most of them spare ones."""
     together = outlines.outlines_of(NIST)

@@ -128,6 +128,7 @@ def test_a_memory_of_another_configuration_is_refused(config):
         contact_memory.require_memory(replace(beliefs, memory=halves), config)
 
 
+@pytest.mark.slow
 def test_two_attempts_are_read_together(config):
     """Neither is forgotten: the second belief does not depend on what the first was summarised to."""
     whole = replace(config, particles=replace(config.particles, remember_rows=50, count=256))
@@ -148,6 +149,7 @@ def test_two_attempts_are_read_together(config):
     assert (np.asarray(once.memory.before.type_logp) != np.asarray(before.type_logp)).any()
 
 
+@pytest.mark.slow
 def test_a_belief_that_is_far_off_finds_its_way_back_to_the_detection(config):
     """Where the detection is forgotten, a wrong belief goes on from where it is."""
     own = replace(config.particles, count=256, moves=4, remember=0)

@@ -125,6 +125,7 @@ def test_what_is_felt_at_one_hole_corrects_the_next_until_the_peg_changes():
     np.testing.assert_allclose(cov, unsure, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_a_batch_with_rotations_is_its_members():
     rng, d = np.random.default_rng(0), len(COORDINATES)
     covs = 0.01 * np.tile(np.eye(d), (4, N, 1, 1))

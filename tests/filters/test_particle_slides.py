@@ -72,6 +72,7 @@ def test_slides_are_symmetric(config, prior):
     assert slope[1].item() < 1e-6  # a plane: heights are odd in the step
 
 
+@pytest.mark.slow
 def test_a_hole_far_across_the_plate_is_found(config, prior):
     """A peg that goes to and fro on a plate and dips into the hole at one end of its way."""
     true, part = np.array([0.012, 0.016, 0.001, 0.0, 0.03, -0.02]), of_part(config, 1)

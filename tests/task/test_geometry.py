@@ -89,6 +89,7 @@ def test_an_attempt_in_progress_is_read_as_the_whole_one(sought):
             np.testing.assert_allclose(got, getattr(want, name)[:known], atol=2e-5, err_msg=name)
 
 
+@pytest.mark.slow
 def test_attempts_that_are_over_are_not_thought_about(sought):
     """Of two side by side, the one that goes on learns what it learns alone."""
     exact, _, done = sought

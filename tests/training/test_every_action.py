@@ -43,6 +43,7 @@ CONFIG = Config(
 )
 
 
+@pytest.mark.slow
 def test_a_sensor_that_learns_after_every_action_knows_something_after_three(tmp_path):
     data = make_episodes(EPISODES, actions=ACTIONS, min_length=6)
     train(data, CONFIG, Run(tmp_path / "run", 0, tensorboard=True))

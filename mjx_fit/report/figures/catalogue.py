@@ -6,8 +6,9 @@ from matplotlib.figure import Figure
 
 from mjx_fit.config.schema import config_from_stored
 from mjx_fit.evaluation.results import Result
+from mjx_fit.evaluation.sweep import MAIN
 from mjx_fit.report import paper_values
-from mjx_fit.report.figures import assembly, calibration, effort, robustness, single_hole
+from mjx_fit.report.figures import assembly, calibration, effort, robustness, single_hole, sweep
 
 Drawing = tuple[str, str, Callable[[], Figure]]
 
@@ -21,6 +22,7 @@ def of_result(result: Result) -> list[Drawing]:
         "insertion": _insertion,
         "position": _position,
         "robustness": _robustness,
+        "sweep": _sweep,
     }
     if not result.trials or result.experiment not in kinds:
         return []
@@ -216,6 +218,13 @@ def _effort(result: Result) -> list[Drawing]:
             lambda: effort.peak_forces(result.trials),
         ),
     ]
+
+
+def _sweep(result: Result) -> list[Drawing]:
+    if result.request.get("of") not in MAIN or not result.request.get("cells"):
+        return []
+    caption = "Main metrics by setting, with 95 % intervals over the trials of all seeds."
+    return [("sweep", caption, lambda: sweep.of_sweep(result))]
 
 
 def _robustness(result: Result) -> list[Drawing]:
