@@ -10,7 +10,9 @@ if the tool ends at least DEPTH_M below the face of the board; the labels say wh
 
 import argparse
 import json
+import sys
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, cast
 
@@ -24,6 +26,7 @@ from mjx_fit.data.logs.importing import ImportedLog, LoggedAttempt, import_log
 from mjx_fit.data.logs.log_map import read_map
 from mjx_fit.report import script
 from mjx_fit.scene.parts import plate_top_m
+from mjx_fit.utils.errors import RequestError
 
 MAP = Path(__file__).parent / "reassemble.yaml"
 DEPTH_M, LAST = 0.005, 3
@@ -52,7 +55,7 @@ def segments_of(file: h5py.File) -> list[Segment]:
         text = text.decode() if isinstance(text, bytes) else str(text)
         if text.lower().startswith("insert"):
             found.append(Segment(int(name), float(begin), float(end), text, bool(success)))
-    return found
+    return sorted(found, key=lambda one: one.begin_s)
 
 
 def values(file: h5py.File, name: str) -> Any:
@@ -67,14 +70,22 @@ def convert(path: Path, said: Path, out: Path) -> tuple[Path, Path, list[Segment
         force, torque, pose = (
             values(file, f"robot_state/{name}") for name in ("measured_force", "measured_torque", "pose")
         )
-        times = {name: values(file, f"timestamps/{name}").ravel() for name in ("measured_force", "pose")}
-    count = min(len(force), len(torque))
+        names = ("measured_force", "measured_torque", "pose")
+        times = {name: values(file, f"timestamps/{name}").ravel() for name in names}
+    if not segments:
+        raise RequestError(f"{path}: no segment is an insertion")
+    at = times["measured_force"]
+    # Each has a clock of its own: torques are read at the times of the forces.
+    torque = np.column_stack([np.interp(at, times["measured_torque"], column) for column in torque.T[:3]])
     # Where one insertion ends when another begins, the beginning counts.
+    for one, other in pairwise(segments):
+        if other.begin_s < one.end_s:
+            raise RequestError(f"{path}: segments {one.number} and {other.number} overlap")
     edges = [(one.begin_s, one.number) for one in segments] + [(one.end_s, -1) for one in segments]
     edges = np.array(sorted(edges, key=lambda edge: (edge[0], edge[1] >= 0)))
     arrays = {
-        "wrench": np.column_stack([force[:count], torque[:count, :3]]),
-        "wrench_time": times["measured_force"][:count],
+        "wrench": np.column_stack([force, torque]),
+        "wrench_time": at,
         "pose": pose,
         "pose_time": times["pose"],
         "trial": edges[:, 1].astype(int),
@@ -82,7 +93,8 @@ def convert(path: Path, said: Path, out: Path) -> tuple[Path, Path, list[Segment
     }
     tree = yaml.safe_load(said.read_text())
     base = tree["pose"].setdefault("base_in_world", {})
-    base["position_m"] = [0.0, 0.0, plate_top_m(CONFIG.scene) - board_height_m(path)]
+    x, y, _ = base.get("position_m", (0.0, 0.0, 0.0))
+    base["position_m"] = [x, y, plate_top_m(CONFIG.scene) - board_height_m(path)]
     arrays_file, map_file = out / f"{path.stem}.npz", out / f"{path.stem}.yaml"
     np.savez(arrays_file, **arrays)
     map_file.write_text(yaml.safe_dump(tree))
@@ -94,8 +106,11 @@ def board_height_m(path: Path) -> float:
     name = f"{path.stem}_poses.json"
     for file in (path.parent / name, path.parent.parent / "poses" / name):
         if file.exists():
-            return float(json.loads(file.read_text())["NIST_Board1"][0][2])
-    raise SystemExit(f"{path}: {name} is missing: expected beside it or in ../poses")
+            poses = json.loads(file.read_text())
+            if "NIST_Board1" not in poses:
+                raise RequestError(f"{file}: NIST_Board1 is missing")
+            return float(poses["NIST_Board1"][0][2])
+    raise RequestError(f"{path}: {name} is missing: expected beside it or in ../poses")
 
 
 def depth_m(attempt: LoggedAttempt) -> float:
@@ -145,9 +160,15 @@ def drawn(log: ImportedLog, rows: list[dict[str, Any]]) -> Figure:
 def main(paths: list[Path], said: Path, out: Path) -> None:
     out.mkdir(parents=True, exist_ok=True)
     told: dict[str, Any] = {}
+    read_map(said)  # refuse before any work
     for path in paths:
-        arrays, own_map, segments = convert(path, said, out)
-        log = import_log(arrays, read_map(own_map), CONFIG)
+        try:
+            arrays, own_map, segments = convert(path, said, out)
+            log = import_log(arrays, read_map(own_map), CONFIG)
+        except (RequestError, OSError, KeyError) as error:
+            told[path.name] = {"findings": [f"refused: {error}"], "insertions": []}
+            print(f"{path.name}: refused: {error}")
+            continue
         rows = scored(log, segments)
         told[path.name] = {"findings": [str(one) for one in log.findings], "insertions": rows}
         print(f"{path.name}: {len(rows)} of {len(segments)} insertions can be read")
@@ -169,4 +190,7 @@ if __name__ == "__main__":
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--map", type=Path, default=MAP, help="default: reassemble.yaml beside this script")
     asked = parser.parse_args()
-    main(asked.files, asked.map, asked.out)
+    try:
+        main(asked.files, asked.map, asked.out)
+    except RequestError as error:
+        sys.exit(f"reassemble.py: {error}")

@@ -4,7 +4,7 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
-from mjx_fit.cli.options import add_command, config_of, configurable
+from mjx_fit.cli.options import add_command, config_of, configurable, pool_of, with_cluster
 from mjx_fit.cli.path_argument import path, run_path
 from mjx_fit.config.sections.learning import MAX_EPOCHS
 from mjx_fit.utils.errors import require
@@ -43,6 +43,7 @@ def add_train(parsers: argparse._SubParsersAction) -> None:
     parser.add_argument(
         "--tensorboard", action="store_true", help="write event files for TensorBoard into RUN as well"
     )
+    with_cluster(parser)
     configurable(parser)
 
 
@@ -50,6 +51,7 @@ def train(args: argparse.Namespace) -> None:
     """Run ``train``."""
     from mjx_fit.data.manifest import read_manifest
     from mjx_fit.training import run_files
+    from mjx_fit.training.ensemble import train_members
     from mjx_fit.training.journal import require_tensorboard
     from mjx_fit.training.run import Run, require_members
     from mjx_fit.training.train import train_from
@@ -66,7 +68,10 @@ def train(args: argparse.Namespace) -> None:
     if args.tensorboard:
         require_tensorboard()
     run = Run(args.out, args.seed, args.members, args.init, tensorboard=args.tensorboard)
-    was_left = train_from(args.data, config, run)
+    if args.cluster is None:
+        was_left = train_from(args.data, config, run)
+    else:
+        was_left = train_members(args.data, config, run, pool_of(args))
     for folder in run.folders():
         print(f"{folder}: {run_files.summary(folder)}")
         ended = run_files.ended(folder, config)

@@ -4,7 +4,6 @@ import sys
 
 import jax
 
-from mjx_fit.config.randomized import distributions
 from mjx_fit.config.schema import Config
 from mjx_fit.config.sections.scene import SceneConfig
 from mjx_fit.control.policies import Policy
@@ -53,12 +52,10 @@ def make_engine(name: str = "auto", config: Config | None = None, policy: Policy
     # Imported here, because ``resolve`` needs neither engine.
     from mjx_fit.engines.mjx.engine import MjxEngine
     from mjx_fit.engines.native.engine import NativeEngine
-    from mjx_fit.scene.variation import GEOMETRY, require_linear
+    from mjx_fit.scene.variation import require_drawable
 
     config = config or Config()
-    drawn = distributions(config.randomize, GEOMETRY)
-    ranges = {name: distribution.support for name, distribution in drawn.items()}
-    require_linear(config.scene, ranges, "config: randomize")
+    require_drawable(config)
     chosen = resolve(name)
     if chosen == "mjx":
         _say_if_slots_are_few(config.scene)

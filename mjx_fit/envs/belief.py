@@ -1,4 +1,4 @@
-"""Beliefs in observations: what a trained sensor makes of the attempts so far."""
+"""Beliefs in observations: what a trained sensor makes of the attempt in progress."""
 
 from dataclasses import dataclass, replace
 
@@ -16,7 +16,7 @@ from mjx_fit.filters.updates import detected_belief
 from mjx_fit.sensors.trained_sensor import TrainedSensor
 from mjx_fit.task.progress import progress_update
 from mjx_fit.types import Attempt, Belief
-from mjx_fit.utils.errors import RequestError, require
+from mjx_fit.utils.errors import RequestError, require, shown
 
 COMPONENTS = 5
 """Components of an observed belief."""
@@ -48,6 +48,8 @@ class BeliefReader:
     """
 
     def __init__(self, config: Config, how: BeliefReading):
+        if not isinstance(how, BeliefReading):
+            raise RequestError(f"belief: {shown(how)} is invalid: expected BeliefReading(sensor, every)")
         require("belief: every", how.every, 1, config.task.attempt_actions)
         self._config, self._every = how.sensor.adapt(config), how.every
         if not is_world(self._config.filter.coordinates):
@@ -59,7 +61,7 @@ class BeliefReader:
         """Begin the attempts (n,) of some worlds; at first those of all."""
         prior = detected_belief(jnp.asarray(attempts.estimate_world), self._config)
         actions, turns = self._config.task.attempt_actions, from_outside(self._config).turns
-        felt = nothing_done(attempts, actions, 0, self._config, turns=turns).felt
+        felt = jax.tree.map(np.array, nothing_done(attempts, actions, 0, self._config, turns=turns).felt)
         if which.all():
             self._felt, self._keys = felt, attempts.key
             self._prior, self._belief = (jax.tree.map(np.array, prior) for _ in range(2))

@@ -16,6 +16,7 @@ from mjx_fit.envs.observation import commanded, observed, size, width
 from mjx_fit.envs.outcome import outcome, require_for_envs, worth_at_start
 from mjx_fit.envs.reward import Reward
 from mjx_fit.types import Array, pytree
+from mjx_fit.utils import numerics
 from mjx_fit.utils.errors import RequestError
 
 
@@ -90,6 +91,7 @@ class FunctionalInsertion:
     """
 
     def __init__(self, world: str | None = None, config: Config | None = None, reward: Reward = "dense"):
+        numerics.require()
         if world is not None and config is not None:
             raise RequestError("world: it cannot be used beside config, which has a world of its own")
         self.config = read_config(world_file(world)) if config is None else config

@@ -12,6 +12,7 @@ from mjx_fit.envs.belief import BeliefReading
 from mjx_fit.envs.insertion_batch import InsertionVectorEnv
 from mjx_fit.envs.insertion_worlds import Engine
 from mjx_fit.envs.reward import Reward
+from mjx_fit.utils.errors import RequestError, shown
 
 
 class InsertionEnv(gymnasium.Env):
@@ -39,6 +40,7 @@ class InsertionEnv(gymnasium.Env):
         belief: BeliefReading | None = None,
     ):
         self._batch = InsertionVectorEnv(1, world, config, reward, AutoresetMode.DISABLED, engine, belief)
+        self._began = False
         self.config = self._batch.config
         self.observation_space = self._batch.single_observation_space
         self.action_space = self._batch.single_action_space
@@ -48,14 +50,14 @@ class InsertionEnv(gymnasium.Env):
     ) -> tuple[Float[np.ndarray, "k"], dict[str, Any]]:
         """Begin the next episode; the first one, or one with a seed, begins a new series of episodes."""
         super().reset(seed=seed)
+        if options:
+            raise RequestError(f"options: {shown(next(iter(options)))} is unknown: expected none")
         if seed is None and self._began:
             observation, _ = self._batch.reset(options={"reset_mask": np.ones(1, bool)})
         else:
-            observation, _ = self._batch.reset(seed=seed, options=options)
+            observation, _ = self._batch.reset(seed=seed)
             self._began = True
         return observation[0], {}
-
-    _began = False
 
     def step(self, action: Float[np.ndarray, "a"]) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Simulate an action; ``info`` of the last one says whether the peg is in, and its largest force."""

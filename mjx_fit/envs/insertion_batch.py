@@ -14,11 +14,14 @@ from mjx_fit.config.worlds import world_file
 from mjx_fit.envs.belief import COMPONENTS, BeliefReader, BeliefReading
 from mjx_fit.envs.insertion_worlds import ENGINES, Engine, InsertionWorlds, Transition
 from mjx_fit.envs.observation import size, width
+from mjx_fit.envs.outcome import require_for_envs
 from mjx_fit.envs.reward import Reward
 from mjx_fit.utils.errors import RequestError, require, shown
 from mjx_fit.utils.randomness import require_seed, root_key
 
 MOST_ENVS = 65536
+_TOLD = ("inserted", "largest_n")
+"""What ``info`` says of episodes that end."""
 
 
 class InsertionVectorEnv(VectorEnv):
@@ -35,7 +38,8 @@ class InsertionVectorEnv(VectorEnv):
         config: Configuration, with parts and randomisation; None: that of ``world``.
         reward: ``dense`` or ``sparse`` (``envs.reward``).
         autoreset_mode: As in Gymnasium: ``NextStep`` (an episode begins with the step after its last, whose
-            action is ignored), ``SameStep`` (within it; the last observation is ``info["final_obs"]``), or
+            action is ignored), ``SameStep`` (within it; what was last observed and told is in the info, as
+            ``final_obs`` and ``final_info``), or
             ``Disabled`` (by ``reset`` with ``options={"reset_mask": ...}``).
         engine: ``native`` or ``mjx``.
         belief: Sensor that reads beliefs, with which observations then end (``envs.belief``); None: they hold
@@ -70,6 +74,7 @@ class InsertionVectorEnv(VectorEnv):
         if world is not None and config is not None:
             raise RequestError("world: it cannot be used beside config, which has a world of its own")
         self.config = read_config(world_file(world)) if config is None else config
+        require_for_envs(self.config, reward)
         try:
             self._mode = AutoresetMode(autoreset_mode)
         except ValueError:
@@ -105,7 +110,13 @@ class InsertionVectorEnv(VectorEnv):
         mask = options.pop("reset_mask", None)
         if options:
             raise RequestError(f"options: {shown(next(iter(options)))} is unknown: expected reset_mask")
+        if seed is not None and not isinstance(seed, int):
+            raise RequestError(f"seed: {shown(seed)} is invalid: expected one integer for all worlds")
         if mask is not None:
+            if seed is not None:
+                raise RequestError("seed: it cannot be used with reset_mask: it is that of all episodes")
+            if self._mode != AutoresetMode.DISABLED:
+                raise RequestError(f"options: reset_mask cannot be used with {self._mode.value} resets")
             which = np.asarray(mask)
             if which.shape != (self.num_envs,) or which.dtype != bool:
                 raise RequestError(
@@ -132,10 +143,15 @@ class InsertionVectorEnv(VectorEnv):
             Observations, rewards, terminated, truncated, and for worlds whose episode ends ``inserted`` and
             ``largest_n``, the largest force of the last action, N.
         """
-        actions = np.asarray(actions, np.float32)
         expected = (self.num_envs, width(self.config))
-        if actions.shape != expected or not np.isfinite(actions).all():
-            raise RequestError(f"actions: {actions.shape} is invalid: expected finite numbers {expected}")
+        try:
+            actions = np.asarray(actions, np.float32)
+        except (TypeError, ValueError):
+            raise RequestError(f"actions: {shown(actions)} is invalid: expected numbers {expected}") from None
+        if actions.shape != expected:
+            raise RequestError(f"actions: {actions.shape} is invalid: expected {expected}")
+        if not np.isfinite(actions).all():
+            raise RequestError("actions: a value is not finite: expected numbers in [-1, 1]")
         waiting = self._over.copy()
         # A world that waits is at the start of an episode; its action neither moves nor presses.
         given = np.where(waiting[:, None], np.eye(1, expected[1], 2) * -1, actions)
@@ -143,8 +159,8 @@ class InsertionVectorEnv(VectorEnv):
         over = done.over & ~waiting
         info: dict[str, Any] = {}
         if over.any():
-            info = {"inserted": done.inserted, "largest_n": done.largest_n}
-            info |= {f"_{name}": over for name in ("inserted", "largest_n")}
+            info = {name: getattr(done, name) for name in _TOLD}
+            info |= {f"_{name}": over for name in _TOLD}
         observation = self._begun_anew(done, over, waiting, info)
         ended, cut = (np.where(waiting, False, one) for one in (done.terminated, done.truncated))
         return observation, np.where(waiting, 0.0, done.reward), ended, cut, info
@@ -162,7 +178,8 @@ class InsertionVectorEnv(VectorEnv):
                 last = np.full(self.num_envs, None, object)
                 for row in np.flatnonzero(over):
                     last[row] = done.observation[row]
-                info |= {"final_obs": last, "_final_obs": over}
+                ends = {name: info[name] for name in (*_TOLD, *(f"_{name}" for name in _TOLD))}
+                info |= {"final_obs": last, "_final_obs": over, "final_info": ends, "_final_info": over}
             return now
         if self._mode == AutoresetMode.NEXT_STEP:
             self._over = over

@@ -15,7 +15,7 @@ from mjx_fit.engines.mjx.stepped import MjxWorlds
 from mjx_fit.engines.native.worlds import Worlds
 from mjx_fit.envs.belief import BeliefReader
 from mjx_fit.envs.observation import commanded, observed, width
-from mjx_fit.envs.outcome import outcome, require_for_envs, worth_at_start
+from mjx_fit.envs.outcome import outcome, worth_at_start
 from mjx_fit.envs.reward import Reward
 from mjx_fit.types import Attempt
 from mjx_fit.utils import granted_cpus
@@ -60,15 +60,11 @@ class InsertionWorlds:
         kind: Reward.
         engine: Engine that simulates.
         reader: Reader of beliefs, which observations then end with; None: they hold none.
-
-    Raises:
-        RequestError: The environments do not support the configuration or the reward.
     """
 
     def __init__(
         self, config: Config, n: int, kind: Reward, engine: Engine, reader: BeliefReader | None = None
     ):
-        require_for_envs(config, kind)
         self.config, self.n, self._engine, self._reader = config, n, engine, reader
         self._observe = jax.jit(jax.vmap(partial(observed, config=config)))
         self._judge = jax.jit(jax.vmap(partial(outcome, kind=kind, config=config)))

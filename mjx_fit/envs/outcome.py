@@ -8,6 +8,7 @@ from mjx_fit.engines.stepped import Stepped
 from mjx_fit.envs import reward
 from mjx_fit.envs.reward import Reward
 from mjx_fit.scene.parts import plate_top_m
+from mjx_fit.scene.variation import require_drawable
 from mjx_fit.types import Array, Attempt, pytree
 from mjx_fit.utils.errors import RequestError, shown
 
@@ -60,9 +61,16 @@ def require_for_envs(config: Config, kind: Reward) -> None:
     Raises:
         RequestError: They do not.
     """
+    if not isinstance(config, Config):
+        raise RequestError(f"config: {shown(config)} is invalid: expected a Config, as of load_config")
     if kind not in reward.REWARDS:
         raise RequestError(f"reward: {shown(kind)} is invalid: expected one of {', '.join(reward.REWARDS)}")
     if config.placement.grip_n:
         raise RequestError(
             f"config: placement.grip_n: {config.placement.grip_n:g} is invalid: environments have 0"
         )
+    if config.task.success != "truth":
+        raise RequestError(
+            f"config: task.success: {config.task.success} is invalid: environments end by the truth"
+        )
+    require_drawable(config)

@@ -137,9 +137,10 @@ class _Run:
             ready, _ = ray.wait(list(self._flying), timeout=_TICK_S)
             for ref in ready:
                 flight = self._flying.pop(ref)
-                if flight.name not in self._done and self._landed(ref, flight):
+                landed = [] if flight.name in self._done else self._landed(ref, flight)
+                for result in landed:
                     self._done.add(flight.name)
-                    yield flight.name, ray.get(flight.result)
+                    yield flight.name, result
             self._tell(0, "")
             self._double_stragglers()
 
@@ -148,31 +149,31 @@ class _Run:
         report, result = pool.perform.remote(self._payload, self._pieces[name], tuple(self._order))
         self._flying[report] = _Flight(name, time.monotonic(), result)
 
-    def _landed(self, ref: Any, flight: _Flight) -> bool:
-        """Tell whether a part is done; if not, it goes on, or is done again."""
+    def _landed(self, ref: Any, flight: _Flight) -> list[Any]:
+        """Return the result of a part that is done, or nothing: then it goes on, or is done again."""
         try:
             if flight.saving:
-                ray.get(ref)
-                return True
+                return [ray.get(ref)]
             report = Report(*ray.get(ref))
+            result = [] if self._saves else [ray.get(flight.result)]
         except OSError as error:  # also a RayError, with this cause
             raise WorkError(f"{flight.name} cannot be stored: {one_line(str(error))}") from None
         except RayError as error:
             self._again(flight.name, f"its worker was lost ({type(error).__name__})")
-            return False
+            return []
         if report.refused is not None:
             raise RequestError(report.refused)
         if report.unfit is not None:
             raise WorkError(f"--cluster: the worker on {report.host} cannot be used: {report.unfit}")
         if report.failed is not None:
             self._again(flight.name, f"it failed on {report.host}: {report.failed}")
-            return False
+            return []
         self._seconds.append(report.seconds)
         if not self._saves:
-            return True
+            return result
         ref = self._pool.save.remote(self._saving, flight.result, tuple(self._order))
         self._flying[ref] = _Flight(flight.name, time.monotonic(), ref, saving=True)
-        return False
+        return []
 
     def _again(self, name: str, why: str) -> None:
         self._failures[name] += 1

@@ -14,6 +14,8 @@ from itertools import product
 import numpy as np
 from jaxtyping import Float, Int
 
+from mjx_fit.config.randomized import distributions
+from mjx_fit.config.schema import Config
 from mjx_fit.config.sections.scene import SceneConfig
 from mjx_fit.scene.build import Scene
 from mjx_fit.scene.pieces import MakePieces, padded, peg_pieces, socket_pieces
@@ -65,6 +67,16 @@ def slopes(scene: Scene) -> dict[str, Slope]:
         pos, size = np.split(np.stack(both), 2, axis=-1)
         found[name] = Slope(pos, size)
     return found
+
+
+def require_drawable(config: Config) -> None:
+    """Check that worlds can have the geometry that ``randomize`` draws.
+
+    Raises:
+        RequestError: As in ``require_linear``.
+    """
+    drawn = distributions(config.randomize, GEOMETRY)
+    require_linear(config.scene, {name: one.support for name, one in drawn.items()}, "config: randomize")
 
 
 def require_linear(scene: SceneConfig, ranges: dict[str, tuple[float, float]], field: str) -> None:

@@ -37,7 +37,9 @@ class Journal:
         for writer, row in zip(self._writers, rows, strict=False):
             for name, value in row.items():
                 if name != "epoch":
-                    chart = f"validation/{name[4:]}" if name.startswith("val_") else f"training/{name}"
+                    # The prior is that of the validation windows.
+                    validates = name.startswith("val_") or name == "prior_nll"
+                    chart = f"{'validation' if validates else 'training'}/{name.removeprefix('val_')}"
                     writer.add_scalar(chart, value, row["epoch"])
             writer.flush()
 

@@ -82,7 +82,7 @@ def train(
         return False
     for folder in folders:
         run_folder.require_same_arithmetic(folder)
-    init_keys, epoch_roots, val_key = _keys(run.seed, run.members)
+    init_keys, epoch_roots, val_key = _keys(run)
     recipe, state = _begin(data, sides[0], config, init_keys, begun.starts)
     placed_data = _placed(data, run.members)
     for folder, lineage in zip(folders, begun.lineages, strict=True):
@@ -169,11 +169,16 @@ def _title(config: Config, episodes) -> str:
     return f"train{kind} on {n:,}, validate on {m:,}: epoch"
 
 
-def _keys(seed: int, members: int) -> tuple[Key[Array, "members"], Key[Array, "members"], Key[Array, ""]]:
+def _keys(run: Run) -> tuple[Key[Array, "members"], Key[Array, "members"], Key[Array, ""]]:
     """Derive the weight and epoch keys of each member, and the validation key shared by all members."""
-    init, epochs, validation = jax.random.split(root_key(seed, "train"), 3)
-    others = [jax.random.split(root_key(seed, f"train: member {member}")) for member in range(1, members)]
-    own = jnp.stack([jnp.stack([init, epochs]), *others])
+    init, epochs, validation = jax.random.split(root_key(run.seed, "train"), 3)
+    first = jnp.stack([init, epochs])
+    own = jnp.stack(
+        [
+            jax.random.split(root_key(run.seed, f"train: member {member}")) if member else first
+            for member in range(run.member, run.member + run.members)
+        ]
+    )
     return own[:, 0], own[:, 1], validation
 
 

@@ -29,6 +29,7 @@ class Run:
         init: Folder of another run whose best sensor provides the initial weights; None: new weights.
         inside: Subfolder of the run folder, or of each member's folder, for this training.
         tensorboard: Whether to write event files as well.
+        member: Number of the first sensor in its ensemble, whose draws it has.
     """
 
     out: Path
@@ -37,6 +38,7 @@ class Run:
     init: Path | None = None
     inside: str = ""
     tensorboard: bool = False
+    member: int = 0
 
     def folders(self) -> list[Path]:
         """Return the folder of each member.

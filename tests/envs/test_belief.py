@@ -79,3 +79,23 @@ def test_the_observed_belief_is_the_sensors_about_the_actions_so_far(sensor, con
 def test_what_cannot_be_read_is_refused(sensor, config, every, message):
     with pytest.raises(RequestError, match=message):
         InsertionVectorEnv(N, config=config, belief=BeliefReading(sensor, every))
+
+
+def test_worlds_begin_one_by_one(sensor, config):
+    """An episode that ends alone leaves the beliefs of the others as they are."""
+    env = InsertionVectorEnv(
+        N, config=config, belief=BeliefReading(sensor, EVERY), autoreset_mode=AutoresetMode.DISABLED
+    )
+    env.reset(seed=3)
+    for _ in range(EVERY):
+        seen, *_ = env.step(np.tile(ACTION, (N, 1)))
+    again, _ = env.reset(options={"reset_mask": np.array([True, False])})
+    prior = config.detector.prior_std_m / POSITION_M
+    np.testing.assert_allclose(again[0, -COMPONENTS:], [0, 0, prior, prior, 1 / 3], atol=1e-6)
+    np.testing.assert_array_equal(again[1], seen[1])
+    assert not np.allclose(again[1, -COMPONENTS:], again[0, -COMPONENTS:], atol=1e-3)
+
+
+def test_a_sensor_alone_is_no_reading(sensor, config):
+    with pytest.raises(RequestError, match=r"belief: .* is invalid: expected BeliefReading"):
+        InsertionVectorEnv(N, config=config, belief=sensor)

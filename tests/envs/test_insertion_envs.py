@@ -82,6 +82,9 @@ def test_an_episode_begins_by_gymnasiums_rules():
     assert at_once[ACTIONS][3].all()
     last = np.stack(list(at_once[ACTIONS][4]["final_obs"]))
     np.testing.assert_array_equal(later[ACTIONS][0], last)
+    ends, told = at_once[ACTIONS][4]["final_info"], later[ACTIONS][4]
+    np.testing.assert_array_equal(ends["largest_n"], told["largest_n"])
+    assert ends["_inserted"].all()
     begun = at_once[ACTIONS][0]
     np.testing.assert_array_equal(later[ACTIONS + 1][0], begun)
     assert not later[ACTIONS + 1][2].any() | later[ACTIONS + 1][3].any()
@@ -154,6 +157,15 @@ def test_observations_hold_no_truth():
     np.testing.assert_array_equal(env._worlds.observation(), before)
 
 
+OWN_GAP = read_config(
+    None,
+    [
+        "scene.shapes=[{name: square, rectangles: [[-0.015, -0.015, 0.015, 0.015]], clearance_m: 0.001}]",
+        "randomize.clearance_m={uniform: [0.0008, 0.0012]}",
+    ],
+)
+
+
 @pytest.mark.parametrize(
     ("wanted", "message"),
     [
@@ -161,6 +173,9 @@ def test_observations_hold_no_truth():
         ({"reward": "big"}, "reward: 'big' is invalid: expected one of dense, sparse"),
         ({"autoreset_mode": "Never"}, "autoreset_mode: 'Never' is invalid: expected one of NextStep"),
         ({"config": read_config(None, ["placement.grip_n=9"])}, r"placement\.grip_n: 9 is invalid"),
+        ({"config": read_config(None, ["task.success=sensed"])}, r"task\.success: sensed is invalid"),
+        ({"config": "gentle.yaml"}, "config: 'gentle.yaml' is invalid: expected a Config"),
+        ({"config": OWN_GAP}, r"randomize\.clearance_m cannot be drawn: square"),
         ({"engine": "cuda"}, "engine: 'cuda' is invalid: expected one of native, mjx"),
         ({"world": "home", "config": CONFIG}, "world: it cannot be used beside config"),
     ],
@@ -178,16 +193,26 @@ def test_a_step_before_the_reset_and_unknown_options_are_refused():
 
 
 def test_what_is_no_action_or_no_mask_is_refused_and_nothing_moves():
-    env = batch()
+    env = batch(AutoresetMode.DISABLED)
     with pytest.raises(RequestError, match="reset: it has to come before"):
         env.reset(options={"reset_mask": np.ones(N, bool)})
     start, _ = env.reset(seed=0)
-    for wrong in (DOWN[:2], np.full((N, 3), np.nan)):
-        with pytest.raises(RequestError, match=r"actions: .* expected finite numbers \(3, 3\)"):
+    for wrong, message in (
+        (DOWN[:2], r"actions: \(2, 3\) is invalid: expected \(3, 3\)"),
+        (np.full((N, 3), np.nan), "actions: a value is not finite"),
+        ([["down"] * 3] * N, r"actions: .* is invalid: expected numbers \(3, 3\)"),
+    ):
+        with pytest.raises(RequestError, match=message):
             env.step(wrong)
+    with pytest.raises(RequestError, match="seed: it cannot be used with reset_mask"):
+        env.reset(seed=1, options={"reset_mask": np.ones(N, bool)})
+    with pytest.raises(RequestError, match=r"seed: \[1, 2\] is invalid: expected one integer"):
+        env.reset(seed=[1, 2])
     with pytest.raises(RequestError, match=r"reset_mask: int64 \(2,\) is invalid: expected bool \(3,\)"):
         env.reset(options={"reset_mask": np.array([1, 0])})
     np.testing.assert_array_equal(env._worlds.observation(), start)
+    with pytest.raises(RequestError, match="reset_mask cannot be used with NextStep resets"):
+        batch().reset(options={"reset_mask": np.ones(N, bool)})
 
 
 def test_a_world_that_diverged_shows_what_was_seen_before_and_begins_anew():

@@ -59,7 +59,7 @@ def test_each_member_has_its_metrics_and_a_resumed_run_drops_what_it_trains_agai
             for chart, name in (
                 ("training/nll", "nll"),
                 ("validation/nll", "val_nll"),
-                ("training/prior_nll", "prior_nll"),
+                ("validation/prior_nll", "prior_nll"),
                 ("training/seconds", "seconds"),
             )
         }

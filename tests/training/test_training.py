@@ -407,6 +407,9 @@ def test_members_of_an_ensemble_train_at_once_as_they_would_alone(run, tmp_path)
     whole = tmp_path / "whole"
     train(DATA, few, Run(whole, 0, members=3))
     assert [metrics(whole / f"member-{member}") for member in range(3)] == curves
+    train(DATA, few, Run(tmp_path / "alone", 0, member=2))
+    for here, there in zip(metrics(tmp_path / "alone"), curves[2], strict=True):
+        assert here == pytest.approx(there, rel=1e-3, abs=1e-3)
     with pytest.raises(RequestError, match="it holds other files"):
         train(DATA, few, Run(run, 0, members=2))
     with pytest.raises(RequestError, match="--members: 0 is out of range"):

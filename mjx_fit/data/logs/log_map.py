@@ -64,7 +64,8 @@ class PoseMap:
         rotation: How the rotation is written. Topics have quaternions, except for ``joints``: then the source
             has the angles of the robot's joints, and its kinematics give the pose of the TCP in the
             library's world.
-        joints: Names of the joints in a topic, from the base on; None: in the order of the messages.
+        joints: Names of the joints in a topic, from the base on; None: in the order of the messages. Arrays
+            and features have the order of the joints.
         length: Unit of positions.
         angle: Unit of the angles of ``rotvec``, ``rpy`` and ``joints``.
         frame: Child frame to take from a topic of transforms.
@@ -82,6 +83,15 @@ class PoseMap:
     frame: Name | None = None
     tool_in_pose: FrameMap = FrameMap()
     base_in_world: FrameMap = FrameMap()
+
+    def __post_init__(self) -> None:
+        if self.rotation != "joints":
+            if self.joints is not None:
+                raise ValueError("joints: it has no effect without rotation: joints")
+        elif self.length != "m" or self.frame is not None:
+            raise ValueError("rotation: joints cannot be used with length or frame, which have no effect")
+        elif self.joints is not None and not isinstance(self.source, str):
+            raise ValueError("joints: it cannot be used with columns, whose order is that of the joints")
 
 
 @dataclass(frozen=True, config=STRICT)

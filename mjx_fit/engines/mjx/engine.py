@@ -92,7 +92,7 @@ class MjxEngine:
             attempts, actions, horizon, active, self.config, self._policies
         )
         n = len(attempts.peg_type)
-        rows = self._rows(n)
+        rows = rows_of(n)
         rollout = self._executable(attempts, rows, actions, horizon)
         starts = range(0, n, rows)
         done: dict[int, Rollout] = {}
@@ -105,12 +105,6 @@ class MjxEngine:
 
         on_threads(self._threads, run_part, starts)
         return jax.tree.map(lambda *parts: np.concatenate(parts)[:n], *(done[start] for start in starts))
-
-    def _rows(self, n: int) -> int:
-        """Return the number of worlds in one computation; a CPU gets at least two parts, for two threads."""
-        if jax.default_backend() != "cpu":
-            return n
-        return -(-n // max(2, -(-n // MOST_ROWS)))
 
     def _executable(self, attempts: Attempt, rows: int, actions: int, horizon: int) -> jax.stages.Compiled:
         key = (jax.tree.structure(attempts), rows, actions, horizon)
@@ -135,6 +129,13 @@ class MjxEngine:
         # Matrix products in lower precision (TF32 on some accelerators) break the constraint solver.
         with jax.default_matmul_precision("highest"):
             return jax.vmap(world, (axes, 0, 0, 0))(models, qpos, attempts, active)
+
+
+def rows_of(n: int) -> int:
+    """Return the number of worlds in one computation; a CPU gets at least two parts, for two threads."""
+    if jax.default_backend() != "cpu":
+        return n
+    return -(-n // max(2, -(-n // MOST_ROWS)))
 
 
 def _made_here(config: Config, policy: Policy | None) -> MjxEngine:

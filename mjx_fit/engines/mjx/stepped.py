@@ -15,7 +15,7 @@ from mjx_fit.control.policies import PolicyInput
 from mjx_fit.engines import attempt_rules, policy_runner
 from mjx_fit.engines.attempt_rules import Verdict
 from mjx_fit.engines.mjx.compiler import compiler_options
-from mjx_fit.engines.mjx.engine import MOST_ROWS
+from mjx_fit.engines.mjx.engine import rows_of
 from mjx_fit.engines.mjx.step import Models, WorldModel, arm_state
 from mjx_fit.engines.mjx.world import Acted, World, WorldState
 from mjx_fit.engines.stepped import Stepped, from_outside, told
@@ -74,11 +74,12 @@ class SteppedWorld:
     def seen(self, now: Ongoing) -> PolicyInput:
         """Return what is seen before the next action, in the frame of the estimate."""
         memory = now.world.memory
-        arm = arm_state(self._model(now.attempt), now.world.data, self.world.scene)
-        tip = attempt_rules.tip_of(arm, memory.physics, self.config)
         horizon = self.config.task.attempt_actions
-        seen = policy_runner.seen(False, self.config, horizon, memory, tip, now.step)
-        return as_seen(seen, self.config)
+        with jax.default_matmul_precision("highest"):
+            arm = arm_state(self._model(now.attempt), now.world.data, self.world.scene)
+            tip = attempt_rules.tip_of(arm, memory.physics, self.config)
+            seen = policy_runner.seen(False, self.config, horizon, memory, tip, now.step)
+            return as_seen(seen, self.config)
 
     def act(self, now: Ongoing, command: Float[Array, "k"]) -> tuple[Ongoing, Stepped]:
         """Simulate an action under a command (``stepped.from_outside``)."""
@@ -108,9 +109,9 @@ class MjxWorlds:
         self._one = SteppedWorld.of(config)
         n = len(attempts.peg_type)
         self._threads = threads if jax.default_backend() == "cpu" else 1
-        # Parts are as large as those of the engine.
-        parts = max(min(n, self._threads), -(-n // MOST_ROWS)) if jax.default_backend() == "cpu" else 1
-        self._ids = np.array_split(np.arange(n), parts)
+        # Parts are those of the engine: their size depends on n alone, since arithmetic depends on it.
+        rows, self._n = rows_of(n), n
+        self._ids = [np.minimum(np.arange(first, first + rows), n - 1) for first in range(0, n, rows)]
         jit = partial(jax.jit, compiler_options=compiler_options())
         self._seen, self._act = jit(jax.vmap(self._one.seen)), jit(jax.vmap(self._one.act))
         self._restart = jit(jax.vmap(self._restarted))
@@ -119,7 +120,8 @@ class MjxWorlds:
 
     def seen(self) -> PolicyInput:
         """Return what is seen before the next action of each world, (n,), in its frame."""
-        return _joined([self._seen(part) for part in self._parts])
+        seen = _joined([self._seen(part) for part in self._parts])
+        return jax.tree.map(lambda leaf: leaf[: self._n], seen)
 
     def act(self, command: Float[np.ndarray, "n k"]) -> Stepped:
         """Simulate one action of every world under these commands (``stepped.from_outside``)."""
@@ -132,7 +134,7 @@ class MjxWorlds:
 
         on_threads(self._threads, work, range(len(self._parts)))
         parts = [done[number] for number in range(len(self._parts))]
-        return jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
+        return jax.tree.map(lambda *leaves: np.concatenate(leaves)[: self._n], *parts)
 
     def restart(self, over: Bool[np.ndarray, "n"], attempts: Attempt) -> None:
         """Begin the attempts (n,) of the worlds that are over; the rest of the attempts is ignored."""

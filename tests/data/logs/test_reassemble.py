@@ -95,5 +95,35 @@ def test_its_insertions_are_imported_drawn_and_scored(script, recording, inserti
 def test_a_recording_without_the_board_is_refused_in_one_line(script, recording, tmp_path):
     alone = tmp_path / recording.name
     alone.write_bytes(recording.read_bytes())
-    with pytest.raises(SystemExit, match=r"2025-01-09-13-59-54_poses\.json is missing"):
-        script.main([alone], script.MAP, tmp_path)
+    script.main([alone], script.MAP, tmp_path)
+    (said,) = json.loads((tmp_path / "scores.json").read_text())["recordings"][alone.name]["findings"]
+    assert "2025-01-09-13-59-54_poses.json is missing" in said
+
+
+def test_what_it_cannot_read_costs_that_recording_alone(script, recording, tmp_path, capsys):
+    """Torques have a clock of their own; a recording without insertions is said and left out."""
+    halved, empty = tmp_path / recording.name, tmp_path / "2025-01-09-14-00-00.h5"
+    halved.write_bytes(recording.read_bytes())
+    empty.write_bytes(recording.read_bytes())
+    poses = recording.with_name(f"{recording.stem}_poses.json").read_text()
+    for path in (halved, empty):
+        path.with_name(f"{path.stem}_poses.json").write_text(poses)
+    with h5py.File(halved, "a") as file:
+        for group in ("robot_state", "timestamps"):
+            rows = file[f"{group}/measured_torque"][::2]
+            del file[f"{group}/measured_torque"]
+            file[f"{group}/measured_torque"] = rows
+    with h5py.File(empty, "a") as file:
+        for number in range(1, 5):
+            del file[f"segments_info/{number}"]
+    script.main([empty, halved, tmp_path / "missing.h5"], script.MAP, tmp_path / "out")
+    told = json.loads((tmp_path / "out" / "scores.json").read_text())["recordings"]
+    assert "no segment is an insertion" in told[empty.name]["findings"][0]
+    assert told["missing.h5"]["findings"][0].startswith("refused: ")
+    assert [row["sensed"] for row in told[halved.name]["insertions"]] == [False, False, True, True]
+    log = script.import_log(
+        tmp_path / "out" / f"{halved.stem}.npz",
+        script.read_map(tmp_path / "out" / f"{halved.stem}.yaml"),
+        CONFIG,
+    )
+    assert not log.refused

@@ -89,6 +89,10 @@ def write_bag(path, own, plugin, *, transforms=False, angles=None):
         values = np.array([*row[:0:-1], 0.04])
         return types["sensor_msgs/msg/JointState"](head(row[0]), names, values, np.zeros(8), np.zeros(8))
 
+    def gripper(row):
+        """Another publisher on the topic."""
+        return types["sensor_msgs/msg/JointState"](head(row[0]), ["f1", "f2"], *[np.full(2, 0.04)] * 3)
+
     def step(row):
         return types["geometry_msgs/msg/Vector3Stamped"](head(row[0]), vector(*row[1:]))
 
@@ -106,7 +110,8 @@ def write_bag(path, own, plugin, *, transforms=False, angles=None):
         for name, (rows, message, kind) in said.items():
             connection = bag.add_connection(TOPICS[name], kind, typestore=STORE)
             for row in rows:
-                bag.write(connection, DATE_NS + round(row[0] * 1e9), STORE.serialize_cdr(message(row), kind))
+                for one in (message, gripper) if message is joints else (message,):
+                    bag.write(connection, DATE_NS + round(row[0] * 1e9), STORE.serialize_cdr(one(row), kind))
 
 
 @pytest.mark.parametrize("kind", ["npz", "parquet"])
@@ -164,6 +169,9 @@ def test_poses_come_from_the_angles_of_joints_by_name(own, felt, tmp_path):
     compare(import_log(tmp_path / "bag", written(tmp_path, said), CONFIG), felt, 1e-3, 1e-4)
     said["pose"]["joints"][2] = "panda_joint3"
     with pytest.raises(RequestError, match=r"pose\.joints: 'panda_joint3' is not among joint7, joint6"):
+        import_log(tmp_path / "bag", written(tmp_path, said), CONFIG)
+    del said["pose"]["joints"]
+    with pytest.raises(RequestError, match=r"/tcp: its messages have different numbers .*name the joints"):
         import_log(tmp_path / "bag", written(tmp_path, said), CONFIG)
     with pytest.raises(RequestError, match=r"pose\.rotation: quat_wxyz cannot be used with sensor_msgs"):
         import_log(tmp_path / "bag", written(tmp_path, bag_map()), CONFIG)
@@ -257,3 +265,18 @@ def test_a_file_that_is_no_map_is_refused(text, message, tmp_path):
 def test_columns_are_those_of_the_map():
     assert map_of_table()["wrench"]["source"] == [*FORCE, *TORQUE]
     assert map_of_table()["pose"]["source"] == [*PLACE, *QUAT]
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ({"joints": ["a", "b"]}, "joints: it has no effect without rotation: joints"),
+        ({"rotation": "joints", "length": "mm"}, "rotation: joints cannot be used with length or frame"),
+        ({"rotation": "joints", "joints": ["a"]}, "joints: it cannot be used with columns"),
+    ],
+)
+def test_keys_of_poses_without_effect_are_refused(change, expected, tmp_path):
+    said = map_of_table()
+    said["pose"] |= change
+    with pytest.raises(RequestError, match=expected):
+        written(tmp_path, said)

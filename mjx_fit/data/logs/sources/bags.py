@@ -48,8 +48,14 @@ def _stream(path: Path, reader: AnyReader, name: str, topic: Any, asked: LogMap)
         raise RequestError(f"map: {name}.source: {shown(topic)} is invalid: expected a topic")
     found = list(_messages(path, reader, name, topic, asked))
     frame = asked.pose.frame if name == "pose" else None
+    joints = asked.pose.joints if name == "pose" else None
     if not found:
-        raise RequestError(f"{path}: {topic} has no message{f' about {frame}' if frame else ''}")
+        about = f" about {frame}" if frame else f" of {', '.join(joints)}" if joints else ""
+        raise RequestError(f"{path}: {topic} has no message{about}")
+    if len({len(values) for _, values in found}) > 1:
+        raise RequestError(
+            f"{path}: {topic}: its messages have different numbers of values: name the joints in pose.joints"
+        )
     time, values = zip(*found, strict=True)
     return Stream(np.array(time, float), np.array(values, float))
 
@@ -112,13 +118,14 @@ def _joints(message: Any, said: PoseMap) -> Iterable[tuple[Any, _Numbers]]:
     if said.joints is None:
         yield message.header.stamp, tuple(message.position)
         return
-    at = dict(zip(message.name, message.position, strict=True))
+    at = dict(zip(message.name, message.position, strict=False))
     missing = [name for name in said.joints if name not in at]
-    if missing:
+    if not missing:
+        yield message.header.stamp, tuple(at[name] for name in said.joints)
+    elif len(missing) < len(said.joints):  # others publish messages of other joints
         raise RequestError(
             f"map: pose.joints: {shown(missing[0])} is not among {shortened(', '.join(at), 300)}"
         )
-    yield message.header.stamp, tuple(at[name] for name in said.joints)
 
 
 def _transform(one: Any, said: PoseMap) -> Iterable[tuple[Any, _Numbers]]:
