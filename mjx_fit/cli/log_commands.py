@@ -79,12 +79,11 @@ def _described(log: "ImportedLog") -> list[str]:
     import numpy as np
 
     lines = [str(finding) for finding in log.findings]
-    for number, one in enumerate(log.attempts):
+    for one in log.attempts:
         force = np.linalg.norm(one.felt.trace.wrench_sensor[..., :3] - one.felt.tare_sensor[:3], axis=-1)
-        label = f"attempt {number}" if one.label is None else f"attempt {one.label}"
         x, y = one.felt.estimate_world[:2]
         lines.append(
-            f"{label}: {one.begin_s:.3f} to {one.end_s:.3f} s, from ({x:.4f}, {y:.4f}) m, largest force "
-            f"{force.max():.1f} N"
+            f"attempt {one.name}: {one.begin_s:.3f} to {one.end_s:.3f} s, from ({x:.4f}, {y:.4f}) m, "
+            f"largest force {force.max():.1f} N"
         )
     return [*lines, f"{len(log.attempts)} attempts can be used"]

@@ -197,6 +197,7 @@ def test_what_is_no_action_or_no_mask_is_refused_and_nothing_moves():
     with pytest.raises(RequestError, match="reset: it has to come before"):
         env.reset(options={"reset_mask": np.ones(N, bool)})
     start, _ = env.reset(seed=0)
+    wrong: Any
     for wrong, message in (
         (DOWN[:2], r"actions: \(2, 3\) is invalid: expected \(3, 3\)"),
         (np.full((N, 3), np.nan), "actions: a value is not finite"),
@@ -206,8 +207,9 @@ def test_what_is_no_action_or_no_mask_is_refused_and_nothing_moves():
             env.step(wrong)
     with pytest.raises(RequestError, match="seed: it cannot be used with reset_mask"):
         env.reset(seed=1, options={"reset_mask": np.ones(N, bool)})
+    wrong_seed: Any = [1, 2]
     with pytest.raises(RequestError, match=r"seed: \[1, 2\] is invalid: expected one integer"):
-        env.reset(seed=[1, 2])
+        env.reset(seed=wrong_seed)
     with pytest.raises(RequestError, match=r"reset_mask: int64 \(2,\) is invalid: expected bool \(3,\)"):
         env.reset(options={"reset_mask": np.array([1, 0])})
     np.testing.assert_array_equal(env._worlds.observation(), start)

@@ -30,6 +30,7 @@ MOST_M = 5.0
 """A TCP further than this from the origin is in other units."""
 MOST_COMMAND_M = 0.05
 """So is a command, in the median, of a longer way than this in 0.1 s."""
+_PLACED = ": check pose.base_in_world and pose.tool_in_pose"
 _OFF_GRID_S = 0.02
 _BEFORE_S = 1e-5
 """The first wrench of an action is no part of the rest before it."""
@@ -40,6 +41,7 @@ class LoggedAttempt:
     """One attempt of a log.
 
     Attributes:
+        name: Its label, or its number among all attempts of the log, those that are left out included.
         begin_s: Start of its first action, in the time of the log, s.
         end_s: End of its last action, s.
         label: Its label in the log; None: the log has none.
@@ -48,6 +50,7 @@ class LoggedAttempt:
         truth: What is known about it afterwards; None: the map does not say.
     """
 
+    name: str
     begin_s: float
     end_s: float
     label: str | None
@@ -99,13 +102,15 @@ def import_log(path: Path | str, said: LogMap, config: Config) -> ImportedLog:
     if not _refused(findings):
         spans, cut = _cut(signals, raw, said)
         findings += [*cut, *late_wrenches(signals, spans)]
+        spans = _tared_by(said, spans)
     attempts = []
     for number, span in enumerate(spans):
-        what = f"attempt {number if span.label is None else span.label}"
+        name = str(number) if span.label is None else span.label
         try:
-            attempts.append(_attempt(signals, span, bad, facts, ROBOTS[config.scene.robot]))
+            attempts.append(_attempt(signals, span, name, (bad, facts), ROBOTS[config.scene.robot]))
         except RequestError as error:
-            findings.append(Finding("left out", f"{what}: {error}", span.begin_s))
+            hint = _PLACED if "outside the workspace" in str(error) else ""
+            findings.append(Finding("left out", f"attempt {name}: {error}{hint}", span.begin_s))
     findings += inconsistencies([one.felt for one in attempts], config)
     if not attempts and not _refused(findings):
         findings.append(Finding("refused", "no attempt can be used"))
@@ -156,24 +161,30 @@ def _cut(signals: Signals, raw: RawLog, said: LogMap) -> tuple[list[Span], list[
             spans, found = cutting.whole(signals)
         case "column":
             spans, found = cutting.spans_of_labels(signals, raw.labels["attempts"])
-    rest = said.attempts.tare_s
-    if rest is not None:
-        spans = [one._replace(free_s=(one.begin_s - rest, one.begin_s - _BEFORE_S)) for one in spans]
     return spans, found
+
+
+def _tared_by(said: LogMap, spans: list[Span]) -> list[Span]:
+    """Return spans whose tare is taken from the rest before them, if the map says how long it is."""
+    rest = said.attempts.tare_s
+    if rest is None:
+        return spans
+    return [one._replace(free_s=(one.begin_s - rest, one.begin_s - _BEFORE_S)) for one in spans]
 
 
 def _attempt(
     signals: Signals,
     span: Span,
-    bad: list[BadTime],
-    facts: AttemptFacts,
+    name: str,
+    known: tuple[list[BadTime], AttemptFacts],
     robot: Robot,
 ) -> LoggedAttempt:
-    """Return an attempt, checked and resampled.
+    """Return an attempt, checked against what is wrong in the log (``known``) and resampled.
 
     Raises:
         RequestError: Samples are missing, saturated, or out of the robot's workspace.
     """
+    bad, facts = known
     for one in bad:
         if _harms(one, span):
             raise RequestError(f"{one.why} at {one.begin_s:.3f} s")
@@ -184,7 +195,7 @@ def _attempt(
     felt = felt_from_log(log, facts.peg_at(begin), np.asarray(estimate, np.float32), robot)
     end = float(times[-1]) + ACTION_S
     truth = None if facts.truth_of is None else facts.truth_of(begin, end)
-    return LoggedAttempt(begin, end, span.label, log, felt, truth)
+    return LoggedAttempt(name, begin, end, span.label, log, felt, truth)
 
 
 def _harms(one: BadTime, span: Span) -> bool:

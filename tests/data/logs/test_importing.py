@@ -204,3 +204,25 @@ def test_a_column_of_labels_cuts_and_needs_one(attempts, own, clean, tmp_path):
     got = imported(tmp_path, rows, said)
     assert [one.label for one in got.attempts] == ["a", "b", "c"]
     compare(got, [one.felt for one in clean.attempts], 1e-3, 1e-5)
+
+
+def test_a_tare_of_a_given_time_changes_nothing_else(own, clean, tmp_path):
+    """Clocks are judged by where contact begins, wherever the tare is taken."""
+    said = map_of_table()
+    said["attempts"]["tare_s"] = 0.5
+    got = imported(tmp_path, table_of(own), said)
+    assert not got.findings
+    assert len(got.attempts) == 3
+    compare(got, [one.felt for one in clean.attempts])
+
+
+def test_attempts_keep_their_numbers_where_some_are_left_out(own, tmp_path, capsys):
+    """The middle one is far away: the error says what to check, and the last one is still number 2."""
+    rows = table_of(own)
+    begin, end = own.attempts[1]
+    rows.loc[rows["time"].between(begin - 0.5, end), "x"] += 0.6
+    got = imported(tmp_path, rows)
+    assert [one.name for one in got.attempts] == ["0", "2"]
+    (finding,) = [str(one) for one in got.findings if "attempt 1" in str(one)]
+    assert "outside the workspace" in finding
+    assert finding.endswith("check pose.base_in_world and pose.tool_in_pose")

@@ -110,7 +110,7 @@ def test_what_it_cannot_read_costs_that_recording_alone(script, recording, tmp_p
         path.with_name(f"{path.stem}_poses.json").write_text(poses)
     with h5py.File(halved, "a") as file:
         for group in ("robot_state", "timestamps"):
-            rows = file[f"{group}/measured_torque"][::2]
+            rows = script.values(file, f"{group}/measured_torque")[::2]
             del file[f"{group}/measured_torque"]
             file[f"{group}/measured_torque"] = rows
     with h5py.File(empty, "a") as file:
