@@ -17,7 +17,7 @@ from mjx_fit.data import collect, hdf5_fields, reader
 from mjx_fit.data.plan import Plan
 from mjx_fit.data.schedule import draw_attempts, pair_of
 from mjx_fit.engines import attempt_rules, failures, select
-from mjx_fit.engines.mjx.engine import MjxEngine
+from mjx_fit.engines.mjx.engine import MjxEngine, rows_of
 from mjx_fit.engines.native.engine import NativeEngine
 from mjx_fit.scene.build import simulation_scene
 from mjx_fit.sensors.reading import Window, read_window
@@ -41,7 +41,7 @@ def test_forces_are_pushes_and_not_artefacts(native):
 
 @pytest.mark.parametrize("n", [1, 2, 255, 512, 513, 4096])
 def test_mjx_computes_few_enough_rows_at_once_on_a_cpu(n):
-    rows = MjxEngine(CONFIG, 2)._rows(n)
+    rows = rows_of(n)
     assert rows <= (128 if jax.default_backend() == "cpu" else n)
     assert -(-n // rows) <= max(2, n // 100)
     assert rows == MjxEngine(CONFIG, 8)._rows(n)  # or results would depend on the machine
