@@ -44,7 +44,6 @@ def test_mjx_computes_few_enough_rows_at_once_on_a_cpu(n):
     rows = rows_of(n)
     assert rows <= (128 if jax.default_backend() == "cpu" else n)
     assert -(-n // rows) <= max(2, n // 100)
-    assert rows == MjxEngine(CONFIG, 8)._rows(n)  # or results would depend on the machine
 
 
 BROKEN, BROKEN_ACTION, MARK = 7, 2, 10
