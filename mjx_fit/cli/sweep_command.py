@@ -52,12 +52,13 @@ def sweep(args: argparse.Namespace) -> None:
     from mjx_fit.report.figures.sweep import of_sweep
     from mjx_fit.report.terminal import print_summary
 
+    pool = pool_of(args)
     asked = read_sweep(config_paths(args), args.set)
     if args.out.is_file():
         raise RequestError(f"--out: {args.out} is invalid: expected a folder")
     engine_of = EngineOf(partial(_engine_of, args))
     _, engine = engine_of(asked.base)
-    request = Request(asked.base, args.out / "sweep.json", engine, asked.plan.trials, pool=pool_of(args))
+    request = Request(asked.base, args.out / "sweep.json", engine, asked.plan.trials, pool=pool)
     if asked.plan.methods:
         request = request.with_sensors_of(run_of(args))
     result = sweep(asked, request, engine_of)

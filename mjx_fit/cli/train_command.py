@@ -56,7 +56,7 @@ def train(args: argparse.Namespace) -> None:
     from mjx_fit.training.run import Run, require_members
     from mjx_fit.training.train import train_from
 
-    config = config_of(args)
+    config, pool = config_of(args), pool_of(args)
     require_members(args.members)
     if args.epochs is not None:
         require("--epochs", args.epochs, 1, MAX_EPOCHS)
@@ -71,7 +71,7 @@ def train(args: argparse.Namespace) -> None:
     if args.cluster is None:
         was_left = train_from(args.data, config, run)
     else:
-        was_left = train_members(args.data, config, run, pool_of(args))
+        was_left = train_members(args.data, config, run, pool)
     for folder in run.folders():
         print(f"{folder}: {run_files.summary(folder)}")
         ended = run_files.ended(folder, config)

@@ -104,7 +104,7 @@ def _fill(
     def told(_: int, text: str) -> None:
         progress(progress.done + sums["shards"], text)
 
-    for _, one in pool.run(work, missing, told, writer.storing()):
+    for _, one in pool.run(work, missing, told, writer.storing(here=pool.alone)):
         writer.add(one.shard)
         sums.update(one.counts, shards=1)
         speed = sums["actions"] * SUBSTEPS / (time.monotonic() - began)

@@ -139,12 +139,20 @@ class Writer:
         Raises:
             WorkError: The folder was taken away.
         """
-        self._hold.require()
-        self.add(store_shard(self._folder, NewShard(shard, content, {})).shard)
+        self.add(self._store_here(NewShard(shard, content, {})).shard)
 
-    def storing(self) -> Callable[[NewShard], NewShard]:
-        """Return the function that writes files, which may travel; ``add`` their shards afterwards."""
-        return partial(store_shard, self._folder.absolute())
+    def storing(self, *, here: bool) -> Callable[[NewShard], NewShard]:
+        """Return the function that writes files; ``add`` their shards afterwards.
+
+        Args:
+            here: Whether it stays in this process. Elsewhere nobody knows whether the folder was taken away:
+                ``add`` tells it only then.
+        """
+        return self._store_here if here else partial(store_shard, self._folder.absolute())
+
+    def _store_here(self, new: NewShard) -> NewShard:
+        self._hold.require()
+        return store_shard(self._folder, new)
 
     def add(self, shard: Shard) -> None:
         """Add or replace a shard whose file is written.

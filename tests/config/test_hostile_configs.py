@@ -272,6 +272,7 @@ NEEDED = {
     ("train",): ["--data", "d", "--out", "r"],
     ("paper",): ["--out", "p"],
     ("render",): ["--out", "r.mp4"],
+    ("sweep",): ["--out", "s"],
     ("evaluate", "calibration"): ["--data", "d", "--out", "r.json"],
 }
 
