@@ -50,6 +50,7 @@ def test_demo_plays_with_the_weights_that_come_with_it(tmp_path, capsys, video):
     assert len(video) == 1
 
 
+@pytest.mark.slow
 def test_without_a_video_the_demo_has_everything_else(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("mjx_fit.cli.demo.children.run", lambda words: 2)
     small = ["task.attempt_actions=6", "task.max_attempts=1", "task.n_holes=1"]

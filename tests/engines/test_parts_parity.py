@@ -36,6 +36,7 @@ def force(rollout) -> np.ndarray:
     return np.where(performed[..., None], np.linalg.norm(pulled, axis=-1), np.nan).reshape(ATTEMPTS, -1)
 
 
+@pytest.mark.slow
 def test_pegs_press_and_slide_alike(both):
     ours, theirs = (force(one) for one in both)
     assert np.nanmedian(theirs) > 5
