@@ -2,6 +2,7 @@
 
 import itertools
 import json
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -60,6 +61,13 @@ class SweepPlan:
         return tuple(range(self.seeds)) if isinstance(self.seeds, int) else tuple(self.seeds)
 
     @property
+    def cells(self) -> int:
+        """Number of settings times seeds; a grid may mean more than can be listed."""
+        keys = self.keys
+        settings = len(keys) if isinstance(keys, list) else math.prod(map(len, keys.values()))
+        return settings * len(self.root_seeds)
+
+    @property
     def settings(self) -> tuple[dict[str, Any], ...]:
         """Values of the keys of each setting."""
         if isinstance(self.keys, list):
@@ -94,15 +102,17 @@ def read_sweep(paths: Sequence[Path], overrides: Sequence[str] = ()) -> Sweep:
         RequestError: A file cannot be read, or a key or value is invalid, of the sweep or of a setting.
     """
     tree = config_tree(paths, overrides)
-    if "sweep" not in tree:
-        raise RequestError("config: sweep: it is missing: expected a section with experiment and keys")
+    if not isinstance(tree.get("sweep"), dict):
+        what = f"{shown(tree['sweep'])} is invalid" if "sweep" in tree else "it is missing"
+        raise RequestError(f"config: sweep: {what}: expected a section with experiment and keys")
     try:
         plan = TypeAdapter(SweepPlan).validate_json(json.dumps(tree.pop("sweep"), default=shown))
     except ValidationError as error:
         raise RequestError(f"config: sweep: {schema_errors.in_words(error, SweepPlan)}") from None
-    if len(plan.settings) * len(plan.root_seeds) > MOST_CELLS:
-        count = len(plan.settings) * len(plan.root_seeds)
-        raise RequestError(f"config: sweep: {count} cells are out of range: expected at most {MOST_CELLS}")
+    if plan.cells > MOST_CELLS:
+        raise RequestError(
+            f"config: sweep: {plan.cells} cells are out of range: expected at most {MOST_CELLS}"
+        )
     if len(set(plan.root_seeds)) < len(plan.root_seeds):
         raise RequestError("config: sweep.seeds: a seed is given twice: expected each once")
     return Sweep(plan, config_from_tree(tree), tuple(_changed(tree, one) for one in plan.settings))

@@ -19,6 +19,7 @@ from mjx_fit.evaluation.request import Request
 from mjx_fit.evaluation.results import Result
 from mjx_fit.evaluation.statistics import Row
 from mjx_fit.jobs.pool import Here, Tell
+from mjx_fit.task.methods import ASSEMBLY, INSERTION, POSITION, chosen
 from mjx_fit.utils.progress import Progress
 
 EXPERIMENTS: dict[str, tuple[Callable[[Request], Result], Callable[[Rows], list[Row]]]] = {
@@ -37,6 +38,8 @@ MAIN: dict[str, tuple[tuple[str, str], ...]] = {
 """Metrics of each experiment that a sweep is about, with their groups; its file has the others, too."""
 BETWEEN = " | "
 """Between setting and group in the groups of a sweep's summary."""
+
+_METHODS: dict[str, Any] = {"position": POSITION, "insertion": INSERTION, "assembly": ASSEMBLY}
 
 _Cell = tuple[int, int]
 """Index of the setting, and root seed."""
@@ -79,6 +82,8 @@ def sweep(asked: Sweep, request: Request, engine_of: EngineOf) -> Result:
         RequestError: A value is invalid, a method lacks its sensor, or the file holds another result.
     """
     plan = asked.plan
+    if plan.methods:  # refused before any work
+        chosen(",".join(plan.methods), _METHODS[plan.experiment])
     # The experiments of cells differ in their configuration and seed alone.
     request = replace(
         request,

@@ -58,6 +58,7 @@ def test_a_list_changes_what_it_names(read):
         ({"seeds": 0}, "seeds"),
         ({"seeds": 9999}, "59994 cells are out of range: expected at most 10000"),
         ({"trails": 5}, "trails"),
+        ({"keys": {f"scene.k{n}": [1] * 1000 for n in range(9)}}, "cells are out of range"),
     ],
 )
 def test_what_means_no_sweep_is_said(change, expected, read):
@@ -75,6 +76,7 @@ def test_a_key_that_worlds_draw_is_refused(read):
 
 
 def test_a_configuration_without_a_sweep_is_none(tmp_path):
-    (tmp_path / "c.yaml").write_text("scene: {clearance_m: 0.002}\n")
-    with pytest.raises(RequestError, match=r"config: sweep: it is missing"):
-        read_sweep([tmp_path / "c.yaml"])
+    for text, message in (("scene: {clearance_m: 0.002}", "it is missing"), ("sweep: 3", "3 is invalid")):
+        (tmp_path / "c.yaml").write_text(f"{text}\n")
+        with pytest.raises(RequestError, match=rf"config: sweep: {message}: expected a section"):
+            read_sweep([tmp_path / "c.yaml"])

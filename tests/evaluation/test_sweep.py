@@ -93,6 +93,14 @@ def test_another_sweep_is_refused(asked, tmp_path):
         run(asked, out)
 
 
+def test_an_unknown_method_is_refused_before_anything_is_written(tmp_path, capsys):
+    plan = {"experiment": "position", "methods": ["nobody"], "keys": {"scene.friction": [0.2]}}
+    (tmp_path / "s.yaml").write_text(yaml.safe_dump({"sweep": plan}))
+    assert main.main(["sweep", "--config", str(tmp_path / "s.yaml"), "--out", str(tmp_path / "out")]) == 2
+    assert "--methods: 'nobody' is invalid" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
 def test_the_figure_has_a_column_for_each_value_of_the_other_keys(whole):
     figure = of_sweep(whole)
     axes = figure.axes

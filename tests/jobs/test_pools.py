@@ -14,7 +14,9 @@ from mjx_fit.utils.errors import RequestError, WorkError
 
 ray = pytest.importorskip("ray")
 
+from mjx_fit.jobs import ray_pool  # noqa: E402
 from mjx_fit.jobs.ray_pool import RayPool, connect  # noqa: E402
+from mjx_fit.jobs.worker import Report  # noqa: E402
 
 PIECES = {f"part {n}": n for n in range(5)}
 
@@ -143,6 +145,17 @@ def test_workers_of_another_version_are_named(pool, monkeypatch):
     monkeypatch.setattr(provenance, "versions", lambda: there)
     with pytest.raises(WorkError, match=r"the worker on .* cannot be used: it has numpy .*driver has 9\.9"):
         run(pool, squared)
+
+
+def test_a_worker_without_the_package_says_so(monkeypatch):
+    """What travels by value is called as on a machine where nothing is installed."""
+    monkeypatch.setitem(sys.modules, "mjx_fit.jobs.worker", None)
+    monkeypatch.delattr("mjx_fit.jobs.worker", raising=False)
+    told, result = ray_pool._perform()(b"", 0, ("", {}, 1))
+    report = Report(*told)
+    assert result is None
+    assert report.unfit is not None
+    assert report.unfit.endswith("install mjx-fit there")
 
 
 def test_a_slow_worker_holds_nobody_up(pool, cluster, tmp_path, capsys, monkeypatch):
