@@ -89,19 +89,26 @@ def in_parts(
     missing = {
         name: piece for (name, made), piece in zip(stored.items(), pieces, strict=True) if made is None
     }
-
-    def rows() -> Rows:
-        return [row for made in stored.values() for row in made or ()]
-
+    rows = _in_order(stored)
     if len(missing) < len(pieces):
-        told(rows(), 0, "")
-    for name, made in pool.run(work, missing, lambda done, text: told(rows(), done, text)):
+        told(rows, 0, "")
+
+    def within(done: int, text: str) -> None:
+        told(rows, done, text)
+
+    for name, made in pool.run(work, missing, within):
         if not (folder / ASKED).is_file():  # only now: a refused request leaves no files
             files.write_text(folder / ASKED, json.dumps(own))
         files.write_text(paths[name], json.dumps(made))
         stored[name] = made
-        told(rows(), 0, "")
-    return rows()
+        rows = _in_order(stored)
+        told(rows, 0, "")
+    return rows
+
+
+def _in_order(stored: dict[str, Rows | None]) -> Rows:
+    """Return the rows of the parts that are there, in the order of the parts."""
+    return [row for made in stored.values() for row in made or ()]
 
 
 def finish(out: Path) -> None:

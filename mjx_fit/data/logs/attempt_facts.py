@@ -43,12 +43,13 @@ class AttemptFacts:
     Attributes:
         peg_at: Index of the peg's type.
         estimate_at: Estimate of the hole (D,); None: the attempt begins above it.
-        truth_of: What is known afterwards, by the start and end of the attempt; None: nothing.
+        truth_of: What is known afterwards, by the start and end of the attempt and the start of the next;
+            None: nothing.
     """
 
     peg_at: _At
     estimate_at: Callable[[float], Float[np.ndarray, "D"]] | None
-    truth_of: Callable[[float, float], LoggedTruth] | None
+    truth_of: Callable[[float, float, float], LoggedTruth] | None
 
 
 def facts_of(raw: RawLog, said: LogMap, config: Config) -> AttemptFacts:
@@ -88,7 +89,7 @@ def _types(
 
 def _truth(
     raw: RawLog, said: TruthMap | None, config: Config
-) -> Callable[[float, float], LoggedTruth] | None:
+) -> Callable[[float, float, float], LoggedTruth] | None:
     if said is None:
         return None
     coordinates = config.filter.coordinates
@@ -98,7 +99,9 @@ def _truth(
         )
     holes = _types(raw, "holes", ("truth.hole", said.hole), said.hole_source, config)
     places, inserted = _places(raw, said), _outcomes(raw, said)
-    return lambda begin_s, end_s: LoggedTruth(holes(begin_s), places(begin_s), inserted(begin_s, end_s))
+    return lambda begin_s, end_s, next_s: LoggedTruth(
+        holes(begin_s), places(begin_s), inserted(begin_s, end_s, next_s)
+    )
 
 
 def _places(raw: RawLog, said: TruthMap) -> Callable[[float], Float[np.ndarray, "2"]]:
@@ -114,10 +117,10 @@ def _places(raw: RawLog, said: TruthMap) -> Callable[[float], Float[np.ndarray, 
     return lambda begin_s: own.values[order[_last(own.time_s[order], begin_s, "place")]]
 
 
-def _outcomes(raw: RawLog, said: TruthMap) -> Callable[[float, float], bool]:
-    """Return the outcome of an attempt: the last that is said in it, or else the first one afterwards."""
+def _outcomes(raw: RawLog, said: TruthMap) -> Callable[[float, float, float], bool]:
+    """Return the outcome of an attempt: the last that is said in it, or else the first until the next one."""
     if said.inserted is not None:
-        return lambda begin_s, end_s: bool(said.inserted)
+        return lambda begin_s, end_s, next_s: bool(said.inserted)
     own = raw.labels["inserted"]
     told = [str(value).lower() for value in own.values]
     for value in told:
@@ -128,11 +131,11 @@ def _outcomes(raw: RawLog, said: TruthMap) -> Callable[[float, float], bool]:
     order = np.argsort(own.time_s, kind="stable")
     times = own.time_s[order]
 
-    def outcome(begin_s: float, end_s: float) -> bool:
+    def outcome(begin_s: float, end_s: float, next_s: float) -> bool:
         first, after = np.searchsorted(times, (begin_s - _SLACK_S, end_s + _END_SLACK_S))
         index = after - 1 if after > first else after
-        if index >= len(times):
-            raise RequestError(f"no outcome is said from {begin_s:.3f} s on")
+        if index >= len(times) or (after == first and times[index] >= next_s):
+            raise RequestError(f"no outcome is said from {begin_s:.3f} s on until the next attempt")
         return _WORDS[told[order[index]]]
 
     return outcome

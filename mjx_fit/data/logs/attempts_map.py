@@ -62,7 +62,7 @@ class TruthMap:
             ``Float64MultiArray``).
         inserted: Whether the peg went in.
         inserted_source: The same for each attempt: 0 or 1, false or true. The last value of an attempt
-            counts, or else the first one after it.
+            counts, or else the first one after it, until the next begins.
     """
 
     hole: Name | None = None

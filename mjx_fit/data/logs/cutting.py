@@ -213,3 +213,14 @@ def _long_enough(spans: list[_Candidate]) -> tuple[list[Span], list[Finding]]:
         else:
             kept.append(Span(begin, end, free, label))
     return kept, found
+
+
+_BEFORE_S = 1e-5
+"""The first wrench of an action is no part of the rest before it."""
+
+
+def tared(spans: list[Span], rest_s: float | None) -> list[Span]:
+    """Return spans whose tare is taken from so long a rest before them, s; None: as they are."""
+    if rest_s is None:
+        return spans
+    return [one._replace(free_s=(one.begin_s - rest_s, one.begin_s - _BEFORE_S)) for one in spans]

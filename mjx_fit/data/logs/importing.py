@@ -1,5 +1,6 @@
 """From a log to attempts: read, clean, convert, cut, resample, and check against the laws of contact."""
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -32,8 +33,6 @@ MOST_COMMAND_M = 0.05
 """So is a command, in the median, of a longer way than this in 0.1 s."""
 _PLACED = ": check pose.base_in_world and pose.tool_in_pose"
 _OFF_GRID_S = 0.02
-_BEFORE_S = 1e-5
-"""The first wrench of an action is no part of the rest before it."""
 
 
 @dataclass(frozen=True)
@@ -102,12 +101,13 @@ def import_log(path: Path | str, said: LogMap, config: Config) -> ImportedLog:
     if not _refused(findings):
         spans, cut = _cut(signals, raw, said)
         findings += [*cut, *late_wrenches(signals, spans)]
-        spans = _tared_by(said, spans)
-    attempts = []
+        spans = cutting.tared(spans, said.attempts.tare_s)
+    attempts, robot = [], ROBOTS[config.scene.robot]
     for number, span in enumerate(spans):
         name = str(number) if span.label is None else span.label
         try:
-            attempts.append(_attempt(signals, span, name, (bad, facts), ROBOTS[config.scene.robot]))
+            next_s = spans[number + 1].begin_s if number + 1 < len(spans) else math.inf
+            attempts.append(_attempt(signals, span, (name, next_s), (bad, facts), robot))
         except RequestError as error:
             hint = _PLACED if "outside the workspace" in str(error) else ""
             findings.append(Finding("left out", f"attempt {name}: {error}{hint}", span.begin_s))
@@ -164,27 +164,26 @@ def _cut(signals: Signals, raw: RawLog, said: LogMap) -> tuple[list[Span], list[
     return spans, found
 
 
-def _tared_by(said: LogMap, spans: list[Span]) -> list[Span]:
-    """Return spans whose tare is taken from the rest before them, if the map says how long it is."""
-    rest = said.attempts.tare_s
-    if rest is None:
-        return spans
-    return [one._replace(free_s=(one.begin_s - rest, one.begin_s - _BEFORE_S)) for one in spans]
-
-
 def _attempt(
     signals: Signals,
     span: Span,
-    name: str,
+    place: tuple[str, float],
     known: tuple[list[BadTime], AttemptFacts],
     robot: Robot,
 ) -> LoggedAttempt:
-    """Return an attempt, checked against what is wrong in the log (``known``) and resampled.
+    """Return an attempt, checked and resampled.
+
+    Args:
+        signals: The log.
+        span: Where it is.
+        place: Its name, and when the next one begins, s.
+        known: What is wrong in the log, and what is known of its attempts.
+        robot: The robot.
 
     Raises:
         RequestError: Samples are missing, saturated, or out of the robot's workspace.
     """
-    bad, facts = known
+    (name, next_s), (bad, facts) = place, known
     for one in bad:
         if _harms(one, span):
             raise RequestError(f"{one.why} at {one.begin_s:.3f} s")
@@ -194,7 +193,7 @@ def _attempt(
     estimate = _at(signals, times[:1])[0, :2] if facts.estimate_at is None else facts.estimate_at(begin)
     felt = felt_from_log(log, facts.peg_at(begin), np.asarray(estimate, np.float32), robot)
     end = float(times[-1]) + ACTION_S
-    truth = None if facts.truth_of is None else facts.truth_of(begin, end)
+    truth = None if facts.truth_of is None else facts.truth_of(begin, end, next_s)
     return LoggedAttempt(name, begin, end, span.label, log, felt, truth)
 
 

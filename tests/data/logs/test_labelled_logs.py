@@ -109,3 +109,13 @@ def test_what_is_wrong_is_said(change, expected, folder, tmp_path, capsys):
     assert expected in error
     assert error.count("\n") == 1
     assert not (tmp_path / "data").exists()
+
+
+def test_an_outcome_that_is_missing_is_not_the_next_ones(folder, tmp_path, capsys):
+    rows = pandas.read_csv(folder / "log.csv", dtype={"in": str})
+    said = np.flatnonzero(rows["in"].notna())
+    assert len(said) == 3
+    rows.drop(index=said[1]).to_csv(tmp_path / "log.csv", index=False)
+    assert import_with(tmp_path, folder / "map.yaml", tmp_path / "data") == 0
+    assert "attempt 1: no outcome is said from" in capsys.readouterr().out
+    assert reader.load(tmp_path / "data").rollout.truth.inserted.tolist() == [False, True]
